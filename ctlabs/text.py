@@ -1,0 +1,91 @@
+r"""Words and numbers for readers: translation, placeholders, number formats.
+
+Reader-facing text goes through :func:`_` (gettext; English is the source language). Placeholders are ``{name}``
+where they do not follow a LaTeX command, ``_``, ``^`` or ``}``, so that ``\bar{P}`` in a text stays LaTeX.
+"""
+
+from __future__ import annotations
+
+import gettext
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+_ = gettext.translation("ctlabs", localedir=str(Path(__file__).parent / "locale"), fallback=True).gettext
+
+_PLACEHOLDER = re.compile(r"(?<![\\\w^}])\{([a-zA-Z]\w*)\}")
+
+
+def fill(text: str, /, **values: object) -> str:
+    r"""Put ``values`` into the placeholders of ``text``; numbers as :func:`number` writes them.
+
+    >>> print(fill(r"The limit $\bar{P}$ is {limit} m².", limit=0.123456789))
+    The limit $\bar{P}$ is 0.12346 m².
+    """
+
+    def replace(match: re.Match[str]) -> str:
+        if match[1] not in values:
+            msg = f"text: expected a value for {{{match[1]}}}, received {sorted(values)}"
+            raise KeyError(msg)
+        value = values[match[1]]
+        return value if isinstance(value, str) else number(value)
+
+    return _PLACEHOLDER.sub(replace, text)
+
+
+def number(value: object, digits: int = 5) -> str:
+    """A number, list or matrix as a reader wants it: five significant digits, no noise.
+
+    >>> number(0.5), number(1234567.0), number(-1e-20), number(None), number([1, 0.25])
+    ('0.5', '1234600', '-1e-20', '—', '[1, 0.25]')
+    """
+    if value is None:
+        return "—"
+    if isinstance(value, bool | np.bool_):
+        return _("yes") if value else _("no")
+    if isinstance(value, int | np.integer):
+        return str(int(value))
+    if isinstance(value, str):
+        return {"inf": "∞", "-inf": "−∞"}.get(value, value)  # as results.json has them
+    if isinstance(value, complex | np.complexfloating):
+        return f"{number(value.real, digits)} {'−' if value.imag < 0 else '+'} {number(abs(value.imag), digits)}i"
+    if isinstance(value, float | np.floating):
+        return _real(float(value), digits)
+    if isinstance(value, np.ndarray):
+        return number(value.tolist(), digits)
+    return "[" + ", ".join(number(item, digits) for item in value) + "]"  # type: ignore[attr-defined]  # what is left is a sequence
+
+
+def _real(value: float, digits: int) -> str:
+    if not np.isfinite(value):
+        return "∞" if value > 0 else "−∞" if value < 0 else "NaN"
+    if value == 0:
+        return "0"
+    if 1e-4 <= abs(value) < 1e7:
+        rounded = float(f"{value:.{digits - 1}e}")
+        return np.format_float_positional(rounded, trim="-")
+    mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+    mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
+    return f"{mantissa}e{int(exponent)}"
+
+
+def latex_number(value: float, digits: int = 5) -> str:
+    """A number inside an equation; powers of ten as 1.2·10⁻⁷."""
+    text = number(value, digits).replace("∞", r"\infty").replace("−", "-")
+    return re.sub(r"e(-?\d+)$", r"\\cdot 10^{\1}", text)
+
+
+def latex_matrix(value: ArrayLike, digits: int = 5) -> str:
+    r"""A matrix inside an equation; a 1×1 matrix as a number, a vector as a column.
+
+    >>> latex_matrix([[1, 0.5], [0, 1]])
+    '\\begin{bmatrix} 1 & 0.5 \\\\ 0 & 1 \\end{bmatrix}'
+    """
+    matrix = np.asarray(value)
+    if matrix.size == 1:
+        return latex_number(matrix.item(), digits)
+    rows = matrix.reshape(-1, 1) if matrix.ndim == 1 else matrix
+    body = r" \\ ".join(" & ".join(latex_number(element, digits) for element in row) for row in rows.tolist())
+    return rf"\begin{{bmatrix}} {body} \end{{bmatrix}}"
