@@ -1,0 +1,326 @@
+r"""Discrete Kalman filtering: filterpy behind one adapter.
+
+Prediction from k−1 to k, then the update with the measurement at k:
+
+.. math:: \hat x_k^- = \Phi\hat x_{k-1}^+ + c, \quad P_k^- = \Phi P_{k-1}^+\Phi^T + Q_d
+
+.. math:: S = HP^-H^T + R, \quad K = P^-H^TS^{-1}, \quad \hat x^+ = \hat x^- + K(z - H\hat x^-), \quad
+          P^+ = (I-KH)P^-(I-KH)^T + KRK^T
+
+(Maybeck vol. 1, eq. 5-36 to 5-42, with Joseph's form.) The index k runs 0…steps and P_minus[0] = P0. With ``first=1``
+the first measurement is at t1, with ``first=0`` one is processed at t0. Elements with R = ∞ or NaN data are left out;
+a perfect measurement (R = 0) of something already known gets K = 0 instead of 0/0.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ctlabs import _check
+from ctlabs._check import Array
+from ctlabs.discretise import ldl
+from ctlabs.models import DiscreteModel, at
+
+Mask = NDArray[Any]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Schedule:
+    """What a filter does, whatever the data: its covariances and gains.
+
+    ``t`` (steps+1,) s · ``P_minus``, ``P_plus`` (steps+1, n, n), covariance of the error given the measurements
+    before k and up to k · ``K`` (steps+1, n, m) · ``S`` (steps+1, m, m), covariance of the innovation ·
+    ``measured`` (steps+1, m), whether the element enters the update. Where it does not (absent, or a perfect
+    measurement of something known) K = 0 and S = inf on the diagonal.
+    """
+
+    t: Array
+    P_minus: Array
+    P_plus: Array
+    K: Array
+    S: Array
+    measured: Mask
+
+    @property
+    def steps(self) -> int:
+        """Number of steps; the arrays have one entry more."""
+        return len(self.t) - 1
+
+    @property
+    def sd_minus(self) -> Array:
+        """Standard deviation of the prediction error, (steps+1, n)."""
+        return _sd(self.P_minus)
+
+    @property
+    def sd_plus(self) -> Array:
+        """Standard deviation of the filtering error, (steps+1, n)."""
+        return _sd(self.P_plus)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ensemble:
+    """One filter on many records; the run is the last axis.
+
+    ``t`` (steps+1,) s · ``z`` (steps+1, m, runs), the data as given · ``innovation`` (steps+1, m, runs), NaN where an
+    element does not enter the update · ``x`` (steps+1, n, runs), the truth, ``None`` for measured data ·
+    ``x_minus``, ``x_plus`` (steps+1, n, runs), estimates given the
+    measurements before k and up to k · ``schedule``, the gains used.
+    """
+
+    t: Array
+    z: Array
+    innovation: Array
+    x: Array | None
+    x_minus: Array
+    x_plus: Array
+    schedule: Schedule
+
+    def error(self, when: str = "plus") -> Array:
+        """e = x̂ − x, (steps+1, n, runs), after (``"plus"``) or before (``"minus"``) the update."""
+        if self.x is None:
+            msg = "error: expected a simulated truth, received measured data (x is None)"
+            raise ValueError(msg)
+        return (self.x_plus if when == "plus" else self.x_minus) - self.x
+
+
+class Update(NamedTuple):
+    """One update: gain (n, m), innovation covariance (m, m), covariance after (n, n), elements used (m,)."""
+
+    K: Array
+    S: Array
+    P_plus: Array
+    used: Mask
+
+
+def schedule(model: DiscreteModel, steps: int, first: int = 1) -> Schedule:
+    """The covariances and gains of the optimal filter of ``model`` over ``steps`` steps; no data are needed.
+
+    Parameters
+    ----------
+    model : discrete model, constant or given for at least ``steps`` steps
+    steps : number of periods
+    first : 1 (first measurement at t1) or 0 (at t0)
+
+    Raises
+    ------
+    TypeError
+        A continuous model: discretise it first.
+    ValueError
+        steps < 1, or more steps than a time-varying model is given for.
+    FloatingPointError
+        The covariance overflows: the step and the time are in the message.
+
+    >>> m = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]])
+    >>> schedule(m, 2).P_plus[1:, 0, 0].round(6)
+    array([0.916667, 0.657143])
+    """
+    return _covariances(model, _horizon(model, steps, first), first, None)
+
+
+def filter_runs(model: DiscreteModel, z: ArrayLike, schedule: Schedule | None = None, first: int = 1) -> Ensemble:
+    """Filter a record, or an ensemble of records with one gain sequence and all runs in one pass.
+
+    Parameters
+    ----------
+    model : the filter's model
+    z : (steps+1, m) or (steps+1, m, runs); NaN = not measured, for all runs alike. With ``first=1`` row 0 is not used.
+    schedule : gains to apply instead of the optimal ones (computed before, or those of another filter)
+    first : 1 (first measurement at t1) or 0 (at t0)
+
+    Returns
+    -------
+    Ensemble, without a truth (``x`` is None)
+
+    Raises
+    ------
+    ValueError
+        A shape that does not fit the model; an infinite value; NaN in some runs only; a schedule of another length.
+
+    >>> m = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]])
+    >>> filter_runs(m, [[np.nan], [1.0], [np.nan]]).x_plus[:, 0, 0].round(6)
+    array([0.      , 0.916667, 0.916667])
+    """
+    data = np.array(z, dtype=np.float64)
+    data = data[:, :, None] if data.ndim == 2 else data
+    if data.ndim != 3 or data.shape[1] != model.m:
+        msg = f"z: expected shape (steps+1, {model.m}[, runs]), received {np.shape(z)}"
+        raise ValueError(msg)
+    steps = _horizon(model, len(data) - 1, first)
+    gaps = _gaps(data)
+    if schedule is None:
+        schedule = _covariances(model, steps, first, gaps)
+    elif schedule.steps != steps or schedule.K.shape[1:] != (model.n, model.m):
+        msg = f"schedule: expected gains of shape {(steps + 1, model.n, model.m)}, received {schedule.K.shape}"
+        raise ValueError(msg)
+    return _estimates(model, data, schedule, gaps)
+
+
+def update(P_minus: ArrayLike, H: ArrayLike, R: ArrayLike) -> Update:
+    """The covariance half of one measurement update, for one instant.
+
+    Parameters
+    ----------
+    P_minus : (n, n) · H : (m, n) · R : (m, m), inf and 0 allowed on the diagonal
+
+    >>> update([[1.0]], [[1.0], [1.0]], [[0.0, 0.0], [0.0, 0.0]]).K
+    array([[1., 0.]])
+    """
+    P = _check.covariance("P_minus", P_minus, ("n", "n"))
+    H = _check.shaped("H", H, ("m", P.shape[0]))
+    R = _check.measurement_covariance("R", R, (H.shape[0], H.shape[0]))
+    return _update(_filter(P), H, R)
+
+
+def _horizon(model: DiscreteModel, steps: int, first: int) -> int:
+    _check.instance("model", model, DiscreteModel)
+    steps = _check.count("steps", steps)
+    if first not in (0, 1):
+        msg = f"first: expected 0 or 1, received {first!r}"
+        raise ValueError(msg)
+    if model.horizon is not None and steps > model.horizon:
+        msg = f"steps: expected at most {model.horizon} (the model is given for so many), received {steps}"
+        raise ValueError(msg)
+    return steps
+
+
+def _gaps(z: Array) -> Mask:
+    """Where data are missing, (steps+1, m): NaN, in every run or in none."""
+    missing = np.isnan(z)
+    gaps: Mask = missing.all(axis=2)
+    wrong = np.isinf(z).any(axis=2) | (missing.any(axis=2) & ~gaps)
+    if wrong.any():
+        k, i = np.argwhere(wrong)[0]
+        found = "an infinite value" if np.isinf(z[k, i]).any() else "NaN in some runs only"
+        msg = f"z[{k}][{i}]: expected finite numbers, or NaN in every run, received {found}"
+        raise ValueError(msg)
+    return gaps
+
+
+def _filter(P: Array) -> Any:
+    """filterpy's filter with the covariance P."""
+    from filterpy.kalman import KalmanFilter  # costs 0.7 s to import
+
+    kf = KalmanFilter(dim_x=len(P), dim_z=1)
+    kf.P = np.array(P)
+    return kf
+
+
+def _covariances(model: DiscreteModel, steps: int, first: int, gaps: Mask | None) -> Schedule:
+    """Predict and update the covariance from t0 to the end by filterpy."""
+    kf = _filter(model.P0)
+    rows: list[tuple[Array, Update]] = []
+    for k in range(steps + 1):
+        if k:
+            Phi, Q, _ = _motion(model, k - 1, rows[-1][1].used)
+            with np.errstate(over="ignore", invalid="ignore"):  # an overflow is reported below, with its time
+                kf.predict(F=Phi, Q=Q)
+        P_minus = kf.P
+        if not np.isfinite(P_minus).all():
+            msg = f"P_minus: expected finite covariances, received an overflow at step {k} (t = {k * model.dt:g} s)"
+            raise FloatingPointError(msg)
+        R = at(model.R, k, 2)
+        if k < first or (gaps is not None and gaps[k].any()):
+            R = _absent(R, np.full(model.m, True) if k < first or gaps is None else gaps[k])
+        step = _update(kf, at(model.H, k, 2), R)
+        kf.P = step.P_plus
+        rows.append((P_minus, step))
+    K, S, P_plus, used = (np.array(stack) for stack in zip(*(step for _, step in rows), strict=True))
+    return Schedule(np.arange(steps + 1) * model.dt, np.array([P for P, _ in rows]), P_plus, K, S, used)
+
+
+def _estimates(model: DiscreteModel, z: Array, plan: Schedule, gaps: Mask) -> Ensemble:
+    """The estimates of all runs under given gains."""
+    x_minus = np.empty((len(z), model.n, z.shape[2]))
+    x_plus, innovation = np.empty_like(x_minus), np.full(z.shape, np.nan)
+    x_minus[0] = model.x0[:, None]
+    used = plan.measured & ~gaps
+    for k in range(len(z)):
+        if k:
+            Phi, _, M = _motion(model, k - 1, used[k - 1])
+            np.matmul(Phi, x_plus[k - 1], out=x_minus[k])
+            if M is not None:
+                x_minus[k] += M @ z[k - 1, used[k - 1]]
+            if model.offset is not None:
+                x_minus[k] += at(model.offset, k - 1, 1)[:, None]
+        np.subtract(z[k], at(model.H, k, 2) @ x_minus[k], out=innovation[k])
+        if used[k].all():
+            np.matmul(plan.K[k], innovation[k], out=x_plus[k])
+        else:
+            np.matmul(plan.K[k][:, used[k]], innovation[k, used[k]], out=x_plus[k])
+            innovation[k, ~used[k]] = np.nan
+        x_plus[k] += x_minus[k]
+    return Ensemble(plan.t, z, innovation, None, x_minus, x_plus, plan)
+
+
+def _absent(R: Array, missing: Mask) -> Array:
+    """R with the ``missing`` elements' variance infinite and their correlations gone."""
+    either = missing[:, None] | missing
+    return np.where(either, np.where(np.eye(len(R), dtype=bool), np.inf, 0.0), R)
+
+
+def _motion(model: DiscreteModel, k: int, used: Mask) -> tuple[Array, Array, Array | None]:
+    """Transition and noise covariance from k to k+1, and the gain M on z_k where w_k correlates with v_k.
+
+    What a measurement tells of the next disturbance is used: Φ − NR⁺H, Qd − NR⁺Nᵀ and the known input NR⁺z
+    (Kailath, Sayed & Hassibi, *Linear Estimation*, section 9.5).
+    """
+    Phi, Qd = at(model.Phi, k, 2), at(model.Qd, k, 2)
+    if model.N is None or not used.any():
+        return Phi, Qd, None
+    N = model.N[:, used]
+    M = N @ np.linalg.pinv(at(model.R, k, 2)[np.ix_(used, used)], hermitian=True)
+    return Phi - M @ at(model.H, k, 2)[used], _without_rounding(Qd - M @ N.T, Qd), M
+
+
+def _update(kf: Any, H: Array, R: Array) -> Update:
+    """filterpy's update with the informative elements; the elements left out have K = 0, S = inf."""
+    m, P_minus = H.shape[0], kf.P
+    used = _informative(P_minus, H, R)
+    if used.all():
+        kf.update(np.zeros((m, 1)), R=R, H=H)
+        K, S = kf.K, kf.S
+    else:
+        K, S = np.zeros((len(P_minus), m)), np.diag(np.full(m, np.inf))
+        if not used.any():
+            return Update(K, S, P_minus, used)
+        kf.update(np.zeros((used.sum(), 1)), R=R[np.ix_(used, used)], H=H[used])
+        K[:, used], S[np.ix_(used, used)] = kf.K, kf.S
+    P_plus = 0.5 * (kf.P + kf.P.T)
+    if not R.diagonal().all():
+        P_plus = _without_rounding(P_plus, P_minus)
+    return Update(K, S, P_plus, used)
+
+
+def _informative(P: Array, H: Array, R: Array) -> Mask:
+    """Which elements enter the update: those measured, but no perfect one whose value is known already.
+
+    An element is perfect when its noise is zero, or a combination of the noises before it; it is known when its
+    innovation, given the innovations before it, has a variance at the rounding level of its own terms.
+    """
+    used = np.isfinite(R.diagonal())
+    if len(R) == 1 and R[0, 0] > 0:
+        return used
+    finite = np.where(used[:, None] & used, R, 0.0)
+    perfect = used & (ldl(finite)[1] == 0)
+    if perfect.any():
+        S = H @ P @ H.T + finite
+        size = (np.abs(H) @ np.sqrt(np.diag(P))) ** 2 + np.diag(finite)
+        for i in np.flatnonzero(perfect):
+            before = np.flatnonzero(used[:i])
+            left = S[i, i] - S[i, before] @ np.linalg.solve(S[np.ix_(before, before)], S[before, i])
+            used[i] = left > 16 * len(P) * np.finfo(float).eps * size[i]
+    return used
+
+
+def _without_rounding(P_plus: Array, P_minus: Array) -> Array:
+    """Exact zeros for what a measurement determined: states by a perfect one, disturbances by their correlation."""
+    known = np.diag(P_plus) <= 16 * len(P_plus) * np.finfo(float).eps * np.diag(P_minus)
+    return np.where(known[:, None] | known, 0.0, P_plus)
+
+
+def _sd(P: Array) -> Array:
+    return np.sqrt(np.diagonal(P, axis1=-2, axis2=-1))
