@@ -1,0 +1,400 @@
+"""From and to the objects of other libraries: python-control systems, filterpy filters, pandas tables.
+
+All three are imported when a function needs them. python-control's matrices are A, B, C, D; here they are F, [G B], H and
+no direct term.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ctlabs import _check
+from ctlabs._check import Array
+from ctlabs.models import ContinuousModel, DiscreteModel
+
+#: State-space forms of a transfer function, as python-control names them.
+REALISATIONS = {"observable": "observable_form", "reachable": "reachable_form"}
+
+
+def from_control(
+    system: Any,
+    *,
+    Q: ArrayLike,
+    P0: ArrayLike,
+    Rc: ArrayLike | None = None,
+    R: ArrayLike | None = None,
+    x0: ArrayLike | None = None,
+    noise: str | int | Sequence[int] | None = None,
+    u: ArrayLike | None = None,
+    realisation: str = "observable",
+    states: Sequence[str] | None = None,
+    units: Sequence[str] | None = None,
+    measurements: Sequence[str] | None = None,
+) -> ContinuousModel | DiscreteModel:
+    r"""A model from a ``StateSpace`` or ``TransferFunction`` whose inputs are noise (and known inputs).
+
+    .. math:: \dot x = Ax + B_ww + B_uu, \quad z = Cx + D_ww + v \quad\Rightarrow\quad
+              F = A,\ G = B_w,\ H = C,\ R_c \leftarrow R_c + D_wQD_w^T,\ N = QD_w^T
+
+    Parameters
+    ----------
+    system : continuous, or discrete with a period. A transfer function gets the states of ``realisation``; a
+        state-space system keeps its own
+    Q : (s, s), strength of the noise inputs, unit²·s; of a discrete system their covariance, unit², and Qd = B Q Bᵀ
+    P0, x0 : covariance (n, n) and mean (n,) of the initial state; x0 defaults to zeros
+    Rc : (m, m), strength of the measurement noise of a continuous system, unit²·s
+    R : (m, m), covariance of the measurement noise of a discrete system, unit²
+    noise : which inputs are noise: ``"input"`` (all) or their indices; the others are known inputs. Given explicitly,
+        a direct path from noise to output becomes part of the measurement noise; left out, all inputs are noise and a
+        direct path is refused
+    u : (r,) or (steps, r), the known inputs of a discrete system (those of a continuous one go to ``discretise``)
+    realisation : ``"observable"`` (F = [[−a1, 1], [−a2, 0]], H = [1, 0]) or ``"reachable"``
+    states, units, measurements : names; by default those of a state-space system
+
+    Raises
+    ------
+    TypeError
+        Something else than a python-control system.
+    ValueError
+        An improper transfer function, a direct path that nothing was said about, a transfer function with several
+        inputs or outputs, no period, R for a continuous system or Rc for a discrete one.
+
+    >>> import control
+    >>> G = control.tf([0.3, 0.003], [1, 0.006, 0.003])
+    >>> from_control(G, Q=[[36.0]], P0=[[0, 0], [0, 0]]).F.round(6)
+    array([[-0.006,  1.   ],
+           [-0.003,  0.   ]])
+    """
+    system, names = _state_space(system, realisation, (states, measurements))
+    chosen, known = _inputs(system.ninputs, noise)
+    G, D, B = system.B[:, chosen], system.D[:, chosen], system.B[:, known]
+    Q = _check.covariance("Q", Q, (len(chosen), len(chosen)))
+    _no_direct(system, chosen, known, noise)
+    cross, direct = Q @ D.T, D @ Q @ D.T
+    correlated = bool(direct.any())
+    common: dict[str, Any] = {"H": system.C, "P0": P0, "states": names[0], "measurements": names[1], "units": units}
+    if not system.dt:
+        _none_of(system, R=R, u=u)
+        strength = _added("Rc", Rc, direct) if correlated or Rc is not None else None
+        return ContinuousModel(
+            system.A, G, Q, Rc=strength, N=cross if correlated else None, B=B if known else None, x0=x0, **common
+        )
+    _none_of(system, Rc=Rc)
+    if R is None:
+        msg = "R: expected the covariance of a discrete system's measurement noise, received None"
+        raise ValueError(msg)
+    return DiscreteModel(
+        Phi=system.A,
+        Qd=G @ Q @ G.T,
+        R=_added("R", R, direct),
+        N=G @ cross if correlated else None,
+        x0=np.zeros(system.nstates) if x0 is None else x0,
+        dt=_period(system.dt),
+        offset=_offset(u, B),
+        **common,
+    )
+
+
+def to_control(model: ContinuousModel | DiscreteModel) -> Any:
+    """A python-control ``StateSpace`` from the noise w (and the known input u) to z; what is random stays behind.
+
+    The inputs of a continuous model are w[0], w[1], …, then u[0], …; those of a discrete model are the disturbances w
+    of its states (B = I). States and outputs keep their names.
+
+    Raises
+    ------
+    TypeError
+        No model.
+    ValueError
+        A model that varies with time, or a discrete one with a known input (it has no place in the system).
+
+    >>> model = ContinuousModel([[-1]], [[1]], [[2]], [[1]], P0=[[1]], states=["x"])
+    >>> to_control(model).state_labels
+    ['x']
+    """
+    import control
+
+    if isinstance(model, ContinuousModel):
+        inputs = [f"w[{j}]" for j in range(model.s)]
+        B = model.G
+        if model.B is not None:
+            inputs += [f"u[{j}]" for j in range(model.B.shape[1])]
+            B = np.hstack([B, model.B])
+        A, dt = model.F, 0.0
+    else:
+        _check.instance("model", model, DiscreteModel)
+        _constant(model, "python-control's StateSpace")
+        if model.offset is not None:
+            msg = f"offset: expected none (a StateSpace has no constant input), received {model.offset.tolist()}"
+            raise ValueError(msg)
+        inputs = [f"w[{j}]" for j in range(model.n)]
+        A, B, dt = model.Phi, np.eye(model.n), model.dt
+    D = np.zeros((model.m, B.shape[1]))
+    labels = {"inputs": inputs, "outputs": _distinct(model.measurements), "states": _distinct(model.states)}
+    return control.ss(A, B, model.H, D, dt, **labels, remove_useless_states=False)
+
+
+def to_filterpy(model: DiscreteModel) -> Any:
+    """A filterpy ``KalmanFilter`` set up with the model: F, Q, H, R, x and P (column vectors, as filterpy has them).
+
+    ``predict()`` then leads from k to k+1 and ``update(z)`` takes the measurement.
+
+    Raises
+    ------
+    TypeError
+        No discrete model.
+    ValueError
+        What filterpy cannot do: correlated w and v (N), matrices that vary with time, an absent measurement
+        (R = inf), a known input (it would have to be given to every ``predict``).
+
+    >>> kf = to_filterpy(DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]]))
+    >>> kf.predict(); kf.update(2.0); kf.P.round(6)
+    array([[0.916667]])
+    """
+    _check.instance("model", model, DiscreteModel)
+    _constant(model, "filterpy's KalmanFilter")
+    if model.N is not None and model.N.any():
+        msg = f"N: expected 0 (filterpy has no correlated noises; use ctlabs.kalman), received {model.N.tolist()}"
+        raise ValueError(msg)
+    if np.isinf(model.R).any():
+        absent = [name for name, r in zip(model.measurements, np.diag(model.R), strict=True) if np.isinf(r)]
+        msg = (
+            f"R: expected finite variances (filterpy makes NaN of infinite ones), received inf for {', '.join(absent)}"
+        )
+        raise ValueError(msg)
+    if model.offset is not None and model.offset.any():
+        msg = (
+            "offset: expected none (give it to every predict: kf.predict(u=offset, B=numpy.eye(n))), "
+            f"received {model.offset.tolist()}"
+        )
+        raise ValueError(msg)
+    from filterpy.kalman import KalmanFilter
+
+    kf = KalmanFilter(dim_x=model.n, dim_z=model.m)
+    kf.x, kf.P = model.x0[:, None].copy(), model.P0.copy()
+    kf.F, kf.Q, kf.H, kf.R = model.Phi.copy(), model.Qd.copy(), model.H.copy(), model.R.copy()
+    return kf
+
+
+def to_dataframe(result: Any, *, states: Sequence[str] | None = None, measurements: Sequence[str] | None = None) -> Any:
+    """A pandas table of a result over time: a row per step k (and run), a column per element.
+
+    Works on every result with a time axis ``t`` (schedules, ensembles, actual errors, statistics). Vectors become
+    columns like ``x_plus[v]``, matrices ``P_plus[x,v]`` (symmetric ones their upper triangle) and gains ``K[x,z]``;
+    an ensemble gets the columns ``run`` and one row per run and step.
+
+    Parameters
+    ----------
+    result : a dataclass with ``t`` (steps+1,) and arrays whose first axis has that length
+    states, measurements : names for the elements; x1, x2, … and z1, z2, … by default
+
+    Raises
+    ------
+    ModuleNotFoundError
+        pandas is not installed.
+    TypeError
+        A result without a time axis.
+
+    >>> from ctlabs import kalman
+    >>> plan = kalman.schedule(DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]]), 2)
+    >>> list(to_dataframe(plan, states=["h"]).columns)
+    ['k', 't', 'P_minus[h,h]', 'P_plus[h,h]', 'K[h,z1]', 'S[z1,z1]', 'measured[z1]']
+    """
+    try:
+        import pandas as pd
+    except ModuleNotFoundError as error:
+        msg = "to_dataframe: expected pandas to be installed (pip install pandas), received no such module"
+        raise ModuleNotFoundError(msg) from error
+    arrays = _over_time(result)
+    t = arrays.pop("t")
+    runs = arrays["innovation"].shape[2] if "innovation" in arrays and arrays["innovation"].ndim == 3 else 0
+    labels = {
+        "n": _check.labels(
+            "states", None if states is None else list(states), _size(arrays, "P_plus", "x_plus", "bias"), "x"
+        ),
+        "m": _check.labels(
+            "measurements",
+            None if measurements is None else list(measurements),
+            _size(arrays, "measured", "innovation"),
+            "z",
+        ),
+    }
+    steps = np.arange(len(t))
+    columns: dict[str, Any] = {"k": steps, "t": t}
+    if runs:
+        columns = {"run": np.repeat(np.arange(runs), len(t)), "k": np.tile(steps, runs), "t": np.tile(t, runs)}
+    for name, array in arrays.items():
+        columns |= _columns(name, array, labels, runs)
+    return pd.DataFrame(columns)
+
+
+# from_control --------------------------------------------------------------------------------------------------------
+
+
+def _state_space(system: Any, realisation: str, names: tuple[Any, Any]) -> tuple[Any, tuple[Any, Any]]:
+    """A state-space system, and the names of its states and outputs (its own where none are given)."""
+    import control
+
+    if realisation not in REALISATIONS:
+        msg = f"realisation: expected one of {', '.join(REALISATIONS)}, received {realisation!r}"
+        raise ValueError(msg)
+    if isinstance(system, control.StateSpace):
+        own = (_own(system.state_labels, "x"), _own(system.output_labels, "y"))
+        return system, (own[0] if names[0] is None else names[0], own[1] if names[1] is None else names[1])
+    if not isinstance(system, control.TransferFunction):
+        msg = f"system: expected a control.StateSpace or control.TransferFunction, received a {type(system).__name__}"
+        raise TypeError(msg)
+    if system.ninputs != 1 or system.noutputs != 1:
+        msg = (
+            f"system: expected a transfer function with one input and one output (join several by control.append), "
+            f"received {system.ninputs} and {system.noutputs}"
+        )
+        raise ValueError(msg)
+    num, den = (np.trim_zeros(np.atleast_1d(c[0][0]), "f") for c in (system.num, system.den))
+    if len(num) > len(den):
+        msg = (
+            f"system: expected a proper transfer function, received degree {len(num) - 1} over {len(den) - 1} "
+            "(it differentiates white noise; give the signal before the differentiation)"
+        )
+        raise ValueError(msg)
+    if len(den) == 1:
+        msg = f"system: expected a transfer function with poles, received the constant {num[0] / den[0]:g}"
+        raise ValueError(msg)
+    plain = control.tf(num, den, system.dt)
+    try:
+        form, _ = getattr(control, REALISATIONS[realisation])(control.ss(plain))
+    except (ValueError, np.linalg.LinAlgError):
+        msg = (
+            "system: expected a numerator and denominator without common factors (control.minreal removes them), "
+            f"received the {realisation} form's singular transformation for {num.tolist()} over {den.tolist()}"
+        )
+        raise ValueError(msg) from None
+    return form, names
+
+
+def _own(names: list[str], letter: str) -> list[str] | None:
+    """The names in a system; None for python-control's defaults x[0], x[1] and so on."""
+    return None if names == [f"{letter}[{i}]" for i in range(len(names))] else names
+
+
+def _inputs(count: int, noise: str | int | Sequence[int] | None) -> tuple[list[int], list[int]]:
+    """Indices of the noise inputs and of the known ones."""
+    if noise is None or (isinstance(noise, str) and noise == "input"):
+        return list(range(count)), []
+    chosen: list[Any] = [noise] if isinstance(noise, int | np.integer) else list(noise)
+    if not chosen or len(set(chosen)) != len(chosen) or not all(_is_index(i, count) for i in chosen):
+        msg = f'noise: expected "input" or different indices below {count}, received {noise!r}'
+        raise ValueError(msg)
+    return [int(i) for i in chosen], [i for i in range(count) if i not in chosen]
+
+
+def _is_index(i: Any, count: int) -> bool:
+    return isinstance(i, int | np.integer) and not isinstance(i, bool) and bool(0 <= i < count)
+
+
+def _no_direct(system: Any, chosen: list[int], known: list[int], noise: object) -> None:
+    """Refuse direct paths that the model cannot hold."""
+    if system.D[:, known].any():
+        msg = (
+            "D: expected no direct path from a known input (subtract D u from the measurement), "
+            f"received {system.D[:, known].tolist()}"
+        )
+        raise ValueError(msg)
+    if noise is None and system.D[:, chosen].any():
+        msg = (
+            'D: expected no direct path from noise to output, or noise="input" to count it as measurement noise '
+            f"(Rc + DQD', N = QD'), received {system.D.tolist()}"
+        )
+        raise ValueError(msg)
+
+
+def _none_of(system: Any, **given: object) -> None:
+    """Refuse arguments that belong to the other kind of time."""
+    for name, value in given.items():
+        if value is not None:
+            kind, hint = ("discrete", "that is R") if system.dt else ("continuous", "discretise takes it")
+            msg = f"{name}: expected None with a {kind} system ({hint}), received a value"
+            raise ValueError(msg)
+
+
+def _added(name: str, given: ArrayLike | None, direct: Array) -> Array:
+    """The measurement noise with the part that comes through D."""
+    own = np.zeros_like(direct) if given is None else _check.measurement_covariance(name, given, direct.shape)
+    return own + direct
+
+
+def _period(dt: Any) -> float:
+    if dt is True:
+        msg = "system: expected a period dt in seconds, received a discrete system without one (dt=True)"
+        raise ValueError(msg)
+    return float(dt)
+
+
+def _offset(u: ArrayLike | None, B: Array) -> Array | None:
+    """B u of a discrete system."""
+    r = B.shape[1]
+    if (u is None) != (r == 0):
+        msg = f"u: expected values of the {r} known inputs, received {u!r}"
+        raise ValueError(msg)
+    return None if u is None else _check.shaped("u", u, (r,), ("steps", r)) @ B.T
+
+
+# to_control, to_filterpy ---------------------------------------------------------------------------------------------
+
+
+def _constant(model: DiscreteModel, what: str) -> None:
+    if model.horizon is not None:
+        msg = f"model: expected constant matrices for {what}, received some that vary over {model.horizon} steps"
+        raise ValueError(msg)
+
+
+def _distinct(names: tuple[str, ...]) -> list[str]:
+    """Names that differ from each other, as python-control wants them."""
+    result: list[str] = []
+    for name in names:
+        choices = [name, *(f"{name}_{i}" for i in range(2, len(names) + 2))]
+        result.append(next(choice for choice in choices if choice not in result))
+    return result
+
+
+# to_dataframe --------------------------------------------------------------------------------------------------------
+
+
+def _over_time(result: Any) -> dict[str, Array]:
+    """The arrays of a result along its time axis."""
+    t = getattr(result, "t", None)
+    if not isinstance(t, np.ndarray) or t.ndim != 1 or not hasattr(type(result), "__dataclass_fields__"):
+        msg = f"result: expected a result with a time axis t, received a {type(result).__name__}"
+        raise TypeError(msg)
+    found = {field.name: getattr(result, field.name) for field in fields(result)}
+    return {name: a for name, a in found.items() if isinstance(a, np.ndarray) and 0 < a.ndim < 4 and len(a) == len(t)}
+
+
+#: What the axes of an array run over, where it is not states: n of them, m measurements.
+_AXES = {"K": "nm", "S": "mm", "measured": "m", "z": "m", "innovation": "m"}
+
+
+def _size(arrays: dict[str, Array], *names: str) -> int:
+    return next((arrays[name].shape[1] for name in names if name in arrays), 0)
+
+
+def _columns(name: str, array: Array, labels: dict[str, tuple[str, ...]], runs: int) -> dict[str, Array]:
+    """One column per element of an array over time; of an ensemble's, one block of rows per run."""
+    ndim = array.ndim - 2 if runs else array.ndim - 1
+    axes = [labels[kind] for kind in _AXES.get(name, "n" * ndim)]
+    if ndim == 0:
+        return {name: array}
+    if ndim == 1:
+        return {f"{name}[{label}]": array[:, i].T.reshape(-1) for i, label in enumerate(axes[0])}
+    symmetric = axes[0] is axes[1]
+    return {
+        f"{name}[{row},{column}]": array[:, i, j]
+        for i, row in enumerate(axes[0])
+        for j, column in enumerate(axes[1])
+        if j >= i or not symmetric
+    }
