@@ -1,0 +1,93 @@
+"""What every figure shares: the style, panels, legends; and :func:`lines`, curves over a common axis."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from functools import wraps
+from pathlib import Path
+from typing import Any, ParamSpec
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import ArrayLike
+
+STYLE = Path(__file__).parent / "style.mplstyle"
+BLACK, BLUE, ORANGE, GREEN, GREY = "#000000", "#0072B2", "#D55E00", "#009E73", "#8A8F96"
+P = ParamSpec("P")
+
+
+def styled(draw: Callable[P, Figure]) -> Callable[P, Figure]:
+    """Draw with the project's style, leaving matplotlib's settings as they were."""
+
+    @wraps(draw)
+    def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
+        with mpl.rc_context(fname=STYLE):
+            return draw(*args, **kwargs)
+
+    return drawn
+
+
+def panels(rows: int = 1, columns: int = 1, *, height: float | None = None, **share: Any) -> tuple[Figure, Any]:
+    """A figure of ``rows`` × ``columns`` axes, as wide as the page; the axes as an array."""
+    figure = Figure(figsize=(7.2, height or (1.2 + 2.6 * rows)))
+    return figure, figure.subplots(rows, columns, squeeze=False, **share)
+
+
+def legend(figure: Figure, axes: Axes, columns: int = 4) -> None:
+    """One legend above the axes, from the labels of ``axes``, in at most as many columns as fit the figure's width."""
+    handles, names = axes.get_legend_handles_labels()
+    if names:
+        widest = 0.7 + 0.075 * max(len(re.sub(r"\\[a-z]+|[${}^_]", "", name)) for name in names)  # inches, at 9 points
+        fitting = max(1, int(figure.get_figwidth() / widest))
+        figure.legend(handles, names, loc="outside upper center", ncols=min(columns, fitting, len(names)))
+
+
+def whole(axes: Axes) -> None:
+    """Whole numbers on the horizontal axis (it counts steps)."""
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+
+
+@styled
+def lines(
+    x: ArrayLike,
+    curves: Mapping[str, ArrayLike],
+    *,
+    xlabel: str,
+    ylabel: str,
+    points: Mapping[str, tuple[ArrayLike, ArrayLike]] | None = None,
+    straight: Mapping[str, tuple[ArrayLike, ArrayLike]] | None = None,
+    ordered: bool = False,
+    log: str = "",
+    marker: str = "",
+    steps: bool = False,
+    ylim: tuple[float, float] | None = None,
+) -> Figure:
+    """Curves over a common x; ``points`` are marked, ``straight`` are dashed reference lines.
+
+    ``ordered`` colours a family by its order, ``log`` names the logarithmic axes ("x", "y", "xy"),
+    ``steps`` puts whole numbers on the horizontal axis.
+    """
+    figure, ((axes,),) = panels(height=4.2)
+    colours = mpl.colormaps["cividis"](np.linspace(0.0, 0.92, len(curves))) if ordered else [None] * len(curves)
+    for (name, y), colour in zip(curves.items(), colours, strict=True):
+        axes.plot(x, y, label=name, color=colour, marker=marker)
+    for name, (px, py) in (straight or {}).items():
+        axes.plot(px, py, color=GREY, linestyle="--", linewidth=1.2, label=name)
+    for name, (px, py) in (points or {}).items():
+        axes.plot(px, py, color=BLACK, linestyle="none", marker="o", markersize=5, label=name, zorder=5)
+    if "x" in log:
+        axes.set_xscale("log")
+    if "y" in log:
+        axes.set_yscale("log")
+    if steps:
+        whole(axes)
+    if ylim:
+        axes.set_ylim(*ylim)
+    axes.set_xlabel(xlabel)
+    axes.set_ylabel(ylabel)
+    legend(figure, axes, columns=5)
+    return figure
