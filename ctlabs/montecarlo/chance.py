@@ -1,0 +1,204 @@
+r"""Does an ensemble agree with theory? Exact tests, at one false alarm in a million experiments.
+
+For a Gaussian error e ~ N(b, P), whatever the number of runs,
+
+.. math:: \frac{\bar e_i - b_i}{\sqrt{P_{ii}/\text{runs}}} \sim N(0,1), \quad
+          \sum\frac{(e_i-b_i)^2}{P_{ii}} \sim \chi^2(\text{runs}), \quad
+          \text{runs}\cdot\text{NEES} \sim \chi^2(\text{dof}\cdot\text{runs})
+
+Each deviation is written as the normal quantile of its own exact probability, and the worst over all steps and states
+is held against the quantile that makes a false alarm anywhere as rare as 10⁻⁶ (Bonferroni's bound; it holds however
+the steps depend on one another). A variance that is zero in theory must be met to rounding.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import special
+
+from ctlabs import _check
+from ctlabs._check import Array
+from ctlabs.montecarlo.statistics import Statistics
+
+#: Probability that a test of a correct theory fails, over all its steps and states.
+FALSE_ALARM = 1e-6
+#: A standard deviation below this fraction of the signal is rounding, for x̂ − x cannot be computed better.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Outcome of a test: the worst deviation as a normal quantile, its bound, and where it was found.
+
+    ``where`` is (step, state) or (step,); ``tests`` counts the comparisons made. ``bool(verdict)`` is ``passed``.
+    """
+
+    value: float
+    critical: float
+    passed: bool
+    where: tuple[int, ...]
+    tests: int
+
+    def __bool__(self) -> bool:
+        return self.passed
+
+    def __str__(self) -> str:
+        word = "agrees" if self.passed else "disagrees"
+        return f"{word}: worst deviation {self.value:.2f} standard errors (allowed {self.critical:.2f}) of {self.tests} at {self.where}"
+
+
+def bias(stats: Statistics, P: ArrayLike, expected: ArrayLike | None = None, when: str = "plus") -> Verdict:
+    """Mean errors against ``expected`` (steps+1, d), zero by default, for an error covariance P (steps+1, d, d).
+
+    ``when`` is ``"plus"`` (after the update) or ``"minus"``. A test fails by chance once in a million experiments.
+
+    Source: Bar-Shalom, Li & Kirubarajan, *Estimation with Applications to Tracking and Navigation*, section 5.4.
+    """
+    mean, _, b, variance = _theory(stats, P, expected, when)
+    return _verdict(*_scores(stats, mean - b, variance, lambda x, v: x / np.sqrt(v / stats.runs)))
+
+
+def variance(stats: Statistics, P: ArrayLike, expected: ArrayLike | None = None, when: str = "plus") -> Verdict:
+    """Mean squares of the error about the known mean ``expected`` against the diagonal of P (steps+1, d, d)."""
+    mean, spread, b, theory = _theory(stats, P, expected, when)
+    square = spread + (mean - b) ** 2
+
+    def score(x: Array, v: Array) -> Array:
+        return chi2_quantile(stats.runs * x**2 / v, np.full_like(v, stats.runs))
+
+    return _verdict(*_scores(stats, np.sqrt(square), theory, score))
+
+
+def mean_square(sample: ArrayLike, variance: ArrayLike) -> Verdict:
+    """Mean squares over the runs (last axis of ``sample``) of zero-mean Gaussian quantities against their variances.
+
+    For histories kept as arrays; ``variance`` has the shape of ``sample`` without its last axis. Where it is zero the
+    sample must be zero to rounding, measured by the largest standard deviation.
+
+    >>> errors = np.random.default_rng(1).standard_normal((3, 500))
+    >>> bool(mean_square(errors, [1, 1, 1])), bool(mean_square(errors, [1, 1, 2]))
+    (True, False)
+    """
+    x = _check.array("sample", sample)
+    theory = _check.shaped("variance", variance, x.shape[:-1])
+    runs, zero = x.shape[-1], theory == 0
+    rounding = ROUNDING * (np.sqrt(theory.max(initial=0.0)) or 1.0)
+    tests = int((~zero).sum())
+    critical = _critical(max(tests, 1))
+    ratio = runs * np.mean(x**2, axis=-1) / np.where(zero, 1.0, theory)
+    known = np.abs(x).max(axis=-1) / rounding * critical
+    scores = np.where(zero, known, chi2_quantile(np.where(zero, 1.0, ratio), np.full(theory.shape, runs)))
+    return _verdict(scores, ~zero, critical)
+
+
+def nees(stats: Statistics) -> Verdict:
+    """The normalised estimation error squared against χ²(dof·runs) at every step (a matched, linear design)."""
+    return _consistency(stats.nees, stats.nees_dof, stats.runs)
+
+
+def nis(stats: Statistics) -> Verdict:
+    """The normalised innovation squared against χ²(dof·runs) at every step with a measurement."""
+    return _consistency(stats.nis, stats.nis_dof, stats.runs)
+
+
+def chi2_quantile(x: ArrayLike, dof: ArrayLike) -> Array:
+    """The standard normal quantile with the same probability as χ²(dof) at x: finite for any x > 0, however extreme.
+
+    >>> chi2_quantile([1.0, 1e4], 1.0).round(2)
+    array([ 0.48, 99.99])
+    """
+    half, a = np.broadcast_arrays(0.5 * np.asarray(x, dtype=np.float64), 0.5 * np.asarray(dof, dtype=np.float64))
+    upper = half > a
+    with np.errstate(divide="ignore"):  # an underflow is replaced below
+        log_tail = np.log(np.where(upper, special.gammaincc(a, half), special.gammainc(a, half)))
+    extreme = (log_tail < -600) & (half > 0)
+    if extreme.any():
+        log_tail = np.array(log_tail)
+        log_tail[extreme] = [_log_tail(float(s), float(y)) for s, y in zip(a[extreme], half[extreme], strict=True)]
+    log_tail = np.maximum(log_tail, -1e300)
+    return np.asarray(np.where(upper, -1.0, 1.0) * _ndtri_exp(log_tail))
+
+
+def _ndtri_exp(log_p: Array) -> Array:
+    """Φ⁻¹(exp(log_p)); for the very extreme by −√(−2 log p − log(2π(−2 log p)))."""
+    safe = np.maximum(log_p, -1e15)
+    return np.where(log_p < -1e15, -np.sqrt(-2 * log_p), special.ndtri_exp(safe))
+
+
+def _log_tail(a: float, x: float) -> float:
+    """log Q(a, x) for x > a by Legendre's continued fraction, log P(a, x) for x < a by its series."""
+    front = a * np.log(x) - x - special.gammaln(a)
+    if x < a:
+        term = total = 1.0 / a
+        n = a
+        while term > 1e-17 * total:
+            n += 1
+            term *= x / n
+            total += term
+        return float(front + np.log(total))
+    tiny = 1e-300
+    b = x + 1 - a
+    c, d = 1 / tiny, 1 / b
+    h = d
+    for i in range(1, 1_000_000):
+        an = -i * (i - a)
+        b += 2
+        d = 1 / _away_from_zero(an * d + b, tiny)
+        c = _away_from_zero(b + an / c, tiny)
+        h *= d * c
+        if abs(d * c - 1) < 1e-15:
+            break
+    return float(front + np.log(h))
+
+
+def _away_from_zero(x: float, tiny: float) -> float:
+    return x if abs(x) > tiny else tiny
+
+
+def _theory(
+    stats: Statistics, P: ArrayLike, expected: ArrayLike | None, when: str
+) -> tuple[Array, Array, Array, Array]:
+    """Ensemble mean and variance, theory's mean and variance, (steps+1, d) each."""
+    if when not in ("plus", "minus"):
+        msg = f"when: expected 'plus' or 'minus', received {when!r}"
+        raise ValueError(msg)
+    size, d = stats.bias.shape
+    theory = np.diagonal(_check.shaped("P", P, (size, d, d)), axis1=1, axis2=2)
+    b = np.zeros((size, d)) if expected is None else _check.shaped("expected", expected, (size, d))
+    if when == "plus":
+        return stats.bias, np.diagonal(stats.cov, axis1=1, axis2=2), b, theory
+    return stats.bias_minus, stats.runs * stats.bias_minus_se**2, b, theory
+
+
+def _scores(stats: Statistics, deviation: Array, variance: Array, score) -> tuple[Array, Array, float]:  # type: ignore[no-untyped-def]  # a small closure
+    """Scores (steps+1, d); where the variance is zero the deviation as a share of the rounding allowed."""
+    size = np.maximum(stats.signal_rms.max(axis=0), np.sqrt(variance.max(axis=0)))
+    rounding = ROUNDING * np.where(size > 0, size, 1.0)
+    zero = np.sqrt(variance.clip(0)) <= 1e-3 * rounding
+    safe = np.where(zero, 1.0, variance)
+    tests = int((~zero).sum())
+    critical = _critical(max(tests, 1))
+    scores = np.where(zero, np.abs(deviation) / rounding * critical, score(np.where(zero, 0.0, deviation), safe))
+    return scores, np.where(zero, 0, 1), critical
+
+
+def _critical(tests: int) -> float:
+    return float(-special.ndtri(FALSE_ALARM / (2 * tests)))
+
+
+def _verdict(scores: Array, counted: Array, critical: float) -> Verdict:
+    place = np.unravel_index(int(np.argmax(np.abs(scores))), scores.shape)
+    value = float(abs(scores[place]))
+    return Verdict(value, critical, value <= critical, tuple(int(i) for i in place), int(np.sum(counted)))
+
+
+def _consistency(average: Array, dof: Array, runs: int) -> Verdict:
+    counted = dof > 0
+    if not counted.any():
+        return Verdict(0.0, _critical(1), True, (0,), 0)
+    scores = np.zeros(len(dof))
+    scores[counted] = chi2_quantile(runs * average[counted], runs * dof[counted])
+    return _verdict(scores, counted, _critical(int(counted.sum())))

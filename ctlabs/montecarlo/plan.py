@@ -1,0 +1,293 @@
+r"""What every block of a linear experiment needs, computed once: factors of the noises, gains, whitening, layout.
+
+Truth and design step together, run by run:
+
+.. math:: x_{k+1} = \Phi x_k + c_k + G_k\xi^w_k + C_k\xi^v_k, \quad z_k = H_k x_k + L_k\xi^v_k
+
+.. math:: \hat x^-_{k+1} = A_k\hat x^+_k + M_k z_k + b_k, \quad \nu_k = z_k - \hat H_k\hat x^-_k, \quad
+          \hat x^+_k = \hat x^-_k + K_k\nu_k, \quad e_k = \hat x_k - E x_k
+
+with white ξ of unit variance. [[L, 0], [C, G]] is the lower triangular factor of the joint covariance of v and w;
+its columns that are zero at all times are left out and cost no random numbers. A matrix that does not vary has one
+entry on its time axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ctlabs import _check, kalman
+from ctlabs._check import Array
+from ctlabs.discretise import ldl
+from ctlabs.models import DiscreteModel, at
+
+#: Directions in which a covariance, scaled to a unit diagonal, is below this fraction of its size have no variance.
+RANK = 1e-10
+#: Nanoseconds a block is planned to take; at four times that it still answers an interrupt within 0.2 s.
+BLOCK_NS = 5e7
+#: Runs that step together: their states stay in the processor's nearest caches.
+WIDTH = 500
+
+
+class Layout(NamedTuple):
+    """How runs are grouped: ``width`` runs in a tile, ``tiles`` tiles in a block; each block has its own stream."""
+
+    width: int
+    tiles: int
+
+    @property
+    def runs(self) -> int:
+        """Runs in a full block."""
+        return self.width * self.tiles
+
+    def count(self, runs: int) -> int:
+        """Blocks in an experiment."""
+        return -(-runs // self.runs)
+
+
+def layout(n: int, steps: int) -> Layout:
+    """The grouping for n states: fixed by the size of the problem, never by the machine or the number of workers.
+
+    >>> layout(2, 1000).runs == layout(2, 1000).width * layout(2, 1000).tiles
+    True
+    """
+    runs = int(BLOCK_NS / ((10 + 4 * n + 0.5 * n * n) * (steps + 1)))
+    width = min(max(runs, 1), WIDTH)
+    return Layout(width, min(max(runs // width, 1), 512))
+
+
+class Truth(NamedTuple):
+    """The arrays that make x and z; see the module's equations."""
+
+    x0: Array
+    F0: Array
+    Phi: Array
+    c: Array
+    G: Array
+    C: Array
+    H: Array
+    L: Array
+
+
+class Design(NamedTuple):
+    """The arrays that make x̂, e and the consistency statistics; W and V whiten e and ν."""
+
+    x0: Array
+    A: Array
+    b: Array
+    M: Array
+    H: Array
+    K: Array
+    W: Array
+    V: Array
+    E: Array
+    same: bool
+    shift_minus: Array
+    shift: Array
+    shift_white: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gains:
+    """A linear design over some steps: its arrays, the schedule it claims, and how many dimensions NEES and NIS count."""
+
+    arrays: Design
+    schedule: kalman.Schedule
+    nees_dof: Array
+    nis_dof: Array
+
+
+def truth_arrays(model: DiscreteModel, steps: int) -> Truth:
+    """Factors and matrices of a truth over ``steps`` steps."""
+    n, m = model.n, model.m
+    varies = model.R.ndim == 3 or model.Qd.ndim == 3
+    joint = np.array([_noise(model, k) for k in range(steps + 1 if varies else 1)])
+    v = joint[:, :, :m].any(axis=(0, 1))
+    w = joint[:, m:, m:].any(axis=(0, 1))
+    C = joint[:, m:, :m][:, :, v] if model.N is not None else np.zeros((0, n, 0))
+    F0 = noise_factor(model.P0)
+    return Truth(
+        x0=np.array(model.x0),
+        F0=np.ascontiguousarray(F0[:, F0.any(axis=0)]),
+        Phi=_stack(model.Phi, 2),
+        c=_stack(np.zeros(n) if model.offset is None else model.offset, 1),
+        G=np.ascontiguousarray(joint[:, m:, m:][:, :, w]),
+        C=np.ascontiguousarray(C),
+        H=_stack(model.H, 2),
+        L=np.ascontiguousarray(joint[:, :m, :m][:, :, v]),
+    )
+
+
+def gains(
+    design: DiscreteModel,
+    steps: int,
+    first: int,
+    absent: kalman.Mask,
+    E: Array,
+    schedule: kalman.Schedule | None = None,
+) -> Gains:
+    """The arrays of a linear filter; elements that are ``absent`` (steps+1, m) from the truth's data are not used."""
+    kalman._horizon(design, steps, first)
+    if absent.shape[1] != design.m:
+        msg = f"design: expected {absent.shape[1]} measurements as the truth has, received {design.m}"
+        raise ValueError(msg)
+    if schedule is None:
+        schedule = _schedule(design, steps, first, absent)
+    elif schedule.K.shape != (steps + 1, design.n, design.m):
+        msg = f"schedule: expected gains of shape {(steps + 1, design.n, design.m)}, received {schedule.K.shape}"
+        raise ValueError(msg)
+    used = schedule.measured & ~absent
+    used[:first] = False
+    A, M = _transitions(design, used)
+    W, nees_dof = whiten(schedule.P_plus)
+    V, nis_dof = whiten(np.where(used[:, :, None] & used[:, None, :], schedule.S, 0.0))
+    zero = np.zeros((steps + 1, design.n))
+    arrays = Design(
+        x0=np.array(design.x0),
+        A=A,
+        b=_stack(np.zeros(design.n) if design.offset is None else design.offset, 1),
+        M=M,
+        H=_stack(design.H, 2),
+        K=np.ascontiguousarray(np.where(used[:, None, :], schedule.K, 0.0)),
+        W=W,
+        V=V,
+        E=E,
+        same=bool(E.shape[0] == E.shape[1] and (E == np.eye(len(E))).all()),
+        shift_minus=zero,
+        shift=zero,
+        shift_white=zero,
+    )
+    return Gains(arrays, schedule, nees_dof, nis_dof)
+
+
+def _schedule(design: DiscreteModel, steps: int, first: int, absent: kalman.Mask) -> kalman.Schedule:
+    """The optimal filter's schedule; a constant one that has come to rest is continued instead of computed.
+
+    The recursion is a function of P alone, so that once P repeats to the last bit all that follows does.
+    """
+    gaps = absent if absent.any() else None
+    short = 64
+    while design.horizon is None and 8 * short <= steps and (absent[first:] == absent[first]).all():
+        start = kalman._covariances(design, short, first, None if gaps is None else gaps[: short + 1])
+        last, before = ((start.P_minus[k], start.P_plus[k], start.measured[k]) for k in (short, short - 1))
+        if all((a == b).all() for a, b in zip(last, before, strict=True)):
+            rows = np.minimum(np.arange(steps + 1), short)
+            arrays = (stack[rows] for stack in (start.P_minus, start.P_plus, start.K, start.S, start.measured))
+            return kalman.Schedule(np.arange(steps + 1) * design.dt, *arrays)
+        short *= 8
+    return kalman._covariances(design, steps, first, gaps)
+
+
+def about_mean_error(truth: Truth, design: Design, steps: int, dt: float) -> Design:
+    """The design with the mean errors that a linear truth gives it: sums are taken about them."""
+    minus, plus = _mean_error(truth, design, steps, dt)
+    return design._replace(shift_minus=minus, shift=plus, shift_white=np.einsum("kij,kj->ki", design.W, plus))
+
+
+def selection(compare: ArrayLike | None, d: int, n: int) -> Array:
+    """The matrix E of e = x̂ − E x, (d, n); without one truth and design have the same states."""
+    if compare is None:
+        if d != n:
+            msg = f"compare: expected a matrix of shape ({d}, {n}) (design and truth differ in order), received None"
+            raise ValueError(msg)
+        return np.eye(n)
+    return np.array(_check.shaped("compare", compare, (d, n)), order="C")
+
+
+def missing(model: DiscreteModel, steps: int) -> kalman.Mask:
+    """Which elements a truth does not measure, (steps+1, m)."""
+    absent = np.isinf(np.diagonal(model.R, axis1=-2, axis2=-1))
+    return np.array(np.broadcast_to(absent, (len(absent) if absent.ndim == 2 else steps + 1, model.m))[: steps + 1])
+
+
+def whiten(P: Array) -> tuple[Array, Array]:
+    """W with |W e|² = eᵀP⁺e (P⁺ the pseudo-inverse) for each P of a stack, and the ranks.
+
+    Directions without variance are left out: their row of W is zero.
+    """
+    diagonal = np.diagonal(P, axis1=-2, axis2=-1)
+    scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    unit = P / (scale[:, :, None] * scale[:, None, :])
+    values, vectors = np.linalg.eigh(unit)
+    kept = values > RANK * np.maximum(values[:, -1:], np.finfo(float).tiny)
+    W = np.where(kept, 1 / np.sqrt(np.where(kept, values, 1.0)), 0.0)[:, :, None] * np.swapaxes(vectors, 1, 2)
+    full = kept.all(axis=1)
+    if full.any():
+        # A triangular factor has half the products; the spectral one is only needed where P is singular.
+        W[full] = np.tril(np.linalg.inv(np.linalg.cholesky(unit[full])))
+    return np.ascontiguousarray(W / scale[:, None, :]), kept.sum(axis=1).astype(np.float64)
+
+
+def check_finite(name: str, value: Array, dt: float) -> None:
+    """A ``FloatingPointError`` that names the first step at which ``value`` (time first) is not finite."""
+    wrong = ~np.isfinite(value.reshape(len(value), -1)).all(axis=1)
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        msg = f"{name}: expected finite values, received an overflow at step {k} (t = {k * dt:g} s)"
+        raise FloatingPointError(msg)
+
+
+def noise_factor(Q: Array) -> Array:
+    """The lower triangular factor of a covariance, which may be singular."""
+    L, d = ldl(Q)
+    return L * np.sqrt(d)
+
+
+def _noise(model: DiscreteModel, k: int) -> Array:
+    """The lower triangular factor of the joint covariance of (v_k, w_k); absent elements have no noise."""
+    n, m = model.n, model.m
+    R = at(model.R, k, 2)
+    finite = np.isfinite(np.diag(R))
+    joint = np.zeros((m + n, m + n))
+    joint[:m, :m] = np.where(finite[:, None] & finite, R, 0.0)
+    if model.Qd.ndim == 2 or k < len(model.Qd):  # nothing leaves the last instant
+        joint[m:, m:] = at(model.Qd, k, 2)
+        if model.N is not None:
+            joint[m:, :m], joint[:m, m:] = model.N, model.N.T
+    return noise_factor(joint)
+
+
+def _stack(matrix: Array, ndim: int) -> Array:
+    return np.array(matrix if matrix.ndim > ndim else matrix[None], order="C")
+
+
+def _transitions(design: DiscreteModel, used: kalman.Mask) -> tuple[Array, Array]:
+    """A (Φ − NR⁺H where w and v correlate) and the gain M on z_k, by step; M is empty without correlation."""
+    if design.N is None:
+        return _stack(design.Phi, 2), np.zeros((0, design.n, design.m))
+    A, M = [], np.zeros((len(used) - 1, design.n, design.m))
+    for k in range(len(used) - 1):
+        transition, _, gain = kalman._motion(design, k, used[k])
+        A.append(transition)
+        if gain is not None:
+            M[k][:, used[k]] = gain
+    return np.array(A), M
+
+
+def _mean_error(truth: Truth, design: Design, steps: int, dt: float) -> tuple[Array, Array]:
+    """E[e] before and after each update; sums taken about it lose nothing to a large bias."""
+    d = len(design.x0)
+    minus, plus = np.empty((steps + 1, d)), np.empty((steps + 1, d))
+    x, estimate = truth.x0, design.x0
+    with np.errstate(over="ignore", invalid="ignore"):  # an overflow is reported below, with its time
+        for k in range(steps + 1):
+            if k:
+                z = entry(truth.H, k - 1) @ x
+                estimate = entry(design.A, k - 1) @ estimate + entry(design.b, k - 1)
+                if len(design.M):
+                    estimate = estimate + entry(design.M, k - 1) @ z
+                x = entry(truth.Phi, k - 1) @ x + entry(truth.c, k - 1)
+            minus[k] = estimate - design.E @ x
+            estimate = estimate + entry(design.K, k) @ (entry(truth.H, k) @ x - entry(design.H, k) @ estimate)
+            plus[k] = estimate - design.E @ x
+    check_finite("mean error", plus, dt)
+    return minus, plus
+
+
+def entry(stack: Array, k: int) -> Array:
+    """Entry k of a stack that holds one matrix when it does not vary."""
+    return stack[k] if len(stack) > 1 else stack[0]
