@@ -310,7 +310,7 @@ class _Layer(NamedTuple):
         return self.G + root @ root.T
 
     def doubled(self) -> _Layer:
-        """This interval twice."""
+        """The interval twice over."""
         inner = _root(self.G, self.C)
         forward, backward = self.Phi @ inner, self.Phi.T @ _root(self.C, self.G)
         Phi, E = self._twice(_solve_gap(self.G, self.C, self.Phi), inner @ (inner.T @ self.C))

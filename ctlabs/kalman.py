@@ -27,6 +27,9 @@ from ctlabs.models import DiscreteModel, at
 
 Mask = NDArray[Any]
 
+#: What is left of a sum below this fraction of its terms is rounding, gathered over some hundred steps.
+CANCELLED = 2e-13
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Schedule:
@@ -190,7 +193,7 @@ def _horizon(model: DiscreteModel, steps: int, first: int) -> int:
 def _gaps(z: Array) -> Mask:
     """Where data are missing, (steps+1, m): NaN, in every run or in none."""
     missing = np.isnan(z)
-    gaps: Mask = missing.all(axis=2)
+    gaps: Mask = np.all(missing, axis=2)
     wrong = np.isinf(z).any(axis=2) | (missing.any(axis=2) & ~gaps)
     if wrong.any():
         k, i = np.argwhere(wrong)[0]
@@ -218,6 +221,7 @@ def _covariances(model: DiscreteModel, steps: int, first: int, gaps: Mask | None
             Phi, Q, _ = _motion(model, k - 1, rows[-1][1].used)
             with np.errstate(over="ignore", invalid="ignore"):  # an overflow is reported below, with its time
                 kf.predict(F=Phi, Q=Q)
+                kf.P = _without_cancelled(kf.P, Phi, rows[-1][1].P_plus, Q)
         P_minus = kf.P
         if not np.isfinite(P_minus).all():
             msg = f"P_minus: expected finite covariances, received an overflow at step {k} (t = {k * model.dt:g} s)"
@@ -302,7 +306,7 @@ def _informative(P: Array, H: Array, R: Array) -> Mask:
     innovation, given the innovations before it, has a variance at the rounding level of its own terms.
     """
     used = np.isfinite(R.diagonal())
-    if len(R) == 1 and R[0, 0] > 0:
+    if R.diagonal().all() and np.count_nonzero(R) == len(R):  # independent noises, none of them zero
         return used
     finite = np.where(used[:, None] & used, R, 0.0)
     perfect = used & (ldl(finite)[1] == 0)
@@ -320,6 +324,19 @@ def _without_rounding(P_plus: Array, P_minus: Array) -> Array:
     """Exact zeros for what a measurement determined: states by a perfect one, disturbances by their correlation."""
     known = np.diag(P_plus) <= 16 * len(P_plus) * np.finfo(float).eps * np.diag(P_minus)
     return np.where(known[:, None] | known, 0.0, P_plus)
+
+
+def _without_cancelled(P: Array, Phi: Array, before: Array, Q: Array) -> Array:
+    """Exact zeros for a predicted state whose row of P is the rounding of the terms that cancelled in it.
+
+    A known combination of states that Φ turns into a state of its own is known, not of a variance ±1e-17.
+    """
+    size = np.abs(Phi) @ np.sqrt(np.abs(np.diag(before))) + np.sqrt(np.diag(Q))
+    rounding = CANCELLED * size
+    if (np.diag(P) > rounding * size).all():
+        return P
+    known = (np.abs(P) <= rounding[:, None] * size).all(axis=1) & np.isfinite(np.diag(P))
+    return np.where(known[:, None] | known, 0.0, P)
 
 
 def _sd(P: Array) -> Array:

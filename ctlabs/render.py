@@ -119,7 +119,7 @@ def png(figure: Figure) -> bytes:
     FigureCanvasAgg(figure)
     raw = io.BytesIO()
     figure.savefig(raw, format="png", facecolor="white", dpi=DPI)
-    image = Image.open(raw).convert("RGB").quantize(128, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    image = Image.open(raw).convert("RGB").quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
     packed = io.BytesIO()
     image.save(packed, format="png", optimize=True)
     return packed.getvalue()

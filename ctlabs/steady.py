@@ -161,7 +161,8 @@ def _stabilising(A: Array, H: Array, Q: Array, R: Array) -> Array:
         return scipy.linalg.solve_discrete_lyapunov(A, Q)
     import control  # costs 1 s to import
 
-    P, poles, _ = control.dare(A.T, H.T, 0.5 * (Q + Q.T), R)  # it refuses asymmetry by rounding
+    with np.errstate(invalid="ignore"):  # scipy casts its scale factors to integers, and uses only those that fit
+        P, poles, _ = control.dare(A.T, H.T, 0.5 * (Q + Q.T), R)  # it refuses asymmetry by rounding
     if not (np.isfinite(P).all() and (np.abs(poles) < 1).all()):
         msg = f"steady state: expected a stabilising solution of the Riccati equation, received filter poles {poles}"
         raise ValueError(msg)

@@ -459,7 +459,7 @@ def test_undetectable_mode_is_named(model, mode):
 )
 def test_hardly_driven_marginal_mode_has_no_numerical_limit(model):
     """Noise too weak for the solver's digits is an error, not a wrong limit."""
-    with pytest.raises(ValueError, match="^steady state: expected a .*stabilising solution"):
+    with pytest.raises(ValueError, match=r"^steady state: expected a .*stabilising solution"):
         bucy.steady(model)
 
 

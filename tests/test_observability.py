@@ -304,7 +304,7 @@ def test_discrete_gramian_sums_the_measurements():
     model = replace(sampled(Phi, H), R=np.diag([1, np.inf]))
     rows = np.vstack([H[:1] @ np.linalg.matrix_power(Phi, k) for k in range(5)])
     assert close(gramian(model, 5), rows.T @ rows, EXACT)
-    with pytest.raises(ValueError, match="horizon: expected a whole number >= 1, received 0.5"):
+    with pytest.raises(ValueError, match=r"horizon: expected a whole number >= 1, received 0.5"):
         gramian(model, 0.5)
 
 

@@ -69,7 +69,8 @@ SHOWN: dict[str, tuple[Any, str]] = {
     "ragged list": ([1.0, [2, None]], "[1, [2, —]]"),
     "Booleans in a list": ([True, 1.5], "[yes, 1.5]"),
     "empty": ((), "[]"),
-    "words": ("inf", "inf"),
+    "words": ("settled", "settled"),
+    "infinity as results have it": (["inf", "-inf"], "[∞, −∞]"),
 }
 
 

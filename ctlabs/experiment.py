@@ -1,0 +1,79 @@
+"""How a lab's experiments are run: number of runs, seed, and where the work is done.
+
+A lab receives an :class:`Experiment` and asks it for statistics or histories; workers and checkpoints are the caller's
+business. Every ``stream`` is an independent sequence of random numbers; the default one is common to all filters of a
+lab, so that they are compared on the same data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from itertools import count
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ctlabs import kalman, montecarlo
+
+if TYPE_CHECKING:
+    from ctlabs.models import DiscreteModel
+
+
+@dataclass(frozen=True, slots=True)
+class Experiment:
+    """A computational experiment of ``runs`` runs.
+
+    ``workers`` : blocks of runs computed at a time (all cores) · ``executor`` : where, as for
+    :func:`ctlabs.montecarlo.run` · ``checkpoint`` : folder in which finished blocks are kept, one folder for each
+    ensemble of the lab in their order · neither changes a number.
+    """
+
+    runs: int = 1000
+    seed: int = 1
+    workers: int | None = None
+    executor: montecarlo.Team | str | None = None
+    checkpoint: Path | None = None
+    _ensembles: Iterator[int] = field(default_factory=count, repr=False, compare=False)
+
+    @contextmanager
+    def crewed(self) -> Iterator[Experiment]:
+        """The same experiment with its workers started once for all ensembles."""
+        with montecarlo.team(self.executor, self.workers) as crew:
+            yield replace(self, executor=crew, _ensembles=count())
+
+    def statistics(
+        self, truth: DiscreteModel, design: DiscreteModel | None = None, *, steps: int, stream: int = 0, **more: Any
+    ) -> montecarlo.Statistics:
+        """Statistics of the error of ``design``'s filter on data of ``truth`` (streamed, no histories)."""
+        folder = None if self.checkpoint is None else self.checkpoint / f"{next(self._ensembles):03d}"
+        return montecarlo.run(
+            truth,
+            design,
+            steps=steps,
+            runs=self.runs,
+            seed=self._seed(stream),
+            executor=self.executor,
+            workers=self.workers,
+            checkpoint=folder,
+            **more,
+        )
+
+    def histories(
+        self,
+        truth: DiscreteModel,
+        design: DiscreteModel | None = None,
+        *,
+        steps: int,
+        runs: int = 25,
+        stream: int = 0,
+        first: int = 1,
+    ) -> kalman.Ensemble:
+        """A few runs with their histories, for figures of single runs."""
+        simulation = montecarlo.simulate(truth, steps, runs, self._seed(stream), first=first)
+        return replace(kalman.filter_runs(design or truth, simulation.z, first=first), x=simulation.x)
+
+    def _seed(self, stream: int) -> int:
+        return int(np.random.SeedSequence([self.seed, stream]).generate_state(1, np.uint64)[0])

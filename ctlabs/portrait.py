@@ -1,0 +1,145 @@
+"""The standard experiment of a lab: one filter shown and tested.
+
+Every lab compares an ensemble with the covariance theory in the same way (bias, RMS, NEES, NIS) and shows one run with its
+band, the variances before and after each update, the gain, and the errors; so it is written once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ctlabs import kalman, plots
+from ctlabs.montecarlo import chance
+from ctlabs.text import _, fill
+
+if TYPE_CHECKING:
+    from ctlabs.experiment import Experiment
+    from ctlabs.models import DiscreteModel
+    from ctlabs.montecarlo import Statistics
+    from ctlabs.report import Report
+
+
+#: Measurements shown in the sawtooth of variances: the transient and a few steady teeth.
+SHOWN = 15
+
+
+def agreement(
+    report: Report,
+    name: str,
+    stats: Statistics,
+    P: ArrayLike,
+    bias: ArrayLike | None = None,
+    *,
+    consistent: bool = True,
+) -> float:
+    """Put the ensemble's four exact tests against theory into the report; returns the largest deviation, in sigmas.
+
+    ``P`` (steps+1, n, n) and ``bias`` (steps+1, n; zero by default) are the theory's; a filter that is not
+    ``consistent`` (its own P is not the truth) is tested in bias and variance only.
+    """
+    tests = [
+        (_("mean error"), chance.bias(stats, P, bias)),
+        (_("error variance"), chance.variance(stats, P, bias)),
+    ]
+    if consistent:
+        tests += [("NEES", chance.nees(stats)), ("NIS", chance.nis(stats))]
+    for what, test in tests:
+        report.chance(f"{what}, {name}" if name else what, test)
+    return max(abs(test.value) for _what, test in tests)
+
+
+def portrait(
+    report: Report,
+    experiment: Experiment,
+    model: DiscreteModel,
+    steps: int,
+    *,
+    prefix: str = "",
+    xlabel: str | None = None,
+    state: int = 0,
+    measurement: int = 0,
+    limits: tuple[float, float] | None = None,
+    first: int = 1,
+    stream: int = 0,
+) -> Statistics:
+    """Five figures of a filter and the tests of its ensemble, into the report's present section.
+
+    ``prefix`` tells the figures of several filters apart; ``state`` is the one shown, ``measurement`` the one that
+    measures it; ``limits`` are its steady variances before and after an update. Returns the statistics.
+    """
+    xlabel = xlabel or _("measurement number i")
+    name, unit = model.states[state], model.units[state]
+    schedule = kalman.schedule(model, steps, first)
+    some = experiment.histories(model, steps=steps, stream=stream, first=first)
+    stats = experiment.statistics(model, steps=steps, stream=stream, first=first)
+    labelled = fill("{name}, {unit}", name=name, unit=unit)
+    measured = measurement if model.H[..., measurement, state].any() else None  # another state's is not drawn over it
+    report.figure(
+        f"{prefix}record",
+        plots.record(some, xlabel=xlabel, ylabel=labelled, state=state, measurement=measured),
+        _("One run: truth, measurements, and the estimate of {name} with its ±σ band."),
+        name=name,
+    )
+    report.figure(
+        f"{prefix}sawtooth",
+        plots.sawtooth({"": kalman.schedule(model, min(steps, SHOWN), first)}, xlabel=xlabel,
+                       ylabel=fill(_("variance of {name}, {unit}²"), name=name, unit=unit),
+                       state=state, limits=None if limits is None else [limits]),
+        _("Error variance of {name} before and after each update.") + (_(" Dotted: the limits.") if limits else ""),
+        name=name,
+    )  # fmt: skip
+    report.figure(f"{prefix}gain", _gains(model, schedule, xlabel, first), _("The gain, known before any measurement."))
+    report.figure(
+        f"{prefix}errors",
+        plots.errors(some, xlabel=xlabel, unit=unit, state=state, measurement=measurement),
+        _("Innovations, prediction and filtering errors of 25 runs inside the bands of the theory."),
+    )
+    report.figure(
+        f"{prefix}ensemble",
+        plots.ensemble_against_theory(stats, schedule.P_plus, xlabel=xlabel, units=model.units, names=model.states),
+        _("RMS and mean of the filtering errors of {runs} runs against theory, in the bands of 95 % of ensembles; "
+          "NEES and NIS averaged over the runs."),
+        runs=experiment.runs,
+    )  # fmt: skip
+    worst = agreement(report, prefix.strip("_"), stats, schedule.P_plus)
+    report.says(
+        _("The largest deviation of the ensemble from theory, over all tests, is {worst} standard errors."),
+        worst=round(worst, 2),
+    )
+    return stats
+
+
+def largest(report: Report) -> str:
+    """A conclusion: how far all ensembles of the report are from theory."""
+    chances = [check for check in report.checks if check.kind == "CHANCE" and check.value is not None]
+    if not chances:
+        return _("No ensemble was tested: no filter here has a finite limit to compare with.")
+    worst = max(chances, key=lambda check: abs(check.value or 0.0))
+    text = _(
+        "In {tests} tests of the ensemble the largest deviation from theory is {worst} standard errors ({name}); "
+        "more than {bound} would occur once in a million experiments."
+    )
+    return fill(
+        text,
+        tests=len(chances),
+        worst=round(abs(worst.value or 0.0), 2),
+        name=worst.name,
+        bound=round(worst.tolerance, 2),
+    )
+
+
+def _gains(model: DiscreteModel, schedule: kalman.Schedule, xlabel: str, first: int) -> plots.Figure:
+    names: Sequence[str] = model.states
+    many = model.m > 1
+    curves = {
+        f"{name}" + (f" ← {model.measurements[j]}" if many else ""): schedule.K[first:, i, j]
+        for i, name in enumerate(names)
+        for j in range(model.m)
+    }
+    return plots.lines(
+        schedule.t[first:], {k: np.asarray(v) for k, v in curves.items()}, xlabel=xlabel, ylabel=_("gain K"), marker="."
+    )

@@ -1,0 +1,84 @@
+"""Every lab: complete, passing for any seed, with readable figures, and able to notice a wrong filter."""
+
+import re
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ctlabs import kalman, labs
+from ctlabs.experiment import Experiment
+from ctlabs.report import Heading, Picture
+
+LABS = labs.catalogue()
+#: Axis labels without a unit: pure numbers by their words.
+DIMENSIONLESS = re.compile(
+    r"number|gain|ratio|/R|NEES|NIS|average|relative|factor|information|λ|\$K|probability|rank|magnitude", re.IGNORECASE
+)
+
+
+def run(lab, seed=1, runs=60, **settings):
+    values = labs.parameters([lab], settings)[lab.name]
+    return labs.run(lab, values, Experiment(runs, seed))
+
+
+@cache
+def default(name):
+    return run(LABS[name])
+
+
+@pytest.mark.parametrize("name", LABS)
+class TestLab:
+    def test_every_part_has_a_section_a_value_or_figure_and_a_check(self, name):
+        """Each lettered item of the sheet is answered and checked."""
+        report = default(name)
+        sections = {block.part for block in report.blocks if isinstance(block, Heading) and block.part}
+        assert sections == set(LABS[name].parts)
+        assert {check.part for check in report.checks} == set(LABS[name].parts)
+
+    @pytest.mark.parametrize("seed", [1, 2, 3])
+    def test_all_checks_pass_for_any_seed(self, name, seed):
+        """Theory and ensemble agree, whatever the random numbers."""
+        report = default(name) if seed == 1 else run(LABS[name], seed, runs=25)
+        assert [check for check in report.checks if not check.passed] == []
+
+    def test_figures_have_labelled_axes_with_units(self, name):
+        """Every axis says what it shows and in which unit; shared axes need one label."""
+        for block in default(name).blocks:
+            if isinstance(block, Picture):
+                grid = [axes for axes in block.figure.axes if axes.get_visible() and axes.axison]
+                labels = [axes.get_xlabel() for axes in grid] + [axes.get_ylabel() for axes in grid]
+                named = [label for label in labels if label]
+                assert any(axes.get_xlabel() for axes in grid) or not grid, block.name
+                assert any(axes.get_ylabel() for axes in grid) or not grid, block.name
+                for label in named:
+                    assert re.search(r", \S+|\(.+\)", label) or DIMENSIONLESS.search(label), f"{block.name}: {label}"
+
+    def test_results_do_not_depend_on_anything_but_parameters_and_seed(self, name):
+        """Two runs give the same results."""
+        assert run(LABS[name]).results() == default(name).results()
+
+    @pytest.mark.parametrize("wrong", ["K", "Qd", "R"])
+    def test_a_filter_wrong_by_five_percent_is_noticed(self, name, wrong, monkeypatch):
+        """At least one check fails when K, Qd or R of the discrete filter is multiplied by 1.05."""
+        right, touched = kalman._covariances, []
+
+        def mutated(model, *rest):
+            if wrong == "K":
+                schedule = right(model, *rest)
+                touched.append(bool(schedule.K.any()))
+                return replace(schedule, K=1.05 * schedule.K)
+            matrix = getattr(model, wrong)
+            finite = matrix[np.isfinite(matrix)]
+            touched.append(bool(finite.any()))
+            return right(replace(model, **{wrong: np.where(np.isfinite(matrix), 1.05 * matrix, matrix)}), *rest)
+
+        monkeypatch.setattr(kalman, "_covariances", mutated)
+        try:
+            report = run(LABS[name])
+        except (ValueError, FloatingPointError):
+            return  # refused: noticed all the more
+        if not any(touched):
+            pytest.skip(f"{wrong} is zero or absent in this lab")
+        assert any(not check.passed for check in report.checks)
