@@ -1,0 +1,1 @@
+"""The labs, one script each; ``ctlabs list`` shows them."""
