@@ -1,0 +1,62 @@
+# `make` alone shows the targets. Each of them creates or refreshes .venv first; only Python >= 3.11 with venv is needed.
+PYTHON ?= python3
+OUT ?= reports
+.DEFAULT_GOAL := help
+.PHONY: help labs test slow check docs bench clean FORCE
+.NOTPARALLEL:
+
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
+
+# A stamp holds the folder and the interpreter it was made for: an environment that was copied or moved is installed anew.
+HERE := $(CURDIR) $(shell $(PYTHON) -c 'import sys; print(sys.version.split()[0])' 2>/dev/null)
+stale = $(if $(findstring x$(HERE)x,x$(shell cat $(1) 2>/dev/null)x),,FORCE)
+
+help: ## show this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-6s %s\n", $$1, $$2 }' Makefile
+	@echo "  PYTHON=python3.12 chooses the interpreter, OUT=folder where the reports go."
+
+labs: .venv/.labs ## run every lab; the reports are in reports/ (index.html shows them all)
+	$(BIN)/python -m ctlabs run all --out $(OUT)
+
+test: .venv/.test ## run the tests that take seconds, with branch coverage
+	$(BIN)/python -m pytest -n 2 -m "not slow" --cov --cov-report=term -q
+
+slow: .venv/.test ## run the tests that take minutes: every lab against its committed numbers, the wheel
+	$(BIN)/python -m pytest -m slow -q
+
+check: .venv/.test ## lint, check the types and run the examples in README.md and docs/
+	$(BIN)/python -m ruff check .
+	$(BIN)/python -m mypy
+	$(BIN)/python -m pytest -q tests/test_docs.py
+
+docs: .venv/.docs ## build the documentation into build/docs
+	$(BIN)/python -m mkdocs build --strict --quiet
+	@echo "build/docs/index.html"
+
+bench: .venv/.test ## run the benchmarks; a ratio that is missed makes it fail
+	@failed=0; for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python $$file || failed=1; done; exit $$failed
+
+clean: ## remove .venv, caches and everything built
+	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .coverage .coverage.*
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+.venv/.labs: pyproject.toml $(call stale,.venv/.labs)
+	$(call install,.)
+.venv/.test: pyproject.toml $(call stale,.venv/.test)
+	$(call install,.[test])
+.venv/.docs: pyproject.toml $(call stale,.venv/.docs)
+	$(call install,.[docs])
+FORCE:
+
+# An interrupted creation leaves a folder without a working pip, a change of PYTHON one of another version: both start anew.
+define install
+	@$(PYTHON) -c 'import sys, venv, ensurepip; sys.exit(sys.version_info < (3, 11))' 2>/dev/null || { \
+	  echo "$(PYTHON): expected Python >= 3.11 with venv, received $$($(PYTHON) --version 2>&1)" \
+	    "(choose another one with make PYTHON=python3.12; Debian and Ubuntu: apt install python3-venv)" >&2; exit 1; }
+	@test "$$($(BIN)/python -c 'import pip, sys; print(sys.version.split()[0])' 2>/dev/null)" = "$(lastword $(HERE))" || { \
+	  echo "creating .venv"; rm -rf .venv; $(PYTHON) -m venv .venv; }
+	@echo "installing $(1) into .venv (about a minute)"
+	@$(PIP) install --editable '$(1)'
+	@echo '$(HERE)' > $@
+endef

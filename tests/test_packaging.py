@@ -1,0 +1,219 @@
+"""The project installs as a whole: packages, data, dependencies, the lazy front door, the wheel, the Makefile."""
+
+import ast
+import importlib.metadata
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import ctlabs
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+SETUPTOOLS = PROJECT["tool"]["setuptools"]
+
+
+def run(*command: object, cwd: Path, env: dict[str, str] | None = None) -> subprocess.CompletedProcess[str]:
+    """A finished command with its text; its own environment has no way back into the repository."""
+    clean = {name: value for name, value in os.environ.items() if name not in {"PYTHONPATH", "MAKEFLAGS", "MAKELEVEL"}}
+    arguments = [str(part) for part in command]
+    return subprocess.run(
+        arguments, cwd=cwd, env=clean | (env or {}), capture_output=True, text=True, encoding="utf-8", check=False
+    )
+
+
+def source_files() -> dict[Path, str]:
+    """Every file of the two source folders and its path inside the wheel."""
+    found = {}
+    for folder, package in (("ctlabs", "ctlabs"), ("tasks", "ctlabs/tasks")):
+        for path in sorted((ROOT / folder).rglob("*")):
+            if path.is_file() and "__pycache__" not in path.parts and path.suffix != ".po":
+                found[path] = f"{package}/{path.relative_to(ROOT / folder).as_posix()}"
+    return found
+
+
+def test_every_folder_with_code_is_a_listed_package():
+    """A new subpackage that is not listed in pyproject.toml would be missing from the wheel."""
+    modules = [Path(inside) for inside in source_files().values() if inside.endswith(".py")]
+    folders = {module.parent.as_posix().replace("/", ".") for module in modules}
+    assert sorted(folders) == SETUPTOOLS["packages"]
+    assert (ROOT / SETUPTOOLS["package-dir"]["ctlabs.tasks"]).is_dir()
+
+
+def test_every_data_file_is_listed_package_data():
+    """Templates, style sheets and the typing marker reach the wheel."""
+    folders = {ROOT / package.replace(".", "/"): found for package, found in SETUPTOOLS["package-data"].items()}
+    listed = {path for folder, patterns in folders.items() for pattern in patterns for path in folder.glob(pattern)}
+    data = {path for path in source_files() if path.suffix != ".py"}
+    assert ROOT / "ctlabs/py.typed" in data
+    assert data <= listed
+
+
+def test_one_version_everywhere():
+    """The citation and the changelog speak of the version in ctlabs/__init__.py, which is the package's."""
+    citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    assert re.search(r"^version: (.*)$", citation, re.MULTILINE)[1] == ctlabs.__version__
+    assert re.search(r"^## (\S+)", changelog, re.MULTILINE)[1] == ctlabs.__version__
+    assert PROJECT["tool"]["setuptools"]["dynamic"]["version"]["attr"] == "ctlabs.__version__"
+
+
+def imported(folder: str) -> set[str]:
+    """Top-level names of everything a folder's modules import, wherever in the file."""
+    names = set()
+    for path in (ROOT / folder).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level and node.module:
+                names.add(node.module.split(".")[0])
+    return names - set(sys.stdlib_module_names) - {"ctlabs", "tests", "tasks"}
+
+
+def distributions(requirements: list[str]) -> set[str]:
+    """The names of requirements, in one spelling."""
+    plain = [name for line in requirements for name in re.match(r"[\w.\-\[]+", line)[0].split("[")]
+    return {re.sub(r"[-_.]+", "-", name).lower() for name in plain}
+
+
+@pytest.mark.parametrize(
+    ("folder", "extras"),
+    [("ctlabs", ["cluster"]), ("tasks", []), ("tests", ["cluster", "test"]), ("benchmarks", ["test"])],
+    ids=["ctlabs", "tasks", "tests", "benchmarks"],
+)
+def test_every_import_is_a_declared_dependency(folder: str, extras: list[str]):
+    """What the code imports is what pyproject.toml asks for, with a lower bound."""
+    project = PROJECT["project"]
+    lines = project["dependencies"] + [line for extra in extras for line in project["optional-dependencies"][extra]]
+    homes = importlib.metadata.packages_distributions()
+    for name in imported(folder):
+        declared = distributions(homes.get(name, [name])) & distributions(lines)
+        assert declared, f"{folder} imports {name}, which no line of pyproject.toml brings"
+    assert all(">=" in line for line in lines)
+
+
+def test_lazy_names_are_those_that_type_checkers_see():
+    """``__all__``, the imports for type checkers and the names that resolve are one list."""
+    tree = ast.parse(Path(ctlabs.__file__).read_text(encoding="utf-8"))
+    block = next(node for node in tree.body if isinstance(node, ast.If))
+    typed = [alias.name for node in block.body if isinstance(node, ast.ImportFrom) for alias in node.names]
+    assert sorted(typed) == sorted(ctlabs.__all__)
+    assert set(ctlabs.__all__) <= set(dir(ctlabs))
+    for name in ctlabs.__all__:
+        assert getattr(ctlabs, name).__name__.rpartition(".")[2] == name
+
+
+def test_discretise_is_a_module_in_whatever_order_it_is_reached():
+    """``ctlabs.discretise`` never changes its meaning; the verb is imported from it."""
+    first, second = "import ctlabs; module = ctlabs.discretise", "from ctlabs.discretise import discretise"
+    for code in (f"{first}; {second}", f"{second}; {first}"):
+        done = run(sys.executable, "-c", f"{code}; assert module is ctlabs.discretise is not discretise", cwd=ROOT)
+        assert done.returncode == 0, done.stderr
+
+
+def test_an_unknown_attribute_is_an_attribute_error():
+    """A misspelt name fails as in any other module."""
+    with pytest.raises(AttributeError, match="module 'ctlabs' has no attribute 'kalmann'"):
+        _ = ctlabs.kalmann
+
+
+def test_import_ctlabs_loads_no_other_library():
+    """``import ctlabs`` is instant: numpy and the rest are loaded when a name is first used."""
+    code = "import sys, json, ctlabs; print(json.dumps(sorted({name.split('.')[0] for name in sys.modules})))"
+    done = run(sys.executable, "-c", code, cwd=ROOT)
+    loaded = set(json.loads(done.stdout)) - set(sys.stdlib_module_names)
+    assert not loaded & (imported("ctlabs") | imported("tasks"))
+
+
+def test_python_m_ctlabs_is_the_command():
+    """``python -m ctlabs --help`` prints what ``ctlabs --help`` prints, in any folder."""
+    done = run(sys.executable, "-m", "ctlabs", "--help", cwd=ROOT)
+    assert done.returncode == 0
+    assert done.stdout.startswith("Usage: ctlabs ")
+    assert {"list", "show", "run"} <= set(re.findall(r"^ {2}(\w+)", done.stdout, re.MULTILINE))
+
+
+needs_make = pytest.mark.skipif(shutil.which("make") is None, reason="make is not installed (the pip lines do without)")
+
+
+@needs_make
+def test_make_alone_lists_the_targets():
+    """``make`` without a target explains itself and installs nothing."""
+    done = run("make", cwd=ROOT)
+    assert done.returncode == 0
+    shown = set(re.findall(r"^ {2}make (\w+)", done.stdout, re.MULTILINE))
+    assert shown == {"help", "labs", "test", "slow", "check", "docs", "bench", "clean"}
+
+
+@needs_make
+def test_make_refuses_a_python_that_is_too_old(tmp_path: Path):
+    """Without Python ≥ 3.11 with venv, make says so in one line, names the way out and leaves nothing behind."""
+    for name in ("Makefile", "pyproject.toml"):
+        shutil.copy(ROOT / name, tmp_path)
+    old = tmp_path / "python-old"
+    old.write_text('#!/bin/sh\n[ "$1" = --version ] && echo "Python 3.8.10" && exit 0\nexit 1\n', encoding="utf-8")
+    old.chmod(0o755)
+    done = run("make", "labs", f"PYTHON={old}", cwd=tmp_path)
+    assert done.returncode != 0
+    assert "expected Python >= 3.11 with venv, received Python 3.8.10" in done.stderr.splitlines()[0]
+    assert "PYTHON=" in done.stderr.splitlines()[0]
+    assert not (tmp_path / ".venv").exists()
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A wheel built from a copy of the sources."""
+    place = tmp_path_factory.mktemp("build")
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, place)
+    for name in ("ctlabs", "tasks"):
+        shutil.copytree(ROOT / name, place / name, ignore=shutil.ignore_patterns("__pycache__"))
+    done = run(sys.executable, "-m", "build", "--wheel", "--outdir", place / "dist", place, cwd=place)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return next((place / "dist").glob("ctlabs-*.whl"))
+
+
+@pytest.mark.slow
+def test_the_wheel_holds_every_source_file(wheel: Path):
+    """Nothing that works in the repository is missing from an installation."""
+    inside = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
+    assert inside == set(source_files().values())
+
+
+@pytest.mark.slow
+def test_the_wheel_runs_a_lab_without_the_repository(wheel: Path, tmp_path: Path):
+    """``pip install ctlabs-*.whl && ctlabs run 7`` works in an empty folder (the libraries are this environment's)."""
+    venv = tmp_path / "venv"
+    assert run(sys.executable, "-m", "venv", "--without-pip", venv, cwd=tmp_path).returncode == 0
+    bin_folder = venv / ("Scripts" if os.name == "nt" else "bin")
+    python = bin_folder / "python"
+    installed = run(sys.executable, "-m", "pip", "--python", python, "install", "--no-deps", wheel, cwd=tmp_path)
+    assert installed.returncode == 0, installed.stderr
+    where = "import sysconfig; print(sysconfig.get_paths()['purelib'])"
+    site = Path(run(python, "-c", where, cwd=tmp_path).stdout.strip())
+    libraries = run(sys.executable, "-c", where, cwd=tmp_path).stdout.strip()
+    # A plain path in a .pth file: the libraries are found there, an editable ctlabs is not.
+    (site / "libraries.pth").write_text(libraries + "\n", encoding="utf-8")
+    empty = tmp_path / "empty"
+    empty.mkdir()
+
+    here = run(python, "-c", "import ctlabs; print(ctlabs.__file__)", cwd=empty).stdout.strip()
+    assert Path(here).is_relative_to(venv)
+    listed = run(bin_folder / "ctlabs", "list", cwd=empty)
+    assert listed.returncode == 0, listed.stderr
+    assert re.search(r"^ *7 .*limits of the optimal filter", listed.stdout, re.MULTILINE)
+    done = run(bin_folder / "ctlabs", "run", "7", "--runs", 50, "--out", "out", cwd=empty)
+    assert done.returncode == 0, done.stderr
+    result = json.loads((empty / "out/task07/results.json").read_text(encoding="utf-8"))
+    assert result["checks"]
+    assert all(check["passed"] for check in result["checks"])
+    assert (empty / "out/task07/report.html").stat().st_size > 10_000
+    assert [path.name for path in empty.iterdir()] == ["out"]
