@@ -1,0 +1,307 @@
+r"""Lab 1. A position that is a random constant plus Brownian motion.
+
+Source: Semushin & Tsyganova 2001, task 1. x(t) = x0 + β(t), measured at t1, t2, … with independent errors of variance
+R(t_i). The sheet asks for the filter and for an experiment on what governs the quality of its estimates (bias, accuracy,
+time to settle): (a) the diffusion σ_w², (b) the measurement variance R, (c) their ratio, (d) a single anomalous
+measurement in the steady state, with R(t*) → ∞ or R(t*) = 0.
+
+Expected answer: with ρ = σ_w²τ/R the steady gain is K̄ = [−ρ + √(ρ² + 4ρ)]/2 and P̄⁺ = K̄R: everything but the scale
+depends on ρ alone. Each step multiplies an old error by 1 − K̄. The filter drops a measurement with R = ∞ by itself and
+takes one with R = 0 as the state.
+"""
+
+import math
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from ctlabs import kalman, plots, sensitivity, steady
+from ctlabs.discretise import discretise
+from ctlabs.experiment import Experiment
+from ctlabs.models import ContinuousModel
+from ctlabs.params import Count, LabParameters, Positive, Real, Variance, VarianceOrVariances, given
+from ctlabs.portrait import agreement, largest, portrait
+from ctlabs.report import Report
+from ctlabs.text import _, fill
+
+META = {
+    "name": "task01",
+    "title": "Random constant plus Brownian motion",
+    "source": "Semushin & Tsyganova 2001, task 1",
+    "parts": ["a", "b", "c", "d"],
+}
+
+STEP = _("measurement number i")
+FACTORS = (0.01, 0.1, 1.0, 10.0, 100.0)
+#: Steps after the anomaly that are listed.
+AFTER = 6
+
+
+class Parameters(LabParameters):
+    """What may be changed."""
+
+    sigma_w2: Variance = given(1.0, unit="m²/s", meaning="diffusion σ_w² of the Brownian motion")
+    tau: Positive = given(1.0, unit="s", meaning="period of the measurements")
+    R: VarianceOrVariances = given(1.0, unit="m²", meaning="variance of the measurement error, or a list over the measurements")
+    x0_mean: Real = given(0.0, unit="m", meaning="mean of x(t0)")
+    P0: Variance = given(10.0, unit="m²", meaning="variance of x(t0)")
+    steps: Count = given(10, unit="1", meaning="number of measurements (a list R sets it)")
+
+
+def variances(p):
+    """R(t_i), i = 1, 2, …: the list, or the number repeated."""
+    return list(p.R) if isinstance(p.R, tuple) else [p.R] * p.steps
+
+
+def analytic(p):
+    """The sheet's answers, by hand."""
+    R, Qd = variances(p), p.sigma_w2 * p.tau
+    posterior = conditioned(p.P0, Qd, R)
+    prior = [P + Qd for P in [p.P0, *posterior[:-1]]]
+    gain = [gain_of(P, r) for P, r in zip(prior, R, strict=True)]
+    root = math.sqrt(Qd**2 + 4 * Qd * R[-1]) if math.isfinite(R[-1]) else None
+    limit = None if root is None else 0.5 * (root - Qd)
+    return {
+        "prior_variance": prior,
+        "posterior_variance": posterior,
+        "gain": gain,
+        "prior_variance_steady": None if root is None else 0.5 * (root + Qd),
+        "posterior_variance_steady": limit,
+        "gain_steady": None if root is None else gain_by_ratio(Qd, R[-1]),
+        "bias_factor": list(np.cumprod([1 - K for K in gain])),
+        "posterior_variance_missing": None if root is None else recovery(limit, Qd, math.inf, R[-1]),
+        "posterior_variance_perfect": None if root is None else recovery(limit, Qd, 0.0, R[-1]),
+    }
+
+
+def conditioned(P0, Qd, R):
+    """Var(x(t_i) | z_1…z_i) for every i, by conditioning the joint Gaussian distribution: Cov(x_i, x_j) = P0 + min(i, j)Qd."""
+    found = []
+    for i in range(1, len(R) + 1):
+        used = [j for j in range(1, i + 1) if math.isfinite(R[j - 1])]
+        between = np.array([[P0 + min(j, k) * Qd for k in used] for j in used]).reshape(len(used), len(used))
+        cross = np.array([P0 + j * Qd for j in used])
+        solved = np.linalg.lstsq(between + np.diag([R[j - 1] for j in used]), cross, rcond=None)[0] if used else cross
+        left = P0 + i * Qd - float(cross @ solved)
+        found.append(left if R[i - 1] > 0 else 0.0)
+    return found
+
+
+def gain_of(P, R):
+    """P/(P + R); 0 for an infinite R, and where nothing is left to learn."""
+    return P / (P + R) if math.isfinite(R) and P + R > 0 else 0.0
+
+
+def gain_by_ratio(Qd, R):
+    """K̄ from ρ = Qd/R, written without cancellation; 1 for R = 0 with noise, 0 without noise."""
+    if R == 0:
+        return 1.0 if Qd else 0.0
+    ratio = Qd / R
+    return 2 * ratio / (ratio + math.sqrt(ratio**2 + 4 * ratio)) if ratio else 0.0
+
+
+def recovery(limit, Qd, anomaly, R):
+    """P⁺ at t* and after, from the steady state, by the information: 1/P⁺ = 1/(P + Qd) + 1/R."""
+    P, found = limit, []
+    for r in [anomaly] + [R] * AFTER:
+        P = P + Qd
+        P = 0.0 if r == 0 or P == 0 else 1 / (1 / P + 1 / r)
+        found.append(P)
+    return found
+
+
+def continuous(p, sigma_w2=None):
+    """ẋ = w: the constant is the initial state, the Brownian motion its increments."""
+    return ContinuousModel(F=[[0]], G=[[1]], Q=[[p.sigma_w2 if sigma_w2 is None else sigma_w2]], H=[[1]], x0=[p.x0_mean], P0=[[p.P0]],
+                           states=["x"], units=["m"])  # fmt: skip
+
+
+def model(p, R, sigma_w2=None):
+    """The sampled system with a constant variance R, or one for each measurement (t0 has none)."""
+    stacked = np.array([math.inf, *R])[:, None, None] if np.ndim(R) else [[R]]
+    return discretise(continuous(p, sigma_w2), p.tau, stacked)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer, R = analytic(p), variances(p)[-1]
+    r.heading(_("Part I. Analysis"))
+    build = partial(model, p)
+    analysis(r, p, answer, R)
+    r.heading(_("Plan of the experiment"))
+    steps = plan(r, experiment)
+    r.heading(_("Part II. Experiment"))
+    sweep(r, build, experiment, steps, "a", _("Influence of the diffusion"), _("diffusion σ_w², m²/s"),
+          [(p.sigma_w2 * f, p.sigma_w2 * f, R) for f in FACTORS])  # fmt: skip
+    sweep(r, build, experiment, steps, "b", _("Influence of the measurement variance"), _("variance R, m²"), [(R * f, p.sigma_w2, R * f) for f in FACTORS])
+    part_c(r, p, build, experiment, steps)
+    part_d(r, p, build, answer, experiment, R)
+    r.heading(_("Conclusions"))
+    conclusions(r, p, answer, R)
+    return r
+
+
+def analysis(r, p, answer, R):
+    """Model, filter and closed forms."""
+    r.section("a", _("Model and filter"))
+    r.says(_("The constant $x_0$ and the Brownian motion are one state: $\\dot{x} = w$ with $x(t_0) = x_0$. Over one period the increments add $Q_d = \\sigma_w^2\\tau$ to the variance (σ_w² is a diffusion, m²/s, not a variance):"))
+    r.math(r"F = 0, \quad G = 1, \quad Q = \sigma_w^2, \quad \Phi = 1, \quad Q_d = \sigma_w^2\tau, \quad H = 1")
+    r.model(model(p, R))
+    r.math(r"\hat x(t_i^-) = \hat x(t_{i-1}^+), \qquad P(t_i^-) = P(t_{i-1}^+) + Q_d")
+    r.math(r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R(t_i)}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = [1 - K(t_i)]P(t_i^-)")
+    r.says(_("The position itself never becomes stationary (its variance grows by $Q_d$ each period); its estimation error does."))
+    at = [i * p.tau for i in range(1, len(variances(p)) + 1)]
+    system = model(p, variances(p))
+    schedule = kalman.schedule(system, len(at))
+    routes = (_("recursion"), _("joint conditioning"))
+    r.value("prior_variance", schedule.P_minus[1:, 0, 0], "m²", at=at, agrees=answer, routes=routes)
+    r.value("posterior_variance", schedule.P_plus[1:, 0, 0], "m²", at=at, agrees=answer, routes=routes)
+    r.value("gain", schedule.K[1:, 0, 0], "1", at=at, agrees=answer, routes=routes)
+    wrong = sensitivity.actual(replace(system, x0=[p.x0_mean + 1.0]), system, len(at))
+    r.value("bias_factor", -wrong.bias_plus[1:, 0], "1", at=at, agrees=answer, routes=(_("joint recursion of the means"), _("product of 1 − K")))
+    r.says(_("A wrong initial mean leaves the bias $b_i = b_0\\prod_{j \\le i}(1 - K(t_j))$: after {n} measurements {left} of it is left."), n=len(at), left=answer["bias_factor"][-1])
+
+    r.section("c", _("The steady state depends on one ratio"))
+    r.says(_("With $\\rho = \\sigma_w^2\\tau/R$ the steady variances and gain are"))
+    r.math(r"\bar P^\mp = \tfrac12\left[\pm Q_d + \sqrt{Q_d^2 + 4Q_dR}\,\right], \qquad \bar K = \tfrac12\left[-\rho + \sqrt{\rho^2 + 4\rho}\,\right], \qquad \frac{\bar P^+}{R} = \bar K")
+    limited = math.isfinite(R)
+    reason = "" if limited else _("the last measurement is absent (R = ∞): the variance grows without limit")
+    limit = steady.solve(model(p, R)) if limited else None
+    routes = (_("Riccati equation"), _("closed form"))
+    r.value("prior_variance_steady", None if limit is None else limit.P_minus[0, 0], "m²", reason=reason, agrees=answer, routes=routes)
+    r.value("posterior_variance_steady", None if limit is None else limit.P_plus[0, 0], "m²", reason=reason, agrees=answer, routes=routes)
+    r.value("gain_steady", None if limit is None else limit.K[0, 0], "1", reason=reason, agrees=answer, routes=routes)
+    settled = steady.settling(model(p, R)) if limited else None
+    listed = settled if np.ndim(p.R) == 0 or not limited else settled_after(p, R)
+    r.value("settling_step", listed, "1", reason=reason or _("the limit is 0, and a variance that decays to 0 never stays within 1 % of it"))
+    if limited:
+        r.says(_("Here $\\rho = {ratio}$: the gain tends to {gain}, the error variance to {after} m² after and {before} m² before an update, and every step multiplies an old error by {factor}."),
+               ratio=p.sigma_w2 * p.tau / R if R else math.inf, gain=limit.K[0, 0], after=limit.P_plus[0, 0], before=limit.P_minus[0, 0], factor=1 - limit.K[0, 0])  # fmt: skip
+
+
+def settled_after(p, R):
+    """Settling of a filter whose measurement variances are listed and then stay at the last one."""
+    limit = np.diag(steady.solve(model(p, R)).P_plus)
+    horizon = len(p.R) + 400
+    padded = [*p.R, *[R] * (horizon - len(p.R))]
+    found = steady.settling_step(kalman.schedule(model(p, padded), horizon).P_plus[:, :, 0], limit)
+    return None if found is None else max(found, 1)
+
+
+def plan(r, experiment):
+    """Every number chosen."""
+    steps = 40
+    r.table("plan", [_("quantity"), _("value"), _("why")], [
+        [_("measurements in a run"), steps, _("several settling times of the given parameters")],
+        [_("factors of (a), (b), (c)"), list(FACTORS), _("two decades to each side of the given value")],
+        [_("runs"), experiment.runs, fill(_("a standard error of the variance of {percent} %"), percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
+        [_("seed"), experiment.seed, _("the same for every filter")],
+        [_("steps after the anomaly"), AFTER, _("enough to see the recovery")],
+    ], _("Plan of the experiment."))  # fmt: skip
+    return steps
+
+
+def sweep(r, build, experiment, steps, part, title, name, cases):
+    """Bias, accuracy and settling for several values of one factor, theory beside the ensemble."""
+    r.section(part, title)
+    rows, curves = [], {}
+    for shown, sigma_w2, R in cases:
+        if not math.isfinite(R):
+            continue
+        system = build(R, sigma_w2)
+        schedule, limit = kalman.schedule(system, steps), steady.solve(system)
+        stats = experiment.statistics(system, steps=steps)
+        worst = agreement(r, f"{name.split(',')[0]} = {shown:g}", stats, schedule.P_plus)
+        left = float(np.prod(1 - schedule.K[1:11, 0, 0]))
+        rows.append((shown, limit.K[0, 0], math.sqrt(limit.P_plus[0, 0]), stats.rms[-1, 0], left, steady.settling(system), worst))
+        curves[f"{name.split(',')[0]} = {shown:g}"] = schedule.sd_plus[:, 0]
+    r.table(f"sweep_{part}", [name, "K̄", _("steady σ, m"), _("RMS of the ensemble, m"), _("share of an initial bias left after 10 measurements"), _("settling step"), _("largest deviation, σ")], rows,
+            _("Quality of the estimates: accuracy, bias and settling."))  # fmt: skip
+    if curves:
+        figure = plots.lines(range(steps + 1), curves, xlabel=STEP, ylabel=_("σ of the error after an update, m"), ordered=True, log="y" if all(c.min() > 0 for c in curves.values()) else "", steps=True)
+        r.figure(f"sweep_{part}", figure, _("Standard deviation of the error along the measurements."))
+
+
+def part_c(r, p, build, experiment, steps):
+    """The ratio alone counts."""
+    r.section("c", _("Influence of the ratio σ_w²τ/R"))
+    rows, curves = [], {}
+    for ratio in FACTORS:
+        R = p.sigma_w2 * p.tau / ratio or 1.0
+        Qd = ratio * R
+        limit = steady.solve(build(R, Qd / p.tau))
+        other = steady.solve(build(7 * R, 7 * Qd / p.tau))
+        r.check(fill(_("K̄ at ρ = {ratio}, σ_w² and R seven times larger"), ratio=ratio), other.K[0, 0], limit.K[0, 0], (_("scaled system"), _("system")))
+        r.check(fill(_("K̄ at ρ = {ratio}"), ratio=ratio), limit.K[0, 0], gain_by_ratio(Qd, R), (_("Riccati equation"), _("closed form")))
+        rows.append((ratio, limit.K[0, 0], limit.P_plus[0, 0] / R, 1 - limit.K[0, 0], steady.settling(build(R, Qd / p.tau))))
+    r.table("ratio", ["ρ", "K̄", "P̄⁺/R", _("multiplier 1 − K̄"), _("settling step")], rows, _("The gain and the relative variance depend on ρ alone; the settling step also on P0."))
+    ratios = np.logspace(-3, 3, 121)
+    curves = {_("K̄ = P̄⁺/R"): [gain_by_ratio(x, 1.0) for x in ratios], _("error multiplier 1 − K̄"): [1 - gain_by_ratio(x, 1.0) for x in ratios]}
+    figure = plots.lines(ratios, curves, xlabel=_("ratio $\\rho = \\sigma_w^2\\tau/R$"), ylabel=_("steady gain, multiplier (ratio)"), log="x",
+                         points={_("table"): (FACTORS, [row[1] for row in rows])}, ylim=(0.0, 1.02))  # fmt: skip
+    r.figure("ratio", figure, _("The steady gain: below ρ ≈ 0.1 the filter averages many measurements, above ρ ≈ 10 it follows the last one."))
+    R = variances(p)[-1]
+    if math.isfinite(R) and R > 0:
+        limit = steady.solve(build(R))
+        portrait(r, experiment, build(R), steps, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]))
+
+
+def part_d(r, p, build, answer, experiment, R):
+    """One anomalous measurement in the steady state."""
+    r.section("d", _("One anomalous measurement in the steady state"))
+    r.says(_("At $t_*$ a measurement with $R \\to \\infty$ has $K = 0$: the prediction passes unchanged. One with $R = 0$ has $K = 1$: the estimate becomes the measurement and the error zero. Then the ordinary measurements bring the variance back to its limit, from above or from below."))
+    reason = _("without a last finite R there is no steady state")
+    if answer["gain_steady"] is None:
+        r.value("posterior_variance_missing", None, "m²", reason=reason, agrees=answer, routes=(_("recursion"), _("information form")))
+        r.value("posterior_variance_perfect", None, "m²", reason=reason, agrees=answer, routes=(_("recursion"), _("information form")))
+        return
+    limit = steady.solve(build(R))
+    settled = 6
+    curves, ensembles = {}, {}
+    x = range(-settled - 1, AFTER + 1)
+    for name, what, anomaly in (("missing", _("missing (R = ∞)"), math.inf), ("perfect", _("perfect (R = 0)"), 0.0)):
+        listed = [R] * settled + [anomaly] + [R] * AFTER
+        system = replace(build(listed), P0=limit.P_plus)
+        schedule = kalman.schedule(system, len(listed))
+        after = schedule.P_plus[settled + 1 :, 0, 0]
+        at = [k * p.tau for k in range(AFTER + 1)]
+        r.value(f"posterior_variance_{name}", after, "m²", at=at, agrees=answer, routes=(_("recursion"), _("information form")))
+        stats = experiment.statistics(system, steps=len(listed), stream=1)
+        agreement(r, what, stats, schedule.P_plus)
+        curves[what] = schedule.P_plus[:, 0, 0]
+        ensembles["_" * len(ensembles) + _("ensembles")] = (x, stats.rms[:, 0] ** 2)
+    r.check(_("a missing measurement leaves the prediction unchanged"), curves[_("missing (R = ∞)")][settled + 1], limit.P_minus[0, 0], (_("recursion"), _("Riccati equation")))
+    straight = {_("limit P̄⁺"): ([x[0], x[-1]], [limit.P_plus[0, 0]] * 2)}
+    figure = plots.lines(x, curves, xlabel=_("measurement number after t*"), ylabel=_("error variance after the update, m²"), straight=straight, points=ensembles, steps=True)
+    r.figure("anomaly", figure, _("One missing and one perfect measurement in the steady state, and the recovery; the ensemble beside the theory."))
+    ratio = (1 - answer["gain_steady"]) ** 2
+    r.says(_("Near the limit the deviation shrinks by $(1-\\bar{K})^2 = {ratio}$ per measurement, whichever its cause."), ratio=ratio)
+
+
+def conclusions(r, p, answer, R):
+    """What the numbers say."""
+    lines = []
+    gain = answer["gain_steady"]
+    if gain is None:
+        lines.append(_("The last measurement is absent for ever: the error variance grows without limit, like the Brownian motion."))
+    elif gain == 0:
+        lines.append(_("Without diffusion the state is a constant: the gain tends to 0 like 1/i and every measurement counts equally. The error variance tends to 0 and never settles."))
+    elif R == 0:
+        lines.append(_("Measurements without error make the gain 1: the estimate is the last measurement, its error zero until the next increment of the Brownian motion."))
+    else:
+        lines.append(fill(_("At ρ = {ratio} the gain is {gain}: an estimate weighs about {memory} measurements. Larger σ_w² or smaller R raise the gain: the filter then forgets faster, settles sooner and is less accurate relative to R."),
+                          ratio=p.sigma_w2 * p.tau / R, gain=gain, memory=round(1 / gain, 2)))  # fmt: skip
+        lines.append(fill(_("A missing measurement raises the variance from {limit} to {missing} m², a perfect one lowers it to 0; {steps} measurements later they are at {later} and {perfect} m²."),
+                          limit=answer["posterior_variance_steady"], missing=answer["posterior_variance_missing"][0], steps=AFTER,
+                          later=answer["posterior_variance_missing"][-1], perfect=answer["posterior_variance_perfect"][-1]))  # fmt: skip
+    lines.append(_("Only the ratio σ_w²τ/R shapes the filter; the scale of the variances is R."))
+    lines.append(largest(r))
+    r.items(lines)
+
+
+if __name__ == "__main__":
+    from ctlabs.cli import script
+
+    script(META)
