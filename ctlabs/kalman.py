@@ -294,7 +294,7 @@ def _update(kf: Any, H: Array, R: Array) -> Update:
         kf.update(np.zeros((used.sum(), 1)), R=R[np.ix_(used, used)], H=H[used])
         K[:, used], S[np.ix_(used, used)] = kf.K, kf.S
     P_plus = 0.5 * (kf.P + kf.P.T)
-    if not R.diagonal().all():
+    if _perfect(R).any():
         P_plus = _without_rounding(P_plus, P_minus)
     return Update(K, S, P_plus, used)
 
@@ -305,12 +305,9 @@ def _informative(P: Array, H: Array, R: Array) -> Mask:
     An element is perfect when its noise is zero, or a combination of the noises before it; it is known when its
     innovation, given the innovations before it, has a variance at the rounding level of its own terms.
     """
-    used = np.isfinite(R.diagonal())
-    if R.diagonal().all() and np.count_nonzero(R) == len(R):  # independent noises, none of them zero
-        return used
-    finite = np.where(used[:, None] & used, R, 0.0)
-    perfect = used & (ldl(finite)[1] == 0)
+    used, perfect = np.isfinite(R.diagonal()), _perfect(R)
     if perfect.any():
+        finite = np.where(used[:, None] & used, R, 0.0)
         S = H @ P @ H.T + finite
         size = (np.abs(H) @ np.sqrt(np.diag(P))) ** 2 + np.diag(finite)
         for i in np.flatnonzero(perfect):
@@ -318,6 +315,14 @@ def _informative(P: Array, H: Array, R: Array) -> Mask:
             left = S[i, i] - S[i, before] @ np.linalg.solve(S[np.ix_(before, before)], S[before, i])
             used[i] = left > 16 * len(P) * np.finfo(float).eps * size[i]
     return used
+
+
+def _perfect(R: Array) -> Mask:
+    """Which elements have no noise of their own: a variance of zero, or a noise combined of those before it."""
+    used = np.isfinite(R.diagonal())
+    if R.diagonal().all() and np.count_nonzero(R) == len(R):  # independent noises, none of them zero
+        return np.zeros_like(used)
+    return used & (ldl(np.where(used[:, None] & used, R, 0.0))[1] == 0)
 
 
 def _without_rounding(P_plus: Array, P_minus: Array) -> Array:

@@ -533,3 +533,24 @@ def test_gains_are_those_of_lab_1() -> None:
     assert close(plan.P_plus[1:].ravel(), [11 / 12, 23 / 35, 58 / 93], EXACT)
     assert close(plan.K[1:].ravel(), plan.P_plus[1:].ravel(), EXACT)
     assert deviation(plan.P_plus[1:].ravel(), broken(plan.P_plus[1:].ravel())) > 0.04
+
+
+@pytest.mark.parametrize("angle", [np.pi / 3, np.pi / 4, np.pi / 6, 2.02 * np.pi])
+@pytest.mark.parametrize("known", [0, 1])
+def test_known_combination_stays_known_when_turned_onto_a_state(angle: float, known: int) -> None:
+    """A state that Φ makes of a known combination has variance 0, not ±1e-17, and no variance is ever negative."""
+    turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+    P0 = np.diag(np.roll([0.0, 2.0], known))
+    plan = schedule(DiscreteModel(turn, np.zeros((2, 2)), [[1, 0]], [[1]], x0=[0, 0], P0=P0), 26)
+    k = np.arange(27)
+    hits = np.abs(np.sin(2 * k * angle)) < 1e-9  # a multiple of a quarter turn: onto an axis
+    assert hits[1:].any()
+    least = np.diagonal(plan.P_minus, axis1=1, axis2=2).min(axis=1)
+    assert (least[hits] <= 1e-30).all()
+    assert (least >= 0).all()
+    assert (least[~hits] > 1e-6).all()
+    direction = np.stack([np.cos(k * angle + known * np.pi / 2), -np.sin(k * angle + known * np.pi / 2)])[::-1].T
+    size = np.trace(plan.P_minus, axis1=1, axis2=2)
+    rank_one = size[:, None, None] * direction[:, :, None] * direction[:, None, :]
+    assert close(np.abs(plan.P_minus), np.abs(rank_one), EXACT)
+    assert deviation(np.abs(plan.P_minus), np.abs(broken(rank_one))) > 0.04
