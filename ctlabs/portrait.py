@@ -95,7 +95,14 @@ def portrait(
     report.figure(f"{prefix}gain", _gains(model, schedule, xlabel, first), _("The gain, known before any measurement."))
     report.figure(
         f"{prefix}errors",
-        plots.errors(some, xlabel=xlabel, unit=unit, state=state, measurement=measurement),
+        plots.errors(
+            some,
+            xlabel=xlabel,
+            unit=unit,
+            state=state,
+            measurement=measurement,
+            measured_unit=_measured_unit(model, measurement),
+        ),
         _("Innovations, prediction and filtering errors of 25 runs inside the bands of the theory."),
     )
     report.figure(
@@ -130,6 +137,13 @@ def largest(report: Report) -> str:
         name=worst.name,
         bound=round(worst.tolerance, 2),
     )
+
+
+def _measured_unit(model: DiscreteModel, measurement: int) -> str | None:
+    """The unit of a measurement that reads the states of one unit; None where that cannot be told."""
+    row = (model.H if model.H.ndim == 2 else model.H[-1])[measurement]
+    units = {unit for unit, h in zip(model.units, row, strict=True) if h}
+    return units.pop() if len(units) == 1 else None
 
 
 def _gains(model: DiscreteModel, schedule: kalman.Schedule, xlabel: str, first: int) -> plots.Figure:

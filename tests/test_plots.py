@@ -209,6 +209,14 @@ class TestSawtooth:
             assert axes.lines[0].get_ydata().tolist() == expected
             assert axes.lines[0].get_xdata().tolist() == [0, *np.repeat(schedule.t[1:], 2)]
 
+    def test_a_measurement_at_t0_has_its_prediction_too(self):
+        """With first = 0 the saw begins with P0⁻."""
+        found = kalman.schedule(MODEL, 3, first=0)
+        drawn = plots.sawtooth({"": found}, xlabel="measurement number i", ylabel="variance, m²")
+        line = drawn.axes[0].lines[0]
+        assert line.get_ydata().tolist() == np.stack([found.P_minus, found.P_plus], axis=1)[..., 0, 0].ravel().tolist()
+        assert line.get_xdata().tolist() == np.repeat(found.t, 2).tolist()
+
     def test_empty_panels_are_hidden(self):
         """Four schedules in rows of three leave two places free."""
         drawn = plots.sawtooth(schedules(), xlabel="measurement number i", ylabel="variance, m²")

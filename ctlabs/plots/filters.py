@@ -91,25 +91,35 @@ def record(
 
 @styled
 def errors(
-    ensemble: Ensemble, *, xlabel: str, unit: str, state: int = 0, measurement: int = 0, shown: int = 25
+    ensemble: Ensemble,
+    *,
+    xlabel: str,
+    unit: str,
+    state: int = 0,
+    measurement: int = 0,
+    measured_unit: str | None = None,
+    shown: int = 25,
 ) -> Figure:
-    """Innovations, prediction errors and filtering errors of some runs inside their ±σ bands."""
+    """Innovations, prediction errors and filtering errors of some runs inside their ±σ bands.
+
+    ``unit`` is the state's, ``measured_unit`` the measurement's where it is another one.
+    """
     S = ensemble.schedule.S[:, measurement, measurement]
     sd = np.sqrt(np.where(np.isfinite(S), S, np.nan))
     rows = [
-        (_("innovation"), ensemble.innovation[:, measurement], sd),
-        (_("prediction error"), ensemble.error("minus")[:, state], ensemble.schedule.sd_minus[:, state]),
-        (_("filtering error"), ensemble.error("plus")[:, state], ensemble.schedule.sd_plus[:, state]),
+        (_("innovation"), ensemble.innovation[:, measurement], sd, unit if measured_unit is None else measured_unit),
+        (_("prediction error"), ensemble.error("minus")[:, state], ensemble.schedule.sd_minus[:, state], unit),
+        (_("filtering error"), ensemble.error("plus")[:, state], ensemble.schedule.sd_plus[:, state], unit),
     ]
     figure, grid = panels(3, 1, sharex=True, height=7.0)
-    for (name, values, band), axes in zip(rows, grid[:, 0], strict=True):
+    for (name, values, band, of), axes in zip(rows, grid[:, 0], strict=True):
         several = axes.plot(ensemble.t, values[:, :shown], color=BLUE, linewidth=0.6, alpha=0.45)
         several[0].set_label(_("single runs"))
         axes.plot(ensemble.t, values[:, 0], color=BLACK, linewidth=1.2, label=_("run 1"))
         for k, style in ((1, "-"), (2, "--")):
             axes.plot(ensemble.t, k * band, color=ORANGE, linestyle=style, label=f"±{k}σ" if k > 1 else "±σ")
             axes.plot(ensemble.t, -k * band, color=ORANGE, linestyle=style)
-        axes.set_ylabel(f"{name}, {unit}")
+        axes.set_ylabel(f"{name}, {of}")
         whole(axes)
     grid[-1, 0].set_xlabel(xlabel)
     legend(figure, grid[0, 0], columns=5)
