@@ -20,7 +20,7 @@ labs: .venv/.labs ## run every lab; the reports are in reports/ (index.html show
 	$(BIN)/python -m ctlabs run all --out $(OUT)
 
 test: .venv/.test ## run the tests that take seconds, with branch coverage
-	$(BIN)/python -m pytest -n 2 -m "not slow" --cov --cov-report=term -q
+	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "not slow" --cov --cov-report=term -q
 
 slow: .venv/.test ## run the tests that take minutes: every lab against its committed numbers, the wheel
 	$(BIN)/python -m pytest -m slow -q

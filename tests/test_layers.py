@@ -20,7 +20,7 @@ ROOT = Path(ctlabs.__file__).parent
 LAYERS: list[set[str]] = [
     {"_check", "text"},
     {"models", "interop"},
-    {"discretise", "shaping", "kinematics", "observability", "spectra", "symbolic"},
+    {"discretise", "shaping", "kinematics", "observability", "spectra", "symbolic", "linearise"},
     {"between", "bucy", "forms", "kalman", "steady", "updates"},
     {"reduced", "sensitivity", "scheduling", "montecarlo", "fields", "bayes", "experiment"},
     {"plots", "report", "render", "params", "portrait", "modelfile"},
