@@ -75,7 +75,7 @@ class Parameters(LabParameters):
     node: Count = given(
         22, unit="1", meaning="node of figures 2 and 3 (the last one, where a shorter field is asked for)"
     )
-    allow_unstable: Flag = given(False, unit="", meaning="take a step beyond von Neumann's limit")
+    allow_unstable: Flag = given(False, unit="yes/no", meaning="take a step beyond von Neumann's limit")
 
     @model_validator(mode="after")
     def fits(self):

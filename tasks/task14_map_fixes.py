@@ -77,6 +77,7 @@ def analytic(p):
         answer[f"{part}_terminal_rms"] = least
         answer[f"{part}_feasible_pairs"] = len(good)
         answer[f"{part}_feasible_posterior"] = sum(limit is None or posterior <= limit for *_rest, posterior in tried)
+        answer[f"{part}_gains"] = gains(P0, Qd, R, answer[f"{part}_best_pair"]) if good else None
         answer[f"{part}_needed"] = min(prior for _i, _rms, prior, _posterior in tried)
     return answer
 
@@ -91,6 +92,16 @@ def followed(P0, Qd, R, instants, horizon):
             posterior = max(posterior, math.sqrt(P))
         P = P + Qd
     return math.sqrt(P), prior, posterior
+
+
+def gains(P0, Qd, R, instants):
+    """P/(P + R) at each fix, where P follows from the information of the fixes before: 1/P⁺ = 1/P⁻ + 1/R."""
+    found, P, last = [], P0, 0
+    for t in instants:
+        P += (t - last) * Qd
+        found.append(1 / (1 + R / P))
+        P, last = 1 / (1 / P + 1 / R), t
+    return found
 
 
 def model(p, P0, Qd, R):
@@ -194,6 +205,7 @@ def part_f(r, p, systems, every, answer, experiment):
         stats = experiment.statistics(timed, steps=p.horizon, first=0)
         agreement(r, fill(_("plan of ({part})"), part=part), stats, schedule.P_plus)
         r.check(fill(_("RMS at the end, plan of ({part})"), part=part), schedule.sd_minus[-1, 0], answer[f"{part}_terminal_rms"], (_("filter with R = ∞ elsewhere"), _("every selection tried")))
+        r.check(fill(_("gains at the fixes, plan of ({part})"), part=part), schedule.K[pair, 0, 0], answer[f"{part}_gains"], (_("recursion"), _("information of the fixes")))
         curves[fill(_("({part}) fixes at {pair}"), part=part, pair=", ".join(map(str, pair)))] = (schedule, stats)
     r.table("plans", [_("part"), _("limit, m"), _("best selection"), _("RMS at the end, m"), _("selections possible"), _("possible if read after the fix"), _("least limit that can be kept, m")], rows,
             _("The best selections. Their RMS at the end is that of the prediction at t = horizon."))  # fmt: skip

@@ -21,7 +21,7 @@ LAYERS: list[set[str]] = [
     {"_check", "text"},
     {"models", "interop"},
     {"discretise", "shaping", "kinematics", "observability", "spectra", "symbolic", "linearise"},
-    {"between", "bucy", "forms", "kalman", "steady", "updates"},
+    {"between", "bucy", "forms", "kalman", "steady", "updates", "varying"},
     {"reduced", "sensitivity", "scheduling", "montecarlo", "fields", "bayes", "experiment"},
     {"plots", "report", "render", "params", "portrait", "modelfile"},
     {"labs", "cli", "workbench", "__main__"},
