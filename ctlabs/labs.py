@@ -63,12 +63,11 @@ def catalogue() -> dict[str, Lab]:
 
 
 def _lab(path: Path) -> Lab:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    meta = next(
-        ast.literal_eval(node.value)
-        for node in tree.body
-        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name) and node.targets[0].id == "META"
-    )
+    literal = re.search(r"^META = (\{.*?^\})", path.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    if literal is None:
+        msg = f"{path.name}: expected META = {{…}} at the beginning of a line, closed by a line of its own, received none"
+        raise ValueError(msg)
+    meta = ast.literal_eval(literal[1])
     return Lab(
         meta["name"],
         meta["title"],

@@ -177,7 +177,7 @@ class TestParameters:
 
 
 class TestCatalogue:
-    META = 'META = {{"name": "{}", "title": "T", "source": "S", "parts": ["a"]{}}}\n'
+    META = 'META = {{"name": "{}", "title": "T", "source": "S", "parts": ["a"]{},\n}}\n'
 
     def test_meta_is_read_without_importing_the_script(self, scripts):
         """A script that cannot be imported is listed all the same; names that begin with _ are no labs."""
