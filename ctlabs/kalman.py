@@ -345,4 +345,5 @@ def _without_cancelled(P: Array, Phi: Array, before: Array, Q: Array) -> Array:
 
 
 def _sd(P: Array) -> Array:
-    return np.sqrt(np.diagonal(P, axis1=-2, axis2=-1))
+    """A variance that is zero may come out as −1e-30 where a singular covariance is moved."""
+    return np.sqrt(np.diagonal(P, axis1=-2, axis2=-1).clip(0))

@@ -159,6 +159,18 @@ def _matrix(n: int) -> Callable[[Any], tuple[tuple[float, ...], ...]]:
     return check
 
 
+def _or_null(item: Callable[[Any], float]) -> Callable[[Any], float | None]:
+    """A validator that lets null through: a value that follows others unless it is given."""
+
+    def check(value: Any) -> float | None:
+        try:
+            return None if value is None else item(value)
+        except ValueError as error:
+            raise ValueError(str(error).replace(", received", " or null, received", 1)) from None
+
+    return check
+
+
 _any = _number("a number", math.isfinite)
 _positive = _number("a number > 0", lambda x: x > 0)
 _nonnegative = _number("a number >= 0", lambda x: x >= 0)
@@ -171,6 +183,9 @@ T = TypeVar("T")
 
 Real = Annotated[float, BeforeValidator(_any)]
 Positive = Annotated[float, BeforeValidator(_positive), Field(json_schema_extra={"exclusiveMinimum": 0})]
+PositiveOrNull = Annotated[
+    float | None, BeforeValidator(_or_null(_positive)), Field(json_schema_extra={"exclusiveMinimum": 0})
+]
 Variance = Annotated[float, BeforeValidator(_nonnegative), Field(json_schema_extra={"minimum": 0})]
 Fraction = Annotated[float, BeforeValidator(_fraction), Field(json_schema_extra={"minimum": 0, "maximum": 1})]
 VarianceOrInf = Annotated[float, BeforeValidator(_variance_or_inf), Field(json_schema_extra={"minimum": 0})]

@@ -15,6 +15,7 @@ from ctlabs.params import (
     Fraction,
     LabParameters,
     Positive,
+    PositiveOrNull,
     Positives,
     Real,
     Variance,
@@ -158,6 +159,20 @@ def test_a_bad_value_is_refused_in_one_line(name, expected, value, shown):
     with pytest.raises(ValueError) as refusal:
         Parameters.parse("task99", {name: value})
     assert str(refusal.value) == f"task99: {name}: expected {expected}, received {shown}"
+
+
+def test_null_stands_for_a_value_that_follows_others():
+    """A rate may be null or positive; anything else is refused with both said."""
+
+    class Orbit(LabParameters):
+        w: PositiveOrNull = given(None, unit="rad/s", meaning="a rate; null: it follows the radius")
+
+    assert Orbit().w is None
+    assert Orbit.parse("orbit", {"w": None}).plain() == {"w": None}
+    assert Orbit.parse("orbit", {"w": 2}).w == 2.0
+    for wrong in (0, -1.0, "fast", True):
+        with pytest.raises(ValueError, match=r"^orbit: w: expected a number > 0 or null, received [^\n]+$"):
+            Orbit.parse("orbit", {"w": wrong})
 
 
 @pytest.mark.parametrize(("value", "why"), COVARIANCES)
