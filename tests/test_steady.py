@@ -341,3 +341,40 @@ def test_after_settling_the_variances_stay_in_the_band(model: DiscreteModel) -> 
     inside = (np.abs(values - limit) <= 0.01 * limit).all(axis=1)
     assert inside[step:].all()
     assert step == 1 or not inside[step - 1]
+
+
+@pytest.mark.parametrize("across", [30.0, 3e3, 3e4])
+def test_slow_filters_with_double_poles_have_a_limit(across: float) -> None:
+    """Motion in a plane, measured 10 m along and ``across`` m across a direction: two filters of one coordinate, turned.
+
+    The slow ones are beyond the ordered Schur form of the Riccati solver.
+    """
+    Phi, Q = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[4 / 3, 2.0], [2.0, 4.0]])
+    turn = np.array([[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]])
+    R = turn @ np.diag([100.0, across**2]) @ turn.T
+    two = np.eye(2)
+    plane = DiscreteModel(
+        np.kron(two, Phi), np.kron(two, Q), np.kron(two, [[1, 0]]), R, x0=np.zeros(4), P0=1e3 * np.eye(4)
+    )
+    apart = [
+        steady.solve(DiscreteModel(Phi, Q, [[1, 0]], [[r]], x0=[0, 0], P0=1e3 * two)).P_minus
+        for r in (100.0, across**2)
+    ]
+    wanted = sum(np.kron(np.outer(c, c), P) for c, P in zip(turn.T, apart, strict=True))
+    assert close(steady.solve(plane).P_minus, wanted, SOLVER)
+    assert close(steady._doubled(plane.Phi, plane.H, plane.Qd, plane.R), wanted, SOLVER)
+    assert not close(steady._doubled(plane.Phi, plane.H, plane.Qd, broken(plane.R)), wanted, SOLVER)
+
+
+def test_a_singular_riccati_equation_that_the_solver_refuses_is_not_doubled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Doubling needs R⁻¹; with a perfect measurement the solver's own refusal is passed on."""
+    import control
+
+    def refuse(*_arguments: Any) -> None:
+        msg = "no solution"
+        raise ValueError(msg)
+
+    monkeypatch.setattr(control, "dare", refuse)
+    assert close(steady.solve(scalar(1.0, 1.0, 1.0)).P_plus, 0.5 * (np.sqrt(5) - 1), SOLVER)
+    with pytest.raises(ValueError, match="no solution"):
+        steady.solve(DiscreteModel([[1]], [[1]], [[1], [1]], [[1, 1], [1, 1]], x0=[0], P0=[[1]]))
