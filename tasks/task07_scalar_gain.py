@@ -151,7 +151,7 @@ def part_a(r, p, system):
     schedule = kalman.schedule(system, p.steps)
     K = schedule.K[1:, 0, 0]
     short = (1 - K) * schedule.P_minus[1:, 0, 0]
-    r.check(_("P⁺ = (1 − K)P⁻"), schedule.P_plus[1:, 0, 0], short, (_("Joseph form"), _("short form")), EXACT)
+    r.check(_("P⁺ = (1 − K)P⁻"), schedule.P_plus[1:, 0, 0], short, (_("Joseph form"), _("short form")), EXACT, scale=schedule.P_minus.max())
 
 
 def part_b(r, p, answer, system):
