@@ -87,7 +87,7 @@ def portrait(
     report.figure(
         f"{prefix}sawtooth",
         plots.sawtooth({"": kalman.schedule(model, min(steps, SHOWN), first)}, xlabel=xlabel,
-                       ylabel=fill(_("variance of {name}, {unit}²"), name=name, unit=unit),
+                       ylabel=fill(_("variance of {name}, {unit}"), name=name, unit=squared(unit)),
                        state=state, limits=None if limits is None else [limits]),
         _("Error variance of {name} before and after each update.") + (_(" Dotted: the limits.") if limits else ""),
         name=name,
@@ -137,6 +137,17 @@ def largest(report: Report) -> str:
         name=worst.name,
         bound=round(worst.tolerance, 2),
     )
+
+
+def squared(unit: str) -> str:
+    """The unit of a variance.
+
+    >>> squared("m"), squared("m/s"), squared("1")
+    ('m²', '(m/s)²', '1')
+    """
+    if unit == "1":
+        return unit
+    return f"({unit})²" if {"/", "·", " "} & set(unit) else f"{unit}²"
 
 
 def _measured_unit(model: DiscreteModel, measurement: int) -> str | None:
