@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # what type checkers and editors see; __getattr__ gives the same when it is used
     from ctlabs import (
+        bayes,
         between,
         bucy,
         discretise,
@@ -56,6 +57,7 @@ __all__ = [
     "ContinuousModel",
     "DiscreteModel",
     "augment",
+    "bayes",
     "between",
     "bucy",
     "discretise",
