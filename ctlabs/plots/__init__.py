@@ -10,7 +10,7 @@ from ctlabs.plots.base import lines, styled
 from ctlabs.plots.circuits import ladder
 from ctlabs.plots.continuous import ensemble_log, estimates, gains, sampled, transient
 from ctlabs.plots.diagrams import Arrow, Node, block_diagram
-from ctlabs.plots.fields import errors_by_noise, gain_rows, maps, surface
+from ctlabs.plots.fields import animation, errors_by_noise, gain_rows, maps, surface
 from ctlabs.plots.filters import ensemble_against_theory, errors, record, sawtooth
 from ctlabs.plots.frequency import bode, poles, response
 from ctlabs.plots.sweeps import pairs, sweep
@@ -19,6 +19,7 @@ __all__ = [
     "Arrow",
     "Figure",
     "Node",
+    "animation",
     "block_diagram",
     "bode",
     "ensemble_against_theory",

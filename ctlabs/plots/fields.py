@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, cast
 
 import matplotlib as mpl
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
+from PIL import Image
 
 from ctlabs.plots.base import BLACK, BLUE, GREY, ORANGE, legend, panels, styled
 from ctlabs.text import _
@@ -115,3 +118,53 @@ def errors_by_noise(groups: Mapping[str, Mapping[str, ArrayLike]], *, xlabel: st
 
 def _largest(fields: Sequence[np.ndarray]) -> float:
     return max((float(np.nanmax(np.abs(field), initial=0.0)) for field in fields), default=0.0) or 1.0
+
+
+@styled
+def animation(
+    x: ArrayLike,
+    t: ArrayLike,
+    fields: Mapping[str, ArrayLike],
+    *,
+    xlabel: str,
+    ylabel: str,
+    every: int = 1,
+    milliseconds: int = 80,
+) -> bytes:
+    """An animated GIF of fields (times, nodes) along x: truth, measurement, estimate.
+
+    ``every`` : show each so-manieth time · ``milliseconds`` : for each of them. Returns the file's bytes.
+
+    >>> gif = animation([0, 1, 2], [0, 1], {"truth": [[0, 1, 0], [1, 0, 1]]}, xlabel="place x, m", ylabel="field z, u")
+    >>> gif[:6]
+    b'GIF89a'
+    """
+    values = {name: np.asarray(field, dtype=np.float64) for name, field in fields.items()}
+    times = np.asarray(t, dtype=np.float64)
+    for name, field in values.items():
+        if field.shape != (len(times), np.size(x)):
+            msg = f"{name}: expected shape {(len(times), np.size(x))} (times, nodes), received {field.shape}"
+            raise ValueError(msg)
+    figure, ((axes,),) = panels(height=3.6)
+    canvas = FigureCanvasAgg(figure)
+    styles = {"measurement": {"linestyle": "none", "marker": "x", "color": ORANGE}, "truth": {"color": BLACK}}
+    lines = {
+        name: axes.plot(x, field[0], label=name, **styles.get(name, {"color": BLUE}))[0]
+        for name, field in values.items()
+    }
+    everything = np.concatenate([field.ravel() for field in values.values()])
+    axes.set_ylim(np.nanmin(everything), np.nanmax(everything))
+    axes.set_xlabel(xlabel)
+    axes.set_ylabel(ylabel)
+    legend(figure, axes)
+    frames = []
+    for k in range(0, len(times), every):
+        for name, line in lines.items():
+            line.set_ydata(values[name][k])
+        axes.set_title(f"t = {times[k]:.4g} s", loc="right")
+        canvas.draw()  # type: ignore[no-untyped-call]  # matplotlib's canvas has no types
+        pixels = np.asarray(canvas.buffer_rgba())  # type: ignore[no-untyped-call]  # as above
+        frames.append(Image.fromarray(pixels).convert("RGB").quantize(64))
+    packed = io.BytesIO()
+    frames[0].save(packed, format="gif", save_all=True, append_images=frames[1:], duration=milliseconds, loop=0)
+    return packed.getvalue()
