@@ -270,3 +270,19 @@ def test_tf2ss_numbers_states_in_reverse(control: Any) -> None:
     system = control.tf2ss(control.tf([1], [1, 3, 2]))
     assert close(system.A, [[-3, -2], [1, 0]], EXACT)
     assert close(system.C, [[0, 1]], EXACT)
+
+
+@pytest.mark.xfail(strict=True, reason="MMAEFilterBank pairs states with filters when it mixes their covariances")
+def test_the_covariance_of_a_bank_is_that_of_the_mixture(fk):
+    """P = Σ p_i (P_i + (x_i − x̄)(x_i − x̄)ᵀ) over all filters of the bank."""
+    filters = []
+    for x, P in ((0.0, 1.0), (2.0, 3.0)):
+        kf = fk.KalmanFilter(dim_x=1, dim_z=1)
+        kf.x, kf.P = np.array([[x]]), np.array([[P]])
+        kf.H, kf.R, kf.Q = np.eye(1), np.eye(1), np.zeros((1, 1))
+        filters.append(kf)
+    bank = fk.MMAEFilterBank(filters, [0.5, 0.5], dim_x=1, H=np.eye(1))
+    bank.update(np.array([[1.0]]))
+    mean = sum(p * kf.x for p, kf in zip(bank.p, filters, strict=True))
+    mixture = sum(p * (kf.P + (kf.x - mean) ** 2) for p, kf in zip(bank.p, filters, strict=True))
+    assert close(bank.P, mixture, EXACT)
