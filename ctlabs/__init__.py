@@ -47,6 +47,7 @@ if TYPE_CHECKING:  # what type checkers and editors see; __getattr__ gives the s
         symbolic,
         text,
         updates,
+        varying,
     )
     from ctlabs.models import ContinuousModel, DiscreteModel
     from ctlabs.shaping import augment
@@ -86,6 +87,7 @@ __all__ = [
     "symbolic",
     "text",
     "updates",
+    "varying",
 ]
 
 #: The module of every name that is not a module itself.
