@@ -150,11 +150,13 @@ def squared(unit: str) -> str:
     return f"({unit})²" if {"/", "·", " "} & set(unit) else f"{unit}²"
 
 
-def _measured_unit(model: DiscreteModel, measurement: int) -> str | None:
-    """The unit of a measurement that reads the states of one unit; None where that cannot be told."""
-    row = (model.H if model.H.ndim == 2 else model.H[-1])[measurement]
-    units = {unit for unit, h in zip(model.units, row, strict=True) if h}
-    return units.pop() if len(units) == 1 else None
+def _measured_unit(model: DiscreteModel, measurement: int) -> str:
+    """The unit of a measurement that reads states of one unit; "units of z" where that cannot be told."""
+    if model.H.ndim == 2:
+        units = {unit for unit, h in zip(model.units, model.H[measurement], strict=True) if h}
+        if len(units) == 1 and units != {""}:
+            return units.pop()
+    return _("units of z")
 
 
 def _gains(model: DiscreteModel, schedule: kalman.Schedule, xlabel: str, first: int) -> plots.Figure:

@@ -90,7 +90,7 @@ OPTIONAL = {"pandas", "jax"}
 
 @pytest.mark.parametrize(
     ("folder", "extras"),
-    [("ctlabs", ["cluster"]), ("tasks", []), ("tests", ["cluster", "test"]), ("benchmarks", ["test"])],
+    [("ctlabs", ["cluster"]), ("tasks", []), ("tests", ["cluster", "test"]), ("benchmarks", ["cluster", "test"])],
     ids=["ctlabs", "tasks", "tests", "benchmarks"],
 )
 def test_every_import_is_a_declared_dependency(folder: str, extras: list[str]):
