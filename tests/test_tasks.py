@@ -1,8 +1,11 @@
 """Every lab: complete, passing for any seed, with readable figures, and able to notice a wrong filter."""
 
+import ast
+import importlib.util
 import re
 from dataclasses import replace
 from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -84,3 +87,34 @@ class TestLab:
         if not any(touched):
             pytest.skip(f"{wrong} is zero or absent in this lab")
         assert any(not check.passed for check in report.checks)
+
+
+def reached(tree, start):
+    """Names used by a function and by the functions of its module that it calls, directly or not."""
+    functions = {node.name: node for node in tree.body if isinstance(node, ast.FunctionDef)}
+    todo, done, names = [start], set(), set()
+    while todo:
+        name = todo.pop()
+        done.add(name)
+        found = [node for node in ast.walk(functions[name]) if isinstance(node, ast.Name)]
+        own = {node.id for node in found if isinstance(node.ctx, ast.Store)}
+        own |= {node.arg for node in ast.walk(functions[name]) if isinstance(node, ast.arg)}
+        used = {node.id for node in found} - own
+        names |= used
+        todo += [other for other in used & set(functions) if other not in done]
+    return names
+
+
+@pytest.mark.parametrize("name", LABS)
+def test_the_sheets_answers_owe_nothing_to_the_library(name):
+    """`analytic` and what it calls use no name that comes from ctlabs (another lab's own answers excepted)."""
+    source = importlib.util.find_spec(LABS[name].module).origin
+    tree = ast.parse(Path(source).read_text(encoding="utf-8"))
+    ours = {
+        alias.asname or alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "ctlabs" and node.module != "ctlabs.tasks"
+        for alias in node.names
+    }
+    assert ours
+    assert reached(tree, "analytic") & ours == set()
