@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
@@ -178,8 +178,6 @@ _fraction = _number("a number from 0 to 1", lambda x: 0 <= x <= 1)
 _variance_or_inf = _number('a variance >= 0 or "inf"', lambda x: x >= 0, infinite=True)
 
 _variance_list = _list(_variance_or_inf)
-
-T = TypeVar("T")
 
 Real = Annotated[float, BeforeValidator(_any)]
 Positive = Annotated[float, BeforeValidator(_positive), Field(json_schema_extra={"exclusiveMinimum": 0})]

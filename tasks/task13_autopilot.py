@@ -27,6 +27,7 @@ from ctlabs.experiment import Experiment
 from ctlabs.models import ContinuousModel
 from ctlabs.montecarlo import chance
 from ctlabs.params import Count, LabParameters, Positive, Real, Variance, given
+from ctlabs.portrait import largest
 from ctlabs.report import EXACT, SOLVER, Report
 from ctlabs.text import _, fill, latex_number
 
@@ -971,10 +972,7 @@ def conclusions(r, p, answer):
         word = _("nearly as good as") if cost < 5 else _("worse than")
         lines.append(fill(_("Measurements every {dt} s are {word} continuous ones: the variance swings between {posterior} and {prior} m², on average {cost} % above the continuous limit."),
                           dt=p.dt, word=word, posterior=answer["altitude_variance_posterior_steady"], prior=answer["altitude_variance_prior_steady"], cost=round(cost, 4)))  # fmt: skip
-    chances = [check for check in r.checks if check.kind == "CHANCE"]
-    worst = max(chances, key=lambda check: abs(check.value))
-    lines.append(fill(_("In {tests} tests of the ensembles the largest deviation from theory is {worst} standard errors ({name}); more than {bound} would occur once in a million experiments."),
-                      tests=len(chances), worst=round(abs(worst.value), 2), name=worst.name, bound=round(worst.tolerance, 2)))  # fmt: skip
+    lines.append(largest(r))
     r.items(lines)
 
 

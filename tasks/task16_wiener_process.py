@@ -20,6 +20,7 @@ from ctlabs.experiment import Experiment
 from ctlabs.models import ContinuousModel
 from ctlabs.montecarlo import chance
 from ctlabs.params import LabParameters, Positive, Real, Variance, given
+from ctlabs.portrait import largest
 from ctlabs.report import EXACT, SOLVER, Report
 from ctlabs.text import _, fill
 
@@ -653,10 +654,7 @@ def conclusions(r, p, answer):
                 time=step * p.dt,
             )
         )
-    chances = [check for check in r.checks if check.kind == "CHANCE"]
-    worst = max(chances, key=lambda check: abs(check.value))
-    lines.append(fill(_("In {tests} tests of the ensembles the largest deviation from theory is {worst} standard errors ({name}); more than {bound} would occur once in a million experiments."),
-                      tests=len(chances), worst=round(abs(worst.value), 2), name=worst.name, bound=round(worst.tolerance, 2)))  # fmt: skip
+    lines.append(largest(r))
     r.items(lines)
 
 
