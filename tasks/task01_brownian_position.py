@@ -22,7 +22,7 @@ from ctlabs.experiment import Experiment
 from ctlabs.models import ContinuousModel
 from ctlabs.params import Count, LabParameters, Positive, Real, Variance, VarianceOrVariances, given
 from ctlabs.portrait import agreement, largest, portrait
-from ctlabs.report import Report
+from ctlabs.report import EXACT, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -69,6 +69,7 @@ def analytic(p):
         "prior_variance_steady": None if root is None else 0.5 * (root + Qd),
         "posterior_variance_steady": limit,
         "gain_steady": None if root is None else gain_by_ratio(Qd, R[-1]),
+        "settling_step": None if root is None else settling(p.P0, Qd, R, limit),
         "bias_factor": list(np.cumprod([1 - K for K in gain])),
         "posterior_variance_missing": None if root is None else recovery(limit, Qd, math.inf, R[-1]),
         "posterior_variance_perfect": None if root is None else recovery(limit, Qd, 0.0, R[-1]),
@@ -99,6 +100,16 @@ def gain_by_ratio(Qd, R):
         return 1.0 if Qd else 0.0
     ratio = Qd / R
     return 2 * ratio / (ratio + math.sqrt(ratio**2 + 4 * ratio)) if ratio else 0.0
+
+
+def settling(P0, Qd, R, limit):
+    """The first measurement from which P⁺ stays within 1 % of its limit; R goes on with its last entry, and there P⁺ is monotone."""
+    P, outside, i = P0, 0, 0
+    while i < len(R) or (limit and abs(P - limit) > 0.001 * limit):
+        P, r, i = P + Qd, R[min(i, len(R) - 1)], i + 1
+        P = 0.0 if r == 0 or P == 0 else 1 / (1 / P + 1 / r)
+        outside = i if abs(P - limit) > 0.01 * limit else outside
+    return None if limit == 0 and P > 0 else outside + 1
 
 
 def recovery(limit, Qd, anomaly, R):
@@ -175,7 +186,10 @@ def analysis(r, p, answer, R):
     r.value("gain_steady", None if limit is None else limit.K[0, 0], "1", reason=reason, agrees=answer, routes=routes)
     settled = steady.settling(model(p, R)) if limited else None
     listed = settled if np.ndim(p.R) == 0 or not limited else settled_after(p, R)
-    r.value("settling_step", listed, "1", reason=reason or _("the limit is 0, and a variance that decays to 0 never stays within 1 % of it"))
+    if listed is not None:
+        r.check(_("settling step"), listed, answer["settling_step"], (_("recursion"), _("information form")), EXACT)
+    r.value("settling_step", answer["settling_step"] if listed is None else listed, "1",
+            reason=reason or _("the limit is 0, and a variance that decays to 0 never stays within 1 % of it"))  # fmt: skip
     if limited:
         r.says(_("Here $\\rho = {ratio}$: the gain tends to {gain}, the error variance to {after} m² after and {before} m² before an update, and every step multiplies an old error by {factor}."),
                ratio=p.sigma_w2 * p.tau / R if R else math.inf, gain=limit.K[0, 0], after=limit.P_plus[0, 0], before=limit.P_minus[0, 0], factor=1 - limit.K[0, 0])  # fmt: skip
@@ -184,7 +198,8 @@ def analysis(r, p, answer, R):
 def settled_after(p, R):
     """Settling of a filter whose measurement variances are listed and then stay at the last one."""
     limit = np.diag(steady.solve(model(p, R)).P_plus)
-    horizon = len(p.R) + 400
+    after = kalman.schedule(model(p, p.R), len(p.R)).P_plus[-1]
+    horizon = len(p.R) + 64 + (steady.settling(replace(model(p, R), P0=after)) or 0)
     padded = [*p.R, *[R] * (horizon - len(p.R))]
     found = steady.settling_step(kalman.schedule(model(p, padded), horizon).P_plus[:, :, 0], limit)
     return None if found is None else max(found, 1)
@@ -296,7 +311,8 @@ def conclusions(r, p, answer, R):
         lines.append(fill(_("A missing measurement raises the variance from {limit} to {missing} m², a perfect one lowers it to 0; {steps} measurements later they are at {later} and {perfect} m²."),
                           limit=answer["posterior_variance_steady"], missing=answer["posterior_variance_missing"][0], steps=AFTER,
                           later=answer["posterior_variance_missing"][-1], perfect=answer["posterior_variance_perfect"][-1]))  # fmt: skip
-    lines.append(_("Only the ratio σ_w²τ/R shapes the filter; the scale of the variances is R."))
+    if gain and R:
+        lines.append(_("Only the ratio σ_w²τ/R shapes the filter; the scale of the variances is R."))
     lines.append(largest(r))
     r.items(lines)
 

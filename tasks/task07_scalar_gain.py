@@ -63,6 +63,7 @@ def analytic(p):
         "gain_steady": gain,
         "posterior_variance_steady": gain * p.R,
         "prior_variance_steady": p.Phi**2 * gain * p.R + p.Q,
+        "settling_step": settling(p.Phi, p.Q, p.R, p.P0, gain * p.R),
         "suboptimal_variance_ratio": variance_ratio(p.K_star, p.Phi**2, p.Q / p.R),
         "noiseless_limit": max(p.Phi**2 - 1, 0) * p.R / p.Phi**2 if p.Phi else 0.0,
         "prior_variance": predicted(p.Phi, p.Q, posterior),
@@ -95,6 +96,17 @@ def variances(Phi, Q, R, P0, steps):
     step /= np.abs(np.linalg.eigvals(step)).max()
     powers = [np.linalg.matrix_power(step, i) @ [P0, 1.0] for i in range(steps + 1)]
     return [float(above / below) for above, below in powers]
+
+
+def settling(Phi, Q, R, P0, limit):
+    """The first measurement from which P⁺ stays within 1 % of its limit: the step is increasing in P, so P⁺ is monotone."""
+    P, i = P0, 0
+    while i == 0 or abs(P - limit) > 0.01 * limit:
+        before, i = Phi**2 * P + Q, i + 1
+        P = R * before / (before + R)
+        if P == 0 != limit or (limit == 0 < P):
+            return None
+    return i
 
 
 def predicted(Phi, Q, posterior):
@@ -340,7 +352,10 @@ def part_f(r, p, answer, system):
         r.value(f"table3_{name}", [getattr(s, pick)[1:, 0, 0] for s in schedules], unit, agrees=answer, routes=routes)
         r.value(name, getattr(own, pick)[1:, 0, 0], unit, at=at, agrees=answer, routes=routes)
     settled = steady.settling(system)
-    r.value("settling_step", settled, reason="" if settled else _("the limit is 0, and a variance that decays to 0 never stays within 1 % of it"))
+    if settled is not None:
+        r.check(_("settling step"), settled, answer["settling_step"], (_("recursion"), _("scalar fraction")), EXACT)
+    reason = _("the variance stays 0, away from the limit from any P0 > 0") if p.P0 == 0 and p.Q == 0 else _("the limit is 0, and a variance that decays to 0 never stays within 1 % of it")
+    r.value("settling_step", answer["settling_step"] if settled is None else settled, reason=reason)
 
 
 def part_g(r, p, system, experiment, steps):
