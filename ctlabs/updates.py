@@ -24,7 +24,7 @@ from scipy import special
 from ctlabs import _check, kalman
 from ctlabs._check import Array
 from ctlabs.discretise import ldl
-from ctlabs.forms import _Counted
+from ctlabs.forms.contract import Counted
 from ctlabs.models import DiscreteModel, at
 
 #: Orders of processing in :func:`extended`.
@@ -524,10 +524,10 @@ def flops(n: int, m: int, way: str) -> int:
         msg = f"way: expected one of {', '.join(WAYS)}, received {way!r}"
         raise ValueError(msg)
     x, P, z, H, R = (
-        np.vectorize(_Counted, otypes=[object])(value)
+        np.vectorize(Counted, otypes=[object])(value)
         for value in (np.ones(n), np.eye(n) + 1, np.ones(m), np.ones((m, n)), np.eye(m) + 1)
     )
-    _Counted.total = 0
+    Counted.total = 0
     if way == "decorrelation":
         _eliminated(R, np.column_stack([z, H]))
     elif way == "sequential":
@@ -541,7 +541,7 @@ def flops(n: int, m: int, way: str) -> int:
         # Two triangular halves of S⁻¹: with S = LDLᵀ and Y = L⁻¹[ν, HP⁻] the corrections are (HP⁻)ᵀS⁻¹[…] = YᵀD⁻¹Y.
         scaled = rows[1][:, 1:] / rows[0][:, None]
         x, P = x + scaled.T @ rows[1][:, 0], P - scaled.T @ rows[1][:, 1:]
-    return _Counted.total
+    return Counted.total
 
 
 def _eliminated(S: Array, right: Array) -> tuple[Array, Array]:

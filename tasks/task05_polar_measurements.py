@@ -387,7 +387,7 @@ def part_e(r, truth, experiment):
     r.math(r"H' = {H}, \qquad d = {d}", H=new.H, d=by.d)
     some = experiment.histories(truth, steps=SIMULATED)
     changed = np.stack([by.measurements(z) for z in some.z])
-    apart = forms.run(new, changed[:, :, 0], "joseph")
+    apart = forms.run(new, changed[:, :, 0], "sequential")
     error = apart.x_plus - some.x_plus[:, :, 0]
     sizes = np.abs(some.x_plus[:, :, 0]).max(axis=0) + np.sqrt(np.diag(truth.P0))
     r.check(_("estimates of one record, relative to the largest"), 1 + error / sizes, np.ones_like(error), (_("z', one element after another"), _("z, both at once")))

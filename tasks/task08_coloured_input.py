@@ -247,9 +247,9 @@ def report(p, experiment: Experiment) -> Report:
     steps = plan(r, p, experiment, systems[0])
     r.heading(_("Part II. Experiment"))
     found = part_f(r, p, answer, systems, actual)
-    lost = part_g(r, systems, experiment, steps)
+    lost, cheapest = part_g(r, systems, experiment, steps)
     r.heading(_("Conclusions"))
-    conclusions(r, p, found, lost)
+    conclusions(r, p, found, lost, cheapest)
     return r
 
 
@@ -493,27 +493,38 @@ def part_g(r, systems, experiment, steps):
 
 def algorithms(r, truth, design, one):
     """Accuracy and cost of the numerical forms."""
-    r.says(_("**Numerical forms.** The same record is filtered by forms of the filter that differ in rounding only, and by one with 50 digits. $P^+ = (I-KH)P^-$ is the short form; Joseph's adds two squares; Potter carries a square root of $P$; the UD filter carries $P = UDU^T$. The cost is counted, operation by operation, while one step is done with dense matrices. Forms that invert or factor $P_0$ by Cholesky's method (filterpy's information and square-root filters) do not start here: at rest $P_0$ is singular."))
+    r.says(_("**Numerical forms.** The same record is filtered by every form of the filter in the library, and by one with 50 digits. All but the steady form differ from it in rounding only. $P^+ = (I-KH)P^-$ is the conventional, short form; Joseph's adds two squares, and so does the sequential one, element by element; Potter's, Carlson's and the array forms carry a square root of $P$; UD and LD its factors without square roots; the information forms $P^{-1}$ or a root of it. The steady form has the gain's limit from the first step on, so its difference is one of method: its digits say how far the gain is from its limit. The cost is counted, operation by operation, while one step is done with dense matrices."))
     fine = 1e-12 * kalman.schedule(truth, 1).P_minus[1, 0, 0]
     z, rows = one.z[:, :, 0], []
     systems = [(_("true model"), truth), (_("true model, fine sensor"), replace(truth, R=[[fine]])), (_("variant 1"), design)]
-    lost = {}
+    lost, refused, costs = {}, {}, []
     for name, system in systems:
         exact, found = forms.reference(system, z), forms.compare(system, z)
-        rows += [(name, c.name, c.flops, digits(c.error_variance[0]), digits(c.error_x[0] / max(np.abs(exact.x_plus[:, 0]).max(), 1e-300))) for c in found]
-        lost[name] = [c.name for c in found if digits(c.error_variance[0]) < 8]
+        size = max(np.abs(exact.x_plus[:, 0]).max(), 1e-300)
+        costs.append({c.name: c.flops for c in found})
+        able = [c for c in found if not c.failed]
+        rows += [(name, c.name, c.flops, digits(c.error_variance[0]), digits(c.error_x[0] / size)) for c in able]
+        lost[name] = [c.name for c in able if c.name != "steady" and digits(c.error_variance[0]) < 8]
+        for c in found:
+            if c.failed:
+                refused.setdefault(c.failed.removeprefix(f"form {c.name}: "), {}).setdefault(c.name, []).append(name)
         r.check(fill(_("P⁺ by filterpy, {system}"), system=name), kalman.schedule(system, len(z) - 1).P_plus, exact.P_plus, (_("double precision"), _("50 digits")), SOLVER)
         r.check(fill(_("variance of x by UD, {system}"), system=name), forms.run(system, z, "ud").P_plus[:, 0, 0], exact.P_plus[:, 0, 0], (_("double precision"), _("50 digits")), SOLVER)
     r.table("forms", [_("system"), _("form"), _("operations per step"), _("correct digits of P⁺ of x"), _("correct digits of x̂")], rows,
             _("Numerical forms. The fine sensor has the variance {fine} m², 10⁻¹² of the first prediction's."), fine=fine)  # fmt: skip
-    for name, system in (("flops_true_model", truth), ("flops_simplified", design)):
-        count = {form: forms.flops(system, form) for form in forms.FORMS}
-        r.value(name, list(count.values()))
+    for reason, where in refused.items():
+        r.says(_("Not in the table: {names}. The library says why: {reason}."), reason=reason,
+               names="; ".join(f"{form} ({', '.join(places)})" for form, places in where.items()))  # fmt: skip
+    if {"information", "srif"} & {form for where in refused.values() for form in where}:
+        r.says(_("At rest $P_0$ is singular: what is known exactly has infinite information, so forms that carry $P^{-1}$ cannot start here."))
+    for name, system, count in (("flops_true_model", truth, costs[0]), ("flops_simplified", design, costs[2])):
+        r.value(name, list(count.values()), reason=_("forms that cannot start here, named above"))
         r.check(fill(_("operations of the short form, {n} states"), n=system.n), count["conventional"], operations(system.n), (_("counted"), _("formula")), EXACT)
     given, worse = (", ".join(lost[systems[i][0]]) for i in (0, 1))
-    r.says(_("(flops_true_model and flops_simplified list the forms in the order {order}.) Forms that keep fewer than 8 digits of the variance of x: with the given sensor {given}, with the fine one {fine}. The short form is a small difference of large numbers when a measurement is much better than the prediction."),
+    r.says(_("(flops_true_model and flops_simplified list the forms in the order {order}; no number where a form cannot start.) Forms that keep fewer than 8 digits of the variance of x: with the given sensor {given}, with the fine one {fine}. The short form is a small difference of large numbers when a measurement is much better than the prediction."),
            order=", ".join(forms.FORMS), given=given or _("none"), fine=worse or _("none"))  # fmt: skip
-    return given
+    optimal_ = {form: cost for form, cost in costs[0].items() if cost and form != "steady"}
+    return given, min(optimal_, key=optimal_.get)
 
 
 def digits(error):
@@ -521,7 +532,7 @@ def digits(error):
     return 16 if error < 1e-16 else max(0, math.floor(-math.log10(error)))
 
 
-def conclusions(r, p, found, lost):
+def conclusions(r, p, found, lost, cheapest):
     """What the numbers say."""
     here, (variants, simplified) = found
     lines = []
@@ -545,7 +556,7 @@ def conclusions(r, p, found, lost):
     if lost:
         lines.append(fill(_("Not every numerical form serves here: {names} loses more than half of the digits of the variance. Use UD or Joseph's form."), names=lost))
     else:
-        lines.append(_("Any numerical form of the filter serves for the given sensor, the short one at the least cost; where a sensor is far more precise than the prediction, Joseph's form, a square root or UD is worth its operations."))
+        lines.append(fill(_("Any numerical form of the filter that can start here serves for the given sensor, the {cheapest} one at the least cost of those that compute the gain as they go; where a sensor is far more precise than the prediction, Joseph's form, a square root or UD is worth its operations."), cheapest=cheapest))
     lines.append(largest(r))
     r.items(lines)
 

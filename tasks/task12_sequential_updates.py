@@ -494,7 +494,7 @@ def part_e(r, p, answer, experiment):
     portrait(r, experiment, system, steps)
     r.says(_("(The measurements drawn over the record are $z_1 = 2x + v_1$, in their own scale.)"))
     some = experiment.histories(system, steps=steps)
-    one = forms.run(system, some.z[:, :, 0], "joseph")
+    one = forms.run(system, some.z[:, :, 0], "sequential")
     scale = float(np.abs(some.x_plus).max()) or 1.0
     r.check(_("one record, all measurements: estimates"), one.x_plus, some.x_plus[:, :, 0], (_("one element after another"), _("both at once")), scale=scale)
     r.check(_("one record, all measurements: variances"), one.P_plus, some.schedule.P_plus, (_("one element after another"), _("both at once")), scale=float(some.schedule.P_plus.max()) or 1.0)

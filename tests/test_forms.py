@@ -1,57 +1,101 @@
-"""Numerical forms of the filter: one filter in exact arithmetic, different ones in rounding and cost."""
+"""Numerical forms of the filter: the driver, the arithmetic they share, their cost, and all side by side."""
 
 import dataclasses
 
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs import forms, kalman
+from ctlabs import forms, kalman, steady
+from ctlabs.forms import contract
+from ctlabs.forms.contract import Counted, Noise, doubles, numbers
 from ctlabs.models import DiscreteModel
 from tests import reference
 from tests.reference import EXACT, SOLVER, broken, close
-from tests.strategies import discrete_models, record
+from tests.strategies import covariance, discrete_models, record, seeds
 
 WALK = DiscreteModel(
     [[1, 1], [0, 1]], [[0.25, 0.5], [0.5, 1.0]], [[1, 0]], [[2]], x0=[0, 1], P0=[[4, 1], [1, 3]], offset=[0.1, 0.0]
 )
 Z = [[np.nan], [1.0], [2.5], [np.nan], [4.0], [5.5]]
+#: Of one and the same filter: ``steady`` differs by method, not by rounding.
+OPTIMAL = [name for name in forms.FORMS if name != "steady"]
+#: Those that need P0 and R with an inverse.
+INFORMATION = ["information", "srif"]
+#: Those that take perfect measurements.
+PERFECT = [name for name in OPTIMAL if name not in [*INFORMATION, "extended_array"]]
+KINDS = [float, mpmath.mpf, Counted]
 
 
-def tame(model):
-    """A model that the forms take: no N, R diagonal."""
-    return dataclasses.replace(model, N=None, R=model.R * np.eye(model.m))
-
-
-@settings(deadline=None, max_examples=40, derandomize=True)
-@given(model=discrete_models(), seed=st.integers(0, 10**6))
-def test_all_forms_are_one_filter(model, seed):
-    """Every form gives the estimates and covariances of the textbook's recursion."""
-    model = tame(model)
-    z = record(model, 4, np.random.default_rng(seed))
-    wanted = reference.recursion(model, z)
-    for form in forms.FORMS:
-        found = forms.run(model, z, form)
-        assert close(found.P_plus, wanted.P_plus, SOLVER), form
-        assert close(found.x_plus, wanted.x_plus, SOLVER), form
+# The driver -----------------------------------------------------------------------------------------------------------
 
 
 def test_the_forms_agree_with_filterpy_and_with_sixty_digits():
     """With gaps and a known input; the reference is that of the tests' own multiprecision recursion."""
     wanted, high, own = kalman.filter_runs(WALK, Z), reference.high_precision(WALK, Z), forms.reference(WALK, Z)
-    assert close(own.P_plus, high.P_plus, EXACT)
-    assert close(own.x_plus, high.x_plus, EXACT)
-    for form in forms.FORMS:
+    for found, expected in zip((own.x_minus, own.P_minus, own.x_plus, own.P_plus), high, strict=True):
+        assert close(found, expected, EXACT)
+    for form in OPTIMAL:
         found = forms.run(WALK, Z, form)
-        assert close(found.P_plus, wanted.schedule.P_plus, EXACT)
-        assert close(found.x_plus, wanted.x_plus[:, :, 0], EXACT)
+        assert close(found.P_plus, wanted.schedule.P_plus, EXACT), form
+        assert close(found.x_plus, wanted.x_plus[:, :, 0], EXACT), form
         assert not close(
             found.P_plus, forms.run(dataclasses.replace(WALK, Qd=broken(WALK.Qd, (1, 1))), Z, form).P_plus, SOLVER
         )
 
 
+@settings(deadline=None, max_examples=25, derandomize=True)
+@given(
+    model=discrete_models(), seed=st.integers(0, 10**6), gaps=st.sampled_from([0.0, 0.3]), first=st.sampled_from([0, 1])
+)
+def test_the_driver_takes_whatever_a_model_may_be(model, seed, gaps, first):
+    """Full R, N, known inputs, matrices that vary, gaps: the moments and the likelihood of the joint distribution."""
+    z = record(model, 5, np.random.default_rng(seed), gaps, first)
+    if model.horizon is not None:
+        z = np.vstack([z, np.full((model.horizon + 1 - len(z), model.m), np.nan)])
+    wanted, found = reference.conditioned(model, z, first), forms.run(model, z, "sequential", first)
+    size = max(np.abs(model.Qd).max(), np.abs(model.P0).max(), np.abs(wanted.x_minus).max())
+    for own, expected in zip((found.x_minus, found.P_minus, found.x_plus, found.P_plus), wanted, strict=True):
+        assert close(own, expected, SOLVER, size)
+    assert close(found.log_likelihood, reference.log_likelihood(model, z, first), SOLVER)
+    plain = kalman.filter_runs(model, z, first=first)
+    assert close(found.innovation, plain.innovation[:, :, 0], SOLVER, size)
+    assert close(found.S, plain.schedule.S, SOLVER)
+    assert np.array_equal(found.used, plain.schedule.measured)
+    assert np.array_equal(np.isnan(found.nis), ~found.used.any(axis=1))
+
+
+@settings(deadline=None, max_examples=15, derandomize=True)
+@given(model=discrete_models(correlated=True), seed=st.integers(0, 10**6))
+def test_the_reference_is_that_of_sixty_digits(model, seed):
+    """Correlated noises too: two different recursions in high precision give the same doubles."""
+    z = record(model, 5, np.random.default_rng(seed), 0.2)
+    own, high = forms.reference(model, z), reference.high_precision(model, z)
+    size = max(np.abs(model.Qd).max(), np.abs(model.P0).max())
+    assert close(own.P_plus, high.P_plus, EXACT, size)
+    assert close(own.x_plus, high.x_plus, EXACT, np.abs(high.x_minus).max())
+
+
 @pytest.mark.parametrize("form", forms.FORMS)
+def test_many_records_at_once_are_one_after_another(form):
+    """The runs are the last axis of data, estimates, innovations and likelihoods."""
+    z = np.array([[np.nan], [1.0], [2.5], [3.0], [4.0]])[:, :, None] * np.array([1.0, -2.0, 0.5])
+    found = forms.run(WALK, z, form)
+    assert found.x_plus.shape == (5, 2, 3)
+    assert found.innovation.shape == (5, 1, 3)
+    assert found.nis.shape == (5, 3)
+    assert found.log_likelihood.shape == (3,)
+    for i in range(3):
+        one = forms.run(WALK, z[:, :, i], form)
+        assert isinstance(one.log_likelihood, float)
+        for name in ("x_minus", "x_plus", "innovation", "nis", "log_likelihood"):
+            assert close(getattr(found, name)[..., i], getattr(one, name), EXACT), name
+        assert close(found.P_plus, one.P_plus, EXACT)
+
+
+@pytest.mark.parametrize("form", PERFECT)
 def test_perfect_measurements_and_singular_starts(form):
     """R = 0, P0 = 0 and a second perfect measurement of the same thing are legal: K = 0 there, no 0/0."""
     twice = dataclasses.replace(
@@ -61,33 +105,235 @@ def test_perfect_measurements_and_singular_starts(form):
     found, wanted = forms.run(twice, z, form), kalman.filter_runs(twice, z)
     assert close(found.P_plus, wanted.schedule.P_plus, EXACT)
     assert close(found.x_plus, wanted.x_plus[:, :, 0], EXACT)
+    assert np.array_equal(found.used, wanted.schedule.measured)
+    assert not found.used[:, 1].any()
+
+
+def test_a_perfect_measurement_of_what_stays_known_is_left_out_in_every_form():
+    """Without noise everything is known after two perfect measurements: rounding of 10⁻¹⁷ is not informative."""
+    turning = DiscreteModel([[0.8, 0.6], [-0.6, 0.8]], np.zeros((2, 2)), [[1, 0]], [[0]], x0=[0, 0], P0=np.eye(2))
+    z = np.array([[np.nan], [0.6], [0.96], [0.936], [0.5376]])  # x0 = (0, 1)
+    for form in PERFECT:
+        found = forms.run(turning, z, form)
+        assert found.used[:, 0].tolist() == [False, True, True, False, False]
+        assert close(found.x_plus[-1], [0.5376, -0.8432], 1e-10), form
+    assert np.abs(forms.reference(turning, z).P_plus[2:]).max() < EXACT
+
+
+@pytest.mark.parametrize("form", OPTIMAL)
+def test_absent_measurements_leave_the_prediction(form):
+    """R = ∞ is a filter without data; with first = 0 an empty row 0 changes nothing."""
     absent = dataclasses.replace(WALK, R=[[np.inf]])
-    assert close(forms.run(absent, Z, form).P_plus, kalman.schedule(absent, 5).P_plus, EXACT)
+    found = forms.run(absent, Z, form)
+    assert close(found.P_plus, kalman.schedule(absent, 5).P_plus, EXACT)
+    assert np.isnan(found.nis).all()
+    assert np.isinf(found.S).all()
+    assert found.log_likelihood == 0
     assert close(forms.run(WALK, Z, form, first=0).x_plus[0], WALK.x0, EXACT)
 
 
+@pytest.mark.parametrize("form", INFORMATION)
+def test_zero_information_is_the_fit_to_the_data_alone(form):
+    """Nothing known of both states at t0: no estimate until both are seen, then that of least squares, and no P0 in it."""
+    still = dataclasses.replace(WALK, Qd=np.zeros((2, 2)), offset=None)
+    z = np.array([[np.nan], [1.0], [2.5], [np.nan], [4.0], [5.5]])
+    found = forms.run(still, z, form, P0=np.diag([np.inf, np.inf]))
+    k = np.array([1, 2, 4, 5])
+    line = np.column_stack([np.ones(4), k])
+    level, slope = np.linalg.lstsq(line, z[k, 0])[0]
+    assert close(found.x_plus[-1], [level + 5 * slope, slope], SOLVER)
+    start = 2.0 * np.linalg.inv(line.T @ line)
+    Psi = np.array([[1.0, 5.0], [0.0, 1.0]])
+    assert close(found.P_plus[-1], Psi @ start @ Psi.T, SOLVER)
+    assert np.isinf(np.diagonal(found.P_plus[0])).all()
+    assert np.isnan(found.x_plus[0]).all()
+    assert np.isinf(found.P_plus[1, 1, 1])
+    assert np.isfinite(found.P_plus[2:]).all()
+    # The first two measurements have no distribution, the others have that of their prediction.
+    assert np.isnan(found.nis[[0, 1, 2, 3]]).all()
+    assert np.isfinite(found.nis[[4, 5]]).all()
+    S = found.S[[4, 5], 0, 0]
+    terms = found.innovation[[4, 5], 0] ** 2 / S + np.log(2 * np.pi * S)
+    assert close(found.log_likelihood, -0.5 * terms.sum(), SOLVER)
+
+
+@pytest.mark.parametrize("form", INFORMATION)
+def test_one_state_may_be_unknown_beside_a_known_one(form):
+    """``inf`` for the position alone: the limit of a large variance, and the velocity keeps what is known."""
+    found = forms.run(WALK, Z, form, P0=np.diag([np.inf, 3.0]))
+    wanted = reference.high_precision(dataclasses.replace(WALK, P0=np.diag([1e18, 3.0])), Z)
+    assert close(found.x_plus[1:], wanted.x_plus[1:], SOLVER)
+    assert close(found.P_plus[1:], wanted.P_plus[1:], SOLVER)
+    assert found.P_plus[0].tolist() == [[np.inf, 0.0], [0.0, pytest.approx(3.0)]]
+
+
+@pytest.mark.parametrize("form", [name for name in forms.FORMS if name not in INFORMATION])
+def test_other_forms_refuse_zero_information(form):
+    """A covariance cannot be infinite."""
+    with pytest.raises(ValueError, match=rf"^form {form}: expected .*P0.*received"):
+        forms.run(WALK, Z, form, P0=np.diag([np.inf, 1.0]))
+
+
+@pytest.mark.parametrize("form", forms.FORMS)
+def test_another_finite_P0_is_taken_in_place_of_the_models(form):
+    """``P0=`` is the model with that P0."""
+    P0, z = [[2.0, 0.5], [0.5, 1.0]], np.ones((4, 1))
+    found, wanted = forms.run(WALK, z, form, P0=P0), forms.run(dataclasses.replace(WALK, P0=P0), z, form)
+    assert np.array_equal(found.P_plus, wanted.P_plus)
+    assert np.array_equal(found.x_plus, wanted.x_plus)
+
+
+# The forms of this file's own -----------------------------------------------------------------------------------------
+
+
+def test_joseph_is_filterpy_to_the_bit():
+    """The same calls of the same adapter."""
+    found, wanted = forms.run(WALK, Z, "joseph"), kalman.schedule(WALK, 2)
+    assert np.array_equal(found.P_plus[:3], wanted.P_plus)
+
+
+def test_steady_applies_the_limit_of_the_gain():
+    """Its gain is the Riccati equation's, its covariances the limits; after settling it is the optimal filter."""
+    rng = np.random.default_rng(3)
+    limit, z = steady.solve(WALK), rng.normal(size=(80, 1))
+    found = forms.run(WALK, z, "steady")
+    x = WALK.x0
+    for k in range(1, 80):
+        x = WALK.Phi @ x + WALK.offset
+        x = x + limit.K @ (z[k] - WALK.H @ x)
+        assert close(found.x_plus[k], x, EXACT)
+    assert close(found.P_minus[1], limit.P_minus, EXACT)
+    assert close(found.P_plus[-1], limit.P_plus, EXACT)
+    assert np.array_equal(found.P_minus[0], WALK.P0)
+    optimal = forms.run(WALK, z, "joseph")
+    assert close(found.x_plus[-1], optimal.x_plus[-1], SOLVER)
+    assert not close(found.x_plus[1], optimal.x_plus[1], 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("change", "z", "message"),
+    [
+        ({}, Z, r"^form steady: expected 1 measured elements at every instant .*, received 0 at one$"),
+        ({"H": [[1, 0], [0, 1]], "R": np.eye(2), "measurements": None}, [[1, 1], [1, np.nan]], "received 1 at one$"),
+        ({"Qd": np.ones((5, 2, 2))}, Z, "^form steady: model: expected constant matrices"),
+        ({"H": [[0, 1]]}, np.ones((3, 1)), "^form steady: .* which no measurement sees"),
+    ],
+)
+def test_steady_refuses_what_has_no_limit(change, z, message):
+    """Gaps, elements that are missing, matrices that vary, modes that are not seen."""
+    with pytest.raises(ValueError, match=message):
+        forms.run(dataclasses.replace(WALK, **change), z, "steady")
+
+
+@pytest.mark.parametrize("form", INFORMATION)
+@pytest.mark.parametrize(("change", "message"), [({"P0": [[1, 1], [1, 1]]}, "P0"), ({"R": [[0]]}, "R")])
+def test_information_forms_refuse_what_has_no_inverse(form, change, message):
+    """Singular P0 and R: one line that says which."""
+    with pytest.raises(ValueError, match=rf"^form {form}: expected .*{message}"):
+        forms.run(dataclasses.replace(WALK, **change), Z, form)
+
+
+@pytest.mark.parametrize("Phi", [[[1, 1], [1, 1]], [[0.1, 0.2], [0.3, 0.6]]])
+def test_the_information_form_refuses_a_transition_without_an_inverse(Phi):
+    """Singular exactly, and singular to rounding; a strong contraction alone is no reason."""
+    with pytest.raises(ValueError, match=r"^form information: expected a Phi with an inverse, received "):
+        forms.run(dataclasses.replace(WALK, Phi=Phi), Z, "information")
+    model = dataclasses.replace(WALK, Phi=np.diag([1.0, 1e-3]))
+    assert close(forms.run(model, Z, "information").P_plus, reference.recursion(model, Z).P_plus, SOLVER)
+
+
+def test_the_information_form_runs_without_noise():
+    """Qd = 0, where the prediction of Y is Φ⁻ᵀYΦ⁻¹, and singular Qd, against conditioning."""
+    for Qd in (np.zeros((2, 2)), [[0, 0], [0, 1]], [[1, 2], [2, 4]]):
+        model = dataclasses.replace(WALK, Qd=Qd)
+        wanted, found = reference.conditioned(model, Z), forms.run(model, Z, "information")
+        assert close(found.P_plus, wanted.P_plus, SOLVER)
+        assert close(found.x_plus, wanted.x_plus, SOLVER)
+
+
+# Rounding and cost ----------------------------------------------------------------------------------------------------
+
+
 def test_the_short_form_loses_what_the_others_keep():
-    """A sensor 10⁻¹³ as uncertain as the prediction: the short form keeps 3 digits of the variance, UD all."""
+    """A sensor 10⁻¹² as uncertain as the prediction: the short form keeps few digits of the variance, UD all."""
     fine = dataclasses.replace(WALK, R=[[1e-12]])
-    short, joseph, potter, ud = forms.compare(fine, Z)
-    assert short.error_variance[0] > 1e-6
-    assert max(joseph.error_variance[0], ud.error_variance[0]) < EXACT
-    assert potter.error_variance[0] < 1e-7
-    assert max(form.error_P for form in (joseph, potter, ud)) < EXACT
-    assert all((form.error_x < 1e-10).all() for form in (short, joseph, potter, ud))
+    found = {c.name: c for c in forms.compare(fine, Z, ["conventional", "joseph", "sequential", "potter", "ud"])}
+    assert found["conventional"].error_variance[0] > 1e-6
+    assert max(found[name].error_variance[0] for name in ("joseph", "sequential", "ud")) < EXACT
+    assert found["potter"].error_variance[0] < 1e-7
+    assert max(c.error_P for c in found.values() if c.name != "conventional") < EXACT
+    assert all((c.error_x < 1e-10).all() for c in found.values())
+
+
+@pytest.mark.parametrize("delta", [1e-6, 1e-7, 1e-8, 1e-9])
+def test_who_survives_two_sensors_that_are_almost_one(delta):
+    """Bierman's example: Joseph's form keeps no digit of P at δ = 10⁻⁸, every root and factor six at 10⁻⁹.
+
+    The reference is the closed form in rational numbers of the same doubles, not another recursion.
+    """
+    H = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, 1.0 + delta]])
+    model = DiscreteModel(np.eye(3), np.zeros((3, 3)), H, delta**2 * np.eye(2), np.zeros(3), np.eye(3))
+    found = {c.name: c for c in forms.compare(model, [[np.nan, np.nan], [1.0, 1.0]])}
+    with mpmath.workdps(60):
+        rows, R = mpmath.matrix(H.tolist()), mpmath.matrix(model.R.tolist())
+        P = (mpmath.eye(3) + rows.T * R**-1 * rows) ** -1
+        exact = reference.as_floats(P)
+    assert close(forms.reference(model, [[np.nan, np.nan], [1.0, 1.0]]).P_plus[1], exact, 1e-15)
+    for name in ("potter", "carlson", "array", "extended_array", "ud", "ld", "srif"):
+        assert found[name].error_P < 1e-6, name
+    if delta == 1e-8:
+        assert found["joseph"].error_P > 0.1
+    if delta == 1e-9:
+        assert found["joseph"].failed
+        assert found["joseph"].error_P is found["joseph"].flops is found["joseph"].seconds is None
+    assert found["steady"].failed.startswith("form steady: ")
 
 
 @settings(deadline=None, max_examples=10, derandomize=True)
-@given(n=st.integers(1, 4), seed=st.integers(0, 100))
-def test_operations_are_counted_whatever_their_values(n, seed):
+@given(n=st.integers(1, 4), m=st.integers(1, 3), seed=st.integers(0, 100))
+def test_operations_are_counted_whatever_their_values(n, m, seed):
     """The count of the short form is the sum over its products, and does not depend on the numbers."""
     rng = np.random.default_rng(seed)
-    model = DiscreteModel(rng.normal(size=(n, n)), np.eye(n), rng.normal(size=(1, n)), [[1]], np.zeros(n), np.eye(n))
+    P0 = covariance(rng, n)
+    model = DiscreteModel(rng.normal(size=(n, n)), np.eye(n), rng.normal(size=(m, n)), np.eye(m), np.zeros(n), P0)
     dot = 2 * n - 1
     predict = n * dot + 2 * n * n * dot + n * n
-    update = 2 * dot + 2 * n * dot + 2 + n + 2 * n * n + 2 * n
+    factor = sum(i + 2 * i * i for i in range(m))  # of S: a column of factors, then the rest
+    forward = sum(2 * n * i for i in range(m))
+    backward = n * sum((2 * i - 1) + 1 if i else 0 for i in range(m)) + n * m
+    solve = factor + forward + backward
+    product = n * m * dot + m * m * dot + m * m  # PHᵀ and S
+    update = product + solve + m * dot + m + n * (2 * m - 1) + n + m * n * dot + n * n * (2 * m - 1) + n * n
     assert forms.flops(model, "conventional") == predict + update
     assert forms.flops(model, "joseph") > forms.flops(model, "conventional")
+    assert forms.flops(model, "steady") == n * dot + m * dot + m + n * (2 * m - 1) + n
+
+
+@pytest.mark.parametrize("form", forms.FORMS)
+def test_the_cost_does_not_depend_on_the_data(form):
+    """Neither ill conditioned matrices nor tiny noises change the number of operations."""
+    other = dataclasses.replace(WALK, R=[[1e-12]], P0=[[1e6, 0.3], [0.3, 1e-6]])
+    assert forms.flops(WALK, form) == forms.flops(other, form) > 0
+
+
+@pytest.mark.parametrize("form", ["conventional", "ud", "steady"])
+def test_what_a_measurement_tells_of_the_next_disturbance_costs_a_product(form):
+    """With N a step adds M z to the prediction: nm products and sums, the known input's n where there was none."""
+    alone = dataclasses.replace(WALK, offset=None)
+    coupled = dataclasses.replace(alone, N=[[0.1], [0.2]])
+    assert forms.flops(coupled, form) == forms.flops(alone, form) + WALK.n
+
+
+def test_joseph_itself_leaves_out_a_perfect_measurement_of_what_is_known():
+    """Called without the driver: the second of two equal perfect sensors has no gain and no density."""
+    form = forms.FORMS["joseph"]
+    state, twice = form.start(WALK, np.array(WALK.P0)), np.array([[1.0, 0.0], [1.0, 0.0]])
+    both = form.update(state, np.ones((2, 1)), twice, Noise(np.zeros((2, 2))))
+    one = form.update(state, np.ones((1, 1)), twice[:1], Noise(np.zeros((1, 1))))
+    assert close(form.covariance(both[0]), form.covariance(one[0]), EXACT)
+    assert close(form.mean(both[0]), form.mean(one[0]), EXACT)
+    assert close(both[1].nis, one[1].nis, EXACT)
+    assert close(both[1].log_likelihood, one[1].log_likelihood, EXACT)
 
 
 def test_a_variance_that_should_vanish_is_judged_by_what_is_left():
@@ -100,24 +346,201 @@ def test_a_variance_that_should_vanish_is_judged_by_what_is_left():
 
 
 def test_a_chosen_few_are_compared():
-    """compare takes names, in their order."""
+    """compare takes names, in their order; by default all, in the order of the table."""
     assert [c.name for c in forms.compare(WALK, Z, ["ud", "joseph"])] == ["ud", "joseph"]
+    every = forms.compare(WALK, Z)
+    assert [c.name for c in every] == list(forms.FORMS)
+    assert [c.name for c in every if c.failed] == ["steady"]  # Z has a gap
+    assert all(c.seconds > 0 and c.error_P < EXACT for c in every if not c.failed)
+
+
+@pytest.mark.parametrize("form", ["conventional", "joseph", "sequential", "ud", "array"])
+def test_an_overflow_is_refused_with_its_step(form):
+    """An unstable system whose covariance leaves the doubles: the step and the time, no warnings, no NaN."""
+    wild = DiscreteModel([[1e90]], [[1]], [[1]], [[np.inf]], x0=[0], P0=[[1]], dt=0.5)
+    with pytest.raises(FloatingPointError, match=rf"^form {form}: .* overflow at step 2 \(t = 1 s\)$"):
+        forms.run(wild, np.ones((4, 1)), form)
 
 
 @pytest.mark.parametrize(
     ("change", "arguments", "message"),
     [
-        ({}, (Z, "cholesky"), "form: expected one of conventional, joseph, potter, ud, received 'cholesky'"),
-        ({}, ([[1.0, 2.0]], "ud"), r"z: expected shape \(steps\+1, 1\), received \(1, 2\)"),
-        ({"N": [[0.01], [0.02]]}, (Z, "ud"), "model: expected uncorrelated noises"),
-        (
-            {"H": np.eye(2), "R": [[2, 1], [1, 2]], "measurements": None},
-            (np.ones((3, 2)), "ud"),
-            "model: expected uncorrelated noises",
-        ),
+        ({}, (Z, "cholesky"), "form: expected one of conventional, joseph, information, .*, received 'cholesky'"),
+        ({}, ([[1.0, 2.0]], "ud"), r"z: expected shape \(steps\+1, 1\[, runs\]\), received \(1, 2\)"),
+        ({}, ([[1.0]], "ud"), r"z: expected shape"),
+        ({}, ([[1.0], [np.inf]], "ud"), r"z\[1\]\[0\]: expected finite numbers"),
+        ({}, (Z, "ud", 2), "first: expected 0 or 1, received 2"),
+        ({"Qd": np.ones((2, 2, 2))}, (Z, "ud"), "steps: expected at most 2"),
     ],
 )
-def test_what_the_forms_cannot_do_is_refused(change, arguments, message):
-    """Unknown names, wrong shapes, correlated noises."""
+def test_what_is_no_record_is_refused(change, arguments, message):
+    """Unknown names, wrong shapes, infinite data, more steps than the model has."""
     with pytest.raises(ValueError, match=message):
         forms.run(dataclasses.replace(WALK, **change), *arguments)
+    with pytest.raises(ValueError, match="form: expected one of"):
+        forms.compare(WALK, Z, ["ud", "UD"])
+    with pytest.raises(TypeError, match="model: expected a DiscreteModel"):
+        forms.run("WALK", Z, "ud")
+    with pytest.raises(ValueError, match="P0: expected 0 beside an infinite variance"):
+        forms.run(WALK, Z, "information", P0=[[np.inf, 1.0], [1.0, 2.0]])
+
+
+# The arithmetic that the forms share ----------------------------------------------------------------------------------
+
+
+def sizes():
+    return st.tuples(st.integers(1, 4), st.integers(1, 6))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(deadline=None, max_examples=15, derandomize=True)
+@given(size=sizes(), seed=seeds)
+def test_a_triangular_root_has_the_same_square(kind, size, seed):
+    """LLᵀ = AAᵀ with no negative diagonal; the rows below ride along: AΘ(AΘ)ᵀ = AAᵀ."""
+    A = np.random.default_rng(seed).normal(size=size)
+    L = doubles(contract.triangular(numbers(A, kind)))
+    assert close(L @ L.T, A @ A.T, EXACT)
+    assert not np.triu(L, 1).any()
+    assert (L.diagonal() >= 0).all()
+    assert L.shape == (size[0], size[0])
+    for rows in range(1, size[0] + 1):
+        T = doubles(contract.triangularised(numbers(A, kind), rows))
+        assert close(T @ T.T, A @ A.T, EXACT)
+        assert not np.triu(T[:rows], 1).any()
+        assert (T[:rows].diagonal() >= 0).all()
+    assert not close(broken(L) @ broken(L).T, A @ A.T, SOLVER)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(deadline=None, max_examples=15, derandomize=True)
+@given(n=st.integers(1, 4), k=st.integers(1, 3), seed=seeds)
+def test_linear_systems_are_solved_in_every_kind_of_number(kind, n, k, seed):
+    """Solutions put back into their equations, for regular, triangular, definite and indefinite matrices."""
+    rng = np.random.default_rng(seed)
+    A, B = rng.normal(size=(n, n)) + 2 * np.eye(n), rng.normal(size=(n, k))
+    size = np.linalg.cond(A)
+    P = covariance(rng, n)
+    own = [numbers(M, kind) for M in (A, B, P)]
+    assert close(A @ doubles(contract.solve(own[0], own[1])), B, EXACT * size)
+    assert close(A @ doubles(contract.inverse(own[0])), np.eye(n), EXACT * size)
+    L = doubles(contract.cholesky(own[2]))
+    assert close(L @ L.T, P, EXACT)
+    assert not np.triu(L, 1).any()
+    lower = np.tril(A)
+    assert close(lower @ doubles(contract.substituted(own[0], own[1])), B, EXACT * np.linalg.cond(lower))
+    upper = np.triu(A)
+    assert close(upper @ doubles(contract.substituted_back(own[0], own[1])), B, EXACT * np.linalg.cond(upper))
+    d, rows = (doubles(part) for part in contract.eliminated(own[2], own[1]))
+    assert close((rows.T / d) @ rows, B.T @ np.linalg.solve(P, B), SOLVER)
+    assert close(d.prod(), np.linalg.det(P), SOLVER)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_singular_matrices_are_refused(kind):
+    """LinAlgError, which the driver tells with the form and the step."""
+    singular, zero = numbers([[1.0, 2.0], [2.0, 4.0]], kind), numbers([[0.0]], kind)
+    for call in (
+        lambda: contract.solve(singular, singular),
+        lambda: contract.inverse(zero),
+        lambda: contract.cholesky(numbers([[1.0, 2.0], [2.0, 1.0]], kind)),
+        lambda: contract.substituted(numbers([[1.0, 0.0], [1.0, 0.0]], kind), singular),
+    ):
+        with pytest.raises(np.linalg.LinAlgError, match="expected a regular matrix"):
+            call()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(deadline=None, max_examples=15, derandomize=True)
+@given(n=st.integers(1, 4), seed=seeds, data=st.data())
+def test_a_noise_and_its_factors(kind, n, seed, data):
+    """M = L diag(d) Lᵀ = (L√d)(L√d)ᵀ, of full rank or not; the thin factors leave out the zero columns."""
+    rank = data.draw(st.integers(0, n))
+    M = covariance(np.random.default_rng(seed), n, rank)
+    noise = Noise(numbers(M, kind))
+    L, d, root = doubles(noise.L), doubles(noise.d), doubles(noise.root)
+    assert close((L * d) @ L.T, M, EXACT)
+    assert close(root @ root.T, M, EXACT)
+    assert not np.triu(root, 1).any()
+    thin = doubles(noise.thin)
+    assert close(thin @ thin.T, M, EXACT)
+    assert close((doubles(noise.thin_L) * doubles(noise.thin_d)) @ doubles(noise.thin_L).T, M, EXACT)
+    assert thin.shape[1] == np.count_nonzero(d)
+    assert noise.singular == (np.count_nonzero(d) < n)
+    assert noise.diagonal == (not M[~np.eye(n, dtype=bool)].any())
+
+
+@settings(deadline=None, max_examples=15, derandomize=True)
+@given(m=st.integers(1, 4), seed=seeds)
+def test_three_ways_to_the_same_evidence(m, seed):
+    """From ν and S, from independent innovations, from whitened ones: the normal density, in doubles and 50 digits."""
+    rng = np.random.default_rng(seed)
+    S, nu = covariance(rng, m), rng.normal(size=(m, 3))
+    C = np.linalg.cholesky(S)
+    nis = np.einsum("ir,ij,jr->r", nu, np.linalg.inv(S), nu)
+    wanted = -0.5 * (nis + np.linalg.slogdet(2 * np.pi * S)[1])
+    e = np.linalg.solve(C, nu)
+    with mpmath.workdps(50):
+        high = contract.evidence(numbers(nu, mpmath.mpf), numbers(S, mpmath.mpf))
+    for found in (
+        contract.evidence(nu, S),
+        contract.independent(e * C.diagonal()[:, None], C.diagonal() ** 2),
+        contract.whitened(e, C.diagonal()),
+        high,
+    ):
+        assert close(doubles(found.nis), nis, SOLVER)
+        assert close(doubles(found.log_likelihood), wanted, SOLVER)
+
+
+def test_evidence_of_what_says_nothing():
+    """A variance of 0 is left out; one that rounding has made negative has no likelihood; nothing of it is counted."""
+    nu, s = np.array([[1.0], [2.0]]), np.array([0.0, 4.0])
+    found = contract.independent(nu, s)
+    assert close(found.nis, [1.0], EXACT)
+    assert close(found.log_likelihood, [-0.5 * (1 + np.log(8 * np.pi))], EXACT)
+    assert np.isnan(contract.evidence(nu, np.diag([1.0, -1e-17])).log_likelihood).all()
+    high = contract.independent(numbers(nu, mpmath.mpf), numbers([1.0, -1.0], mpmath.mpf))
+    assert mpmath.isnan(high.log_likelihood[0])
+    Counted.total, counted = 0, numbers(np.eye(2), Counted)
+    contract.evidence(counted, counted)
+    contract.whitened(counted, counted[0])
+    assert Counted.total == 0
+
+
+@settings(deadline=None, max_examples=20, derandomize=True)
+@given(n=st.integers(1, 4), seed=seeds, data=st.data())
+def test_what_information_tells_of_each_state(n, seed, data):
+    """Y = AᵀA of some rows A: states that A determines have the least-squares variance, the others ``inf``."""
+    rng = np.random.default_rng(seed)
+    rank = data.draw(st.integers(0, n))
+    A = rng.normal(size=(rank, n)) * 10.0 ** rng.integers(-3, 4, size=n)
+    kept = data.draw(st.integers(0, n))
+    A[:, kept:] *= rng.uniform(size=n - kept) < 0.5  # some states do not enter at all
+    x = rng.normal(size=(n, 1))
+    mean, P = contract.recovered(A.T @ A, A.T @ A @ x)
+    scaled = A / np.where(np.abs(A).max(axis=0, initial=0.0) > 0, np.linalg.norm(A, axis=0), 1.0)
+    null = np.linalg.svd(scaled)[2][np.linalg.matrix_rank(scaled, tol=1e-9) :] if rank else np.eye(n)
+    lost = np.abs(null).max(axis=0, initial=0.0) > 1e-6
+    assert np.array_equal(contract.unknown(P), lost)
+    assert np.array_equal(np.isnan(mean[:, 0]), lost)
+    assert not P[np.ix_(lost, ~lost)].any()
+    wanted = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True)[np.ix_(~lost, ~lost)]
+    size = np.where(np.linalg.norm(A, axis=0) > 0, np.linalg.norm(A, axis=0), 1.0)[~lost]
+    if not lost.all():
+        found = P[np.ix_(~lost, ~lost)] * np.outer(size, size)
+        condition = np.linalg.norm(wanted, 2)
+        assert close(found, wanted, 1e-11 * max(condition, 1.0))
+        assert close(mean[~lost], x[~lost], 1e-9 * max(condition, 1.0), size=float(np.abs(x).max()) + 1e3)
+
+
+def test_counted_numbers_are_numbers():
+    """They compare, negate and turn into doubles without cost; a square root costs one."""
+    a, b = Counted(2.0), Counted(3.0)
+    Counted.total = 0
+    assert a < b <= 3
+    assert b > a >= 2
+    assert float(-a) == -2.0
+    assert float(abs(Counted(-2.0))) == 2.0
+    assert not Counted(0.0)
+    assert Counted.total == 0
+    assert float((a + b) ** 0.5 * 2 / b - 1) == pytest.approx(2 * 5**0.5 / 3 - 1)
+    assert Counted.total == 5
