@@ -695,7 +695,7 @@ def _compiled() -> Callable[..., None]:
     """:func:`_potter` compiled once, and kept on disk."""
     import numba
 
-    from ctlabs.montecarlo import cache as kernels
+    from ctlabs import compiled as kernels
 
     dispatcher: Any = numba.njit(nogil=True)(_potter)
     kernels.enable(dispatcher)

@@ -309,11 +309,12 @@ def _informative(P: Array, H: Array, R: Array) -> Mask:
     if perfect.any():
         finite = np.where(used[:, None] & used, R, 0.0)
         S = H @ P @ H.T + finite
-        size = (np.abs(H) @ np.sqrt(np.diag(P))) ** 2 + np.diag(finite)
+        size = (np.abs(H) @ np.sqrt(np.diag(P).clip(0))) ** 2 + np.diag(finite)
         for i in np.flatnonzero(perfect):
             before = np.flatnonzero(used[:i])
-            left = S[i, i] - S[i, before] @ np.linalg.solve(S[np.ix_(before, before)], S[before, i])
-            used[i] = left > 16 * len(P) * np.finfo(float).eps * size[i]
+            weights = np.linalg.solve(S[np.ix_(before, before)], S[before, i])
+            terms = (np.abs(weights) @ np.sqrt(size[before]) + np.sqrt(size[i])) ** 2  # of the innovation that is left
+            used[i] = S[i, i] - S[i, before] @ weights > 16 * len(P) * np.finfo(float).eps * terms
     return used
 
 

@@ -22,8 +22,8 @@ import numba
 import numpy as np
 from numba.extending import register_jitable
 
+from ctlabs import compiled
 from ctlabs._check import Array
-from ctlabs.montecarlo import cache
 from ctlabs.montecarlo.histogram import Histogrammed
 from ctlabs.montecarlo.plan import Design, Truth
 
@@ -287,4 +287,4 @@ def block(
                 add_squares(predicted, count, row[5 * d : 6 * d])
 
 
-cache.enable(block)
+compiled.enable(block)
