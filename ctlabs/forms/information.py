@@ -11,7 +11,7 @@ where measurements are many; the estimate itself takes a solution of Yx̂ = y.
 Source: Maybeck vol. 1, section 5.7; Anderson & Moore, *Optimal Filtering* (1979), section 6.3; the prediction in
 Joseph's form is the dual of :mod:`ctlabs.forms.joseph`.
 
-Operations per step (leading terms): 2m²n + 2mn² for the update, (26/3)n³ + 8sn² for the prediction.
+Operations per step (leading terms): 2m²n + 2mn² for the update, (32/3)n³ + 6sn² + 4s²n + 2s³/3 for the prediction.
 
 R = 0 and singular R: no · singular Q: yes · singular P0: no (it has no inverse) · singular Φ: no · no information
 (``inf`` in P0): yes, it begins with Y = 0 there. What Y adds up it rounds to the size of the sum: where one combination

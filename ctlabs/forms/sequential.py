@@ -12,7 +12,7 @@ the last line being Joseph's form for one element, in 8n² operations instead of
 Source: Bierman, *Factorization Methods for Discrete Sequential Estimation* (1977), sections II.8, IV.2 and V.2 (the
 "stabilized Kalman" algorithm).
 
-Operations per step (leading terms): 4n³ for the prediction, 13n² for each of m elements; m²n more to separate them.
+Operations per step (leading terms): 4n³ for the prediction, 8n² for each of m elements; m²n more to separate them.
 
 R = 0 and singular R: yes · singular Q, P0, Φ: yes · no information (``inf`` in P0): no. As accurate as Joseph's form.
 """
