@@ -1,0 +1,307 @@
+"""The filter that is fed one measurement at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import count
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ctlabs import _check, forms, kalman
+from ctlabs._check import Array
+from ctlabs.forms.run import _innovation
+from ctlabs.models import ContinuousModel, DiscreteModel
+from ctlabs.online import files
+from ctlabs.online.plants import Given, Instant, finite_time, plant, short
+
+#: Its recursion tells which perfect measurements are known already.
+JOSEPH = forms.FORMS["joseph"]
+
+
+class Estimate(NamedTuple):
+    r"""What a filter knows at an instant.
+
+    ``t`` s · ``x`` (n,), ``P`` (n, n), estimate and covariance of its error given everything measured so far ·
+    ``innovation`` (m,), NaN where an element did not enter the update · ``S`` (m, m), its covariance, ``inf`` on the
+    diagonal there · ``nis``, :math:`\nu^TS^{-1}\nu`, NaN where nothing entered
+    """
+
+    t: float
+    x: Array
+    P: Array
+    innovation: Array
+    S: Array
+    nis: float
+
+
+class Filter:
+    """A filter that is fed one measurement at a time.
+
+    Parameters
+    ----------
+    model : a DiscreteModel, constant or given for a number of steps; or a ContinuousModel, which may be measured at any
+        times and is discretised for each interval
+    algorithm : a name of :data:`ctlabs.forms.FORMS`; ``steady`` needs a DiscreteModel, measured at every instant
+    R : (m, m), covariance of a sampled measurement, unit²: needed with a ContinuousModel (whose Rc is the strength of a
+        continuous one), refused with a DiscreteModel
+    t0 : time of x0 and P0, s
+    first : 1 (the first measurement comes after t0) or 0 (it may come at t0)
+    memory : how many instants before the present one are kept for late measurements
+    P0 : (n, n), in place of the model's; ``inf`` on its diagonal means that nothing is known of that state, which the
+        forms ``information`` and ``srif`` allow
+
+    Raises
+    ------
+    TypeError, ValueError
+        R missing or superfluous; an unknown algorithm; what the form cannot do ("form NAME: expected …, received …").
+
+    >>> walk = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]])
+    >>> online = Filter(walk, "ud")
+    >>> [online.step(z).x.round(6).item() for z in (1.0, None, 2.0)]
+    [0.916667, 0.916667, 1.723404]
+    """
+
+    def __init__(
+        self,
+        model: DiscreteModel | ContinuousModel,
+        algorithm: str = "joseph",
+        *,
+        R: ArrayLike | None = None,
+        t0: float = 0.0,
+        first: int = 1,
+        memory: int = 0,
+        P0: ArrayLike | None = None,
+    ) -> None:
+        if algorithm not in forms.FORMS:
+            msg = f"algorithm: expected one of {', '.join(forms.FORMS)}, received {algorithm!r}"
+            raise ValueError(msg)
+        if isinstance(first, bool) or first not in (0, 1):
+            msg = f"first: expected 0 or 1, received {first!r}"
+            raise ValueError(msg)
+        self._plant = plant(model, algorithm, R, finite_time("t0", t0), P0)
+        self._algorithm, self._form, self._first = algorithm, forms.FORMS[algorithm], int(first)
+        self._memory = _check.count("memory", memory, least=0)
+        self._before, self._begun = 0.0, False  # log-likelihood of what is forgotten; whether a step was made
+        state = self._form.start(self._plant.model, self._plant.P0)
+        known = JOSEPH.start(self._plant.model, self._plant.model.P0) if self._plant.perfect else None
+        z = np.full(self._plant.model.m, np.nan)
+        none, S, u = np.zeros(len(z), dtype=bool), np.diag(np.full(len(z), np.inf)), self._plant.input(None)
+        start = Instant(0, self._plant.t0, u, z, none, state, state, known, known, z, S, np.nan, 0.0)
+        self._past = [start]
+
+    def step(self, z: ArrayLike | None, t: float | None = None, u: ArrayLike | None = None) -> Estimate:
+        """Go to time t and take in what was measured there.
+
+        Parameters
+        ----------
+        z : (m,), or a number where m = 1; NaN or None marks a missing element, None alone a pure prediction
+        t : s; by default the next instant of a DiscreteModel. Instants skipped in between are instants without a
+            measurement. An earlier time is that of a late measurement: it fills what was missing at an instant or, with
+            a ContinuousModel, makes an instant of its own.
+        u : (r,), known input of a ContinuousModel with B, constant since the previous instant; zero by default
+
+        Returns
+        -------
+        Estimate at the present instant, to which a late measurement contributes without moving it
+
+        Raises
+        ------
+        TypeError, ValueError
+            A time that is not one of a DiscreteModel's instants, or before the memory; an element measured there
+            already; an infinite value. What the form cannot do.
+        FloatingPointError
+            The covariance overflows. After an exception the filter is as it was before the call.
+        """
+        data, following = self._data(z), self.k + 1 if self._begun or self._first else 0
+        time = self._plant.when(t, following)
+        if u is not None and time <= self.t:
+            msg = f"u: expected none with a measurement at {time:g} s (now is {self.t:g} s), received one"
+            raise ValueError(msg)
+        try:
+            with np.errstate(
+                over="ignore", invalid="ignore", divide="ignore"
+            ):  # overflows are reported, with their time
+                if time > self.t:
+                    self._go(self._past, self._plant.way(self._past[-1], time, self._plant.input(u), data))
+                else:
+                    self._insert(time, data)
+        except np.linalg.LinAlgError as error:
+            received = f"one singular by rounding (measurement at {time:g} s)"
+            msg = f"form {self._algorithm}: expected matrices with an inverse, received {received}"
+            raise FloatingPointError(msg) from error
+        self._begun = True
+        return self.estimate
+
+    @property
+    def estimate(self) -> Estimate:
+        """The estimate at the present instant, as :meth:`step` returned it."""
+        now = self._past[-1]
+        return Estimate(now.t, self.x, self.P, now.innovation.copy(), now.S.copy(), now.nis)
+
+    @property
+    def x(self) -> Array:
+        """Estimate of the state at the present, (n,); NaN where nothing is known of a state."""
+        return self._form.mean(self._past[-1].after)[:, 0].copy()
+
+    @property
+    def P(self) -> Array:
+        """Covariance of its error, (n, n); ``inf`` on the diagonal where nothing is known of a state."""
+        P = self._form.covariance(self._past[-1].after)
+        return 0.5 * (P + P.T)
+
+    @property
+    def t(self) -> float:
+        """The present, s."""
+        return self._past[-1].t
+
+    @property
+    def k(self) -> int:
+        """The index of the present instant: 0 at t0, one more at every instant since."""
+        return self._past[-1].k
+
+    @property
+    def log_likelihood(self) -> float:
+        """The logarithm of the joint density of everything measured so far."""
+        total = self._before
+        for instant in self._past:  # one by one: the sum must not depend on how many are remembered
+            total += instant.log_likelihood
+        return total
+
+    def save(self, path: str | Path) -> None:
+        """Write the filter to a file (NumPy's .npz, whatever the name), replacing it as a whole.
+
+        The file holds the model, the options and the state; :meth:`load` continues to the bit.
+        """
+        plant = self._plant
+        header, arrays = files.described(plant.given)
+        header |= {"algorithm": self._algorithm, "t0": plant.t0, "first": self._first, "memory": self._memory}
+        header |= {"begun": self._begun, "before": self._before, "instants": len(self._past)}
+        arrays |= {"option.P0": plant.P0} | ({} if plant.R is None else {"option.R": plant.R})
+        for i, instant in enumerate(self._past):
+            arrays |= {f"instant.{i}.{j}": np.asarray(leaf) for j, leaf in enumerate(files.leaves(instant))}
+        files.write(Path(path), header, arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Filter:
+        """The filter that :meth:`save` wrote. Nothing in the file is executed, whatever it holds.
+
+        Raises
+        ------
+        OSError
+            The file cannot be read.
+        ValueError
+            It is no saved filter, is damaged, or was written in another format.
+        """
+        return files.read(Path(path), cls._restored)
+
+    @classmethod
+    def _restored(cls, header: dict[str, Any], arrays: dict[str, Array]) -> Filter:
+        """A new filter of the saved model and options, with the saved instants in place of its start."""
+        restored = cls(
+            files.model(header, arrays),
+            header["algorithm"],
+            R=arrays.get("option.R"),
+            t0=header["t0"],
+            first=header["first"],
+            memory=header["memory"],
+            P0=arrays["option.P0"],
+        )
+        start, saved = restored._past[0], range(_check.count("instants", header["instants"]))
+        restored._past = [files.filled(start, (arrays[f"instant.{i}.{j}"] for j in count())) for i in saved]
+        restored._before, restored._begun = float(header["before"]), bool(header["begun"])
+        return restored
+
+    # What is measured, in its place ---------------------------------------------------------------------------------
+
+    def _data(self, z: ArrayLike | None) -> Array:
+        """A measurement as (m,), NaN where nothing is measured."""
+        m = self._plant.model.m
+        wanted = f"{m} finite numbers, NaN or None where one is missing" if m > 1 else "a finite number, NaN or None"
+        try:
+            data = np.full(m, np.nan) if z is None else np.array(z, dtype=np.float64)
+        except (TypeError, ValueError):
+            msg = f"z: expected {wanted}, received {short(z)}"
+            raise TypeError(msg) from None
+        data = data.reshape(1) if data.ndim == 0 else data
+        if data.shape != (m,) or np.isinf(data).any():
+            msg = f"z: expected {wanted}, received {short(z)}"
+            raise ValueError(msg)
+        return data
+
+    def _insert(self, time: float, data: Array) -> None:
+        """Put a measurement in its place, and do again what came after it."""
+        if time < self._past[0].t:
+            oldest = f"{self._past[0].t:g} s (now is {self.t:g} s, memory {self._memory})"
+            msg = f"t: expected a time not before {oldest}, received {time:g}"
+            raise ValueError(msg)
+        i = max(i for i, instant in enumerate(self._past) if instant.t <= time)
+        there, later = self._past[i], self._past[i + 1 :]
+        if there.t < time:
+            past, way = self._past[: i + 1], [Given(time, later[0].u, data)]
+        else:
+            past, way = [*self._past[:i], self._completed(there, data)], []
+        self._go(past, [*way, *(Given(old.t, old.u, old.z) for old in later)])
+
+    def _completed(self, instant: Instant, data: Array) -> Instant:
+        """An instant with the data that were missing."""
+        new = ~np.isnan(data)
+        if instant.k < self._first and new.any():
+            msg = f"t: expected a first measurement after t0 = {instant.t:g} s (first=1), received one at t0"
+            raise ValueError(msg)
+        twice = np.flatnonzero(new & ~np.isnan(instant.z))
+        if twice.size:
+            i = twice[0]
+            msg = f"z[{i}]: expected no second value at {instant.t:g} s, received {data[i]:g} after {instant.z[i]:g}"
+            raise ValueError(msg)
+        return self._updated(instant, np.where(new, data, instant.z))
+
+    def _go(self, past: list[Instant], way: Iterable[Given]) -> None:
+        """Predict and update along the ``way``; nothing changes unless all of it succeeds."""
+        past, before = list(past), self._before
+        for given in way:
+            past.append(self._updated(self._predicted(past[-1], given), given.z))
+            if len(past) > self._memory + 1:
+                before += past.pop(0).log_likelihood
+        self._past, self._before = past, before
+
+    def _predicted(self, last: Instant, given: Given) -> Instant:
+        """The next instant before its data."""
+        motion = self._plant.motion(last, given)
+        before, ahead = self._form.predict(last.after, *motion), last.known
+        if ahead is not None:
+            ahead = JOSEPH.predict(ahead, *motion)
+        return last._replace(k=last.k + 1, t=given.t, u=given.u, before=before, ahead=ahead)
+
+    def _updated(self, instant: Instant, z: Array) -> Instant:
+        """The instant with the data z: from its state before to that after."""
+        H, R = self._plant.measured(instant.k)
+        used = np.isfinite(R.diagonal()) & ~np.isnan(z)
+        if instant.ahead is not None:
+            used = kalman._informative(instant.ahead.P, H, kalman._absent(R, ~used))
+        nu, S = np.full(len(z), np.nan), np.diag(np.full(len(z), np.inf))
+        after, known, nis, log_likelihood = instant.before, instant.ahead, np.nan, 0.0
+        if used.any():
+            own = (z[used, None], H[used], self._plant.noise(R, used))
+            after, told = self._form.update(instant.before, *own)
+            if known is not None:
+                known = JOSEPH.update(known, *own)[0]
+            x, P = self._form.mean(instant.before), self._form.covariance(instant.before)
+            nu[used, None], S[np.ix_(used, used)] = _innovation(x, P, *own)
+            if np.isfinite(S.diagonal()[used]).all():  # what was not known at all says nothing of the model
+                nis, log_likelihood = float(told.nis[0]), float(told.log_likelihood[0])
+        self._finite(instant.t, after, S.diagonal()[used])
+        changed = instant._replace(z=z, used=used, after=after, known=known, innovation=nu, S=S)
+        return changed._replace(nis=nis, log_likelihood=log_likelihood)
+
+    def _finite(self, t: float, state: Any, variances: Array) -> None:
+        """An overflow is refused; from a start without information NaN and inf have their meaning."""
+        x, P = self._form.mean(state), self._form.covariance(state)
+        start = not np.isfinite(self._plant.P0).all()
+        free = np.isposinf(P.diagonal()) & start
+        finite = (np.isfinite(P) | np.diag(free)).all() and (np.isfinite(x[:, 0]) | free).all()
+        if not (finite and (np.isfinite(variances) | start).all()):
+            msg = f"form {self._algorithm}: expected finite covariances, received an overflow at t = {t:g} s"
+            raise FloatingPointError(msg)

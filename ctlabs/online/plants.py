@@ -1,0 +1,221 @@
+"""A model as an online filter takes it: when it may be measured, and what moves it from instant to instant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ctlabs import _check, kalman
+from ctlabs._check import Array
+from ctlabs.discretise import interval
+from ctlabs.forms.contract import Noise
+from ctlabs.forms.run import _start
+from ctlabs.models import ContinuousModel, DiscreteModel, at
+
+#: Intervals whose discretisation is kept.
+CACHED = 64
+#: A time this close to an instant of a discrete model, as a fraction of its period, is that instant.
+ON_GRID = 1e-6
+#: More instants than these are not skipped: such a time is a mistake of its unit.
+SKIPPED = 10**6
+
+
+class Instant(NamedTuple):
+    """One instant: the known input until then, the data, and the form's states before and after the update.
+
+    ``known`` is Joseph's state after the update where some measurements are perfect: it tells which of them are known
+    already, as in :mod:`ctlabs.forms.run`; ``ahead`` the same before the update.
+    """
+
+    k: int
+    t: float
+    u: Array
+    z: Array
+    used: Array
+    before: Any
+    after: Any
+    ahead: Any
+    known: Any
+    innovation: Array
+    S: Array
+    nis: float
+    log_likelihood: float
+
+
+class Given(NamedTuple):
+    """An instant to go to: its time, the known input until then, its data."""
+
+    t: float
+    u: Array
+    z: Array
+
+
+class Plant:
+    """What is common to both kinds of models.
+
+    ``given``, the model as it was given · ``model``, the DiscreteModel that a form starts from · ``P0``, the covariance to
+    start from · ``perfect``, whether some measurement has no noise of its own · ``R``, as it was given beside the model
+    """
+
+    def __init__(
+        self, given: DiscreteModel | ContinuousModel, model: DiscreteModel, R: Array | None, t0: float, P0: Any
+    ) -> None:
+        self.given, self.R, self.t0 = given, R, t0
+        self.model, self.P0 = _start(model, P0)
+        self.perfect = any(kalman._perfect(R).any() for R in model.R.reshape(-1, model.m, model.m))
+        self._kept: dict[Any, Any] = {}
+
+    def measured(self, k: int) -> tuple[Array, Array]:
+        """H and R at instant k."""
+        return at(self.model.H, k if self.model.H.ndim == 3 else 0, 2), at(self.model.R, k, 2)
+
+    def noise(self, R: Array, used: Array) -> Noise:
+        """The covariance of the elements used."""
+        return self._keep(("R", used.tobytes()), self.model.R.ndim == 2, lambda: Noise(R[np.ix_(used, used)]))
+
+    def _keep(self, key: Any, constant: bool, make: Callable[[], Any]) -> Any:
+        """What was made before of ``constant`` matrices, if it is among the last :data:`CACHED`."""
+        if not constant:
+            return make()
+        if key not in self._kept:
+            if len(self._kept) >= CACHED:
+                del self._kept[next(iter(self._kept))]
+            self._kept[key] = make()
+        return self._kept[key]
+
+
+class Periodic(Plant):
+    """A DiscreteModel: instants t0 + k·dt."""
+
+    def __init__(self, given: DiscreteModel, t0: float, P0: Any) -> None:
+        super().__init__(given, given, None, t0, P0)
+
+    def when(self, t: float | None, following: int) -> float:
+        """The time of a measurement, one of the instants."""
+        model, k = self.model, following
+        if t is not None:
+            time = finite_time("t", t)
+            ratio = (time - self.t0) / model.dt
+            k = round(ratio) if abs(ratio) < 2**53 else -1
+            if abs(self.t0 + k * model.dt - time) > ON_GRID * model.dt + 4 * np.spacing(abs(time)):
+                wanted = f"an instant t0 + k*dt (t0 = {self.t0:g} s, dt = {model.dt:g} s)"
+                msg = f"t: expected {wanted}; a ContinuousModel takes any time; received {time!r}"
+                raise ValueError(msg)
+        if model.horizon is not None and k > model.horizon:
+            msg = f"t: expected at most {model.horizon} steps (the model is given for so many), received step {k}"
+            raise ValueError(msg)
+        return self.t0 + k * model.dt
+
+    def input(self, u: ArrayLike | None) -> Array:
+        """The known input: a DiscreteModel has its own, ``offset``."""
+        if u is not None:
+            msg = "u: expected none with a DiscreteModel (its known input is offset), received one"
+            raise ValueError(msg)
+        return np.zeros(0)
+
+    def way(self, last: Instant, time: float, u: Array, z: Array) -> Iterator[Given]:
+        """The instants after the last one up to ``time``, without a measurement before it."""
+        end = round((time - self.t0) / self.model.dt)
+        if end - last.k > SKIPPED:
+            msg = f"t: expected at most {SKIPPED} instants ahead (now is {last.t:g} s), received {time:g}"
+            raise ValueError(msg)
+        nothing = np.full(self.model.m, np.nan)
+        return (Given(self.t0 + k * self.model.dt, u, z if k == end else nothing) for k in range(last.k + 1, end + 1))
+
+    def motion(self, last: Instant, given: Given) -> tuple[Array, Array | None, Noise]:
+        """Φ, c and Q to the next instant; with N ≠ 0 what the last measurement tells of w is in them."""
+        model, used = self.model, last.used
+        coupled = model.N is not None and bool(used.any())
+        parts = (model.Phi, model.Qd, model.H, model.R) if coupled else (model.Phi, model.Qd)
+        constant = all(part.ndim == 2 for part in parts)
+        key = ("motion", used.tobytes() if coupled else b"")
+        Phi, Q, M = self._keep(key, constant, lambda: self._motion(last.k, used))
+        c = None if model.offset is None else at(model.offset, last.k, 1)[:, None]
+        if M is not None:
+            told = M @ last.z[used, None]
+            c = told if c is None else c + told
+        return Phi, c, Q
+
+    def _motion(self, k: int, used: Array) -> tuple[Array, Noise, Array | None]:
+        Phi, Qd, M = kalman._motion(self.model, k, used)
+        return Phi, Noise(Qd), M
+
+
+class Sampled(Plant):
+    """A ContinuousModel, measured at any times with noises of the covariance R."""
+
+    def __init__(self, given: ContinuousModel, R: ArrayLike, t0: float, P0: Any) -> None:
+        R = _check.measurement_covariance("R", R, (given.m, given.m))
+        self._B = np.zeros((given.n, 0)) if given.B is None else given.B
+        self._F, self._W = given.F, given.G @ given.Q @ given.G.T
+        still = np.eye(given.n), np.zeros((given.n, given.n))  # over no time
+        super().__init__(given, DiscreteModel(*still, given.H, R, given.x0, given.P0), R, t0, P0)
+
+    def when(self, t: float | None, following: int) -> float:
+        """The time of a measurement."""
+        if t is None and following:
+            msg = "t: expected the time of the measurement, in s (a ContinuousModel has no period), received None"
+            raise ValueError(msg)
+        return self.t0 if t is None else finite_time("t", t)
+
+    def input(self, u: ArrayLike | None) -> Array:
+        """The known input, (r,)."""
+        r = self._B.shape[1]
+        if u is not None and not r:
+            msg = "u: expected a model with B, received one without"
+            raise ValueError(msg)
+        return np.zeros(r) if u is None else _check.shaped("u", u, (r,))
+
+    def way(self, last: Instant, time: float, u: Array, z: Array) -> Iterator[Given]:
+        """The next instant, whenever it is."""
+        return iter([Given(time, u, z)])
+
+    def motion(self, last: Instant, given: Given) -> tuple[Array, Array | None, Noise]:
+        """Φ, c and Q over the interval; equal intervals are discretised once."""
+        h = given.t - last.t
+        Phi, Q, input_ = self._keep(("h", h), True, lambda: self._interval(h))
+        return Phi, (input_ @ given.u[:, None] if len(given.u) else None), Q
+
+    def _interval(self, h: float) -> tuple[Array, Noise, Array]:
+        Phi, Qd, Gamma = interval(self._F, self._W, h)
+        return Phi, Noise(Qd), Gamma @ self._B
+
+
+def plant(model: object, algorithm: str, R: ArrayLike | None, t0: float, P0: Any) -> Periodic | Sampled:
+    """The model as a plant, or why a filter cannot have it."""
+    if isinstance(model, ContinuousModel):
+        if R is None:
+            msg = "R: expected the covariance of a sampled measurement, in unit² (Rc is a strength): pass R; received None"
+            raise ValueError(msg)
+        if model.N is not None:
+            msg = "model: expected no N (it correlates w with a continuous measurement's noise), received one"
+            raise ValueError(msg)
+        if algorithm == "steady":
+            msg = "algorithm: expected a DiscreteModel for steady (irregular times have no limit), received a ContinuousModel"
+            raise ValueError(msg)
+        return Sampled(model, R, t0, P0)
+    if not isinstance(model, DiscreteModel):
+        msg = f"model: expected a DiscreteModel or a ContinuousModel, received a {type(model).__name__}"
+        raise TypeError(msg)
+    if R is not None:
+        msg = "R: expected none beside a DiscreteModel, which has its own; received one"
+        raise ValueError(msg)
+    return Periodic(model, t0, P0)
+
+
+def finite_time(name: str, value: object) -> float:
+    """A finite time, s."""
+    number = isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    if not number or not np.isfinite(value):  # type: ignore[call-overload]  # a number, as was just seen
+        msg = f"{name}: expected a finite time in s, received {short(value)}"
+        raise ValueError(msg)
+    return float(value)  # type: ignore[arg-type]
+
+
+def short(value: object) -> str:
+    """A value in one line that is not long."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 80 else f"{text[:77]}..."

@@ -1,0 +1,624 @@
+"""The online filter: a stream is a record, whatever its order, its gaps and its interruptions."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ctlabs import forms
+from ctlabs.discretise import discretise
+from ctlabs.models import ContinuousModel, DiscreteModel
+from ctlabs.online import Filter, files, plants
+from tests import reference
+from tests.reference import EXACT, SOLVER, broken, close
+from tests.strategies import continuous_models, discrete_models, record
+
+OPTIMAL = [name for name in forms.FORMS if name != "steady"]
+INFORMATION = ("information", "srif")
+#: The forms that take R = 0.
+PERFECT = [name for name in OPTIMAL if name not in (*INFORMATION, "extended_array")]
+WHEEL = ContinuousModel(
+    F=[[0, 1], [0, -0.5]],
+    B=[[0], [1]],
+    G=[[0], [1]],
+    Q=[[0.02]],
+    H=[[1, 0], [0.5, 1]],
+    x0=[0.1, -0.2],
+    P0=[[0.25, 0.01], [0.01, 1]],
+    states=["angle", "rate"],
+    units=["rad", "rad/s"],
+)
+NOISE = [[0.01, 0.002], [0.002, 0.04]]
+MODEL = discretise(WHEEL, 0.25, R=NOISE)
+WALK = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]], dt=0.5)
+
+
+def streamed(online, z, first=1):
+    """The estimates after every row of a record; with first=1 row 0 is not used."""
+    return [online.step(row) for row in z[first:]]
+
+
+def same(a, b):
+    """Whether two filters agree in every bit that can be read, and in all that they remember."""
+    seen = [(f.t, f.k, f.log_likelihood, *f.estimate) for f in (a, b)]
+    kept = [[np.asarray(leaf) for instant in f._past for leaf in files.leaves(instant)] for f in (a, b)]
+    pairs = [*zip(*seen, strict=True), *zip(*kept, strict=True)]
+    return all(np.array_equal(x, y, equal_nan=True) for x, y in pairs)
+
+
+# A stream is a record ----------------------------------------------------------------------------------------------------
+
+
+@settings(deadline=None, max_examples=25, derandomize=True)
+@given(model=discrete_models(), seed=st.integers(0, 10**6), first=st.sampled_from([0, 1]))
+def test_a_stream_is_a_record(model, seed, first):
+    """Step by step every form gives what it gives on the whole record: estimates, innovations, NIS and likelihood."""
+    z = record(model, 5, np.random.default_rng(seed), gaps=0.2, first=first)
+    for form in OPTIMAL:
+        try:
+            wanted = forms.run(model, z, form, first)
+        except ValueError as refusal:
+            with pytest.raises(ValueError, match=str(refusal)[:30]):
+                streamed(Filter(model, form, first=first), z, first)
+            continue
+        online = Filter(model, form, first=first)
+        found = streamed(online, z, first)
+        for k, estimate in enumerate(found, start=first):
+            assert close(estimate.t, wanted.t[k], EXACT)
+            for own, batch in (
+                (estimate.x, wanted.x_plus[k]),
+                (estimate.P, wanted.P_plus[k]),
+                (estimate.innovation, wanted.innovation[k]),
+                (estimate.S, wanted.S[k]),
+                (estimate.nis, wanted.nis[k]),
+            ):
+                assert close(own, batch, EXACT), form
+        assert close(online.log_likelihood, wanted.log_likelihood, EXACT)
+
+
+def test_a_stream_of_another_model_is_another():
+    """The comparison above notices 5 % in one element of a model."""
+    z = record(MODEL, 5, np.random.default_rng(1))
+    wanted = forms.run(MODEL, z, "joseph")
+    for name in ("Phi", "Qd", "R"):
+        other = dataclasses.replace(MODEL, **{name: broken(getattr(MODEL, name), (1, 1))})
+        found = streamed(Filter(other), z)
+        assert not close(found[-1].P, wanted.P_plus[-1], SOLVER)
+
+
+def test_the_steady_gain_streams_too():
+    """The form ``steady`` as on a record; a missing measurement it refuses, and stays where it was."""
+    z = record(MODEL, 6, np.random.default_rng(2))
+    wanted, online = forms.run(MODEL, z, "steady"), Filter(MODEL, "steady")
+    for k, estimate in enumerate(streamed(online, z), start=1):
+        assert np.array_equal(estimate.x, wanted.x_plus[k])
+        assert np.array_equal(estimate.P, wanted.P_plus[k])
+    before = online.estimate
+    with pytest.raises(ValueError, match="form steady: expected 2 measured elements"):
+        online.step([0.1, None])
+    assert all(np.array_equal(a, b) for a, b in zip(before, online.estimate, strict=True))
+
+
+@settings(deadline=None, max_examples=15, derandomize=True)
+@given(model=discrete_models(), seed=st.integers(0, 10**6))
+def test_its_likelihood_is_that_of_the_joint_density(model, seed):
+    """Summed step by step, with late elements, it is the logarithm of the density of all that was measured."""
+    z = record(model, 4, np.random.default_rng(seed), gaps=0.2)
+    online = Filter(model, memory=1)
+    for row in z[1:]:
+        t = online.step(np.where(np.arange(model.m) == 0, row, np.nan)).t
+        online.step(np.where(np.arange(model.m) != 0, row, np.nan), t)
+    assert close(online.log_likelihood, reference.log_likelihood(model, z), SOLVER)
+
+
+@pytest.mark.parametrize("form", PERFECT)
+def test_perfect_measurements_of_what_is_known_are_left_out_as_in_a_record(form):
+    """R = 0 and the same thing measured twice: K = 0, no 0/0; as on the record."""
+    twice = dataclasses.replace(MODEL, H=[[1, 0], [1, 0]], R=np.zeros((2, 2)), P0=np.zeros((2, 2)), measurements=None)
+    z = np.repeat(record(twice, 4, np.random.default_rng(3))[:, :1], 2, axis=1)
+    wanted, online = forms.run(twice, z, form), Filter(twice, form)
+    for k, estimate in enumerate(streamed(online, z), start=1):
+        assert close(estimate.x, wanted.x_plus[k], EXACT)
+        assert close(estimate.P, wanted.P_plus[k], EXACT)
+        assert np.array_equal(np.isnan(estimate.innovation), ~wanted.used[k])
+    assert not wanted.used[1:].all()
+
+
+@pytest.mark.parametrize("form", INFORMATION)
+def test_a_stream_may_begin_without_information(form):
+    """P0 = inf: NaN and inf until a state is known, then as on the record; such instants add nothing to the likelihood."""
+    model = dataclasses.replace(MODEL, H=[[1, 0]], R=[[0.01]], measurements=None)
+    z = record(model, 4, np.random.default_rng(4))
+    P0 = np.diag([np.inf, np.inf])
+    wanted, online = forms.run(model, z, form, P0=P0), Filter(model, form, P0=P0)
+    assert np.isnan(online.x).all()
+    for k, estimate in enumerate(streamed(online, z), start=1):
+        assert np.array_equal(estimate.x, wanted.x_plus[k], equal_nan=True)
+        assert np.array_equal(estimate.P, wanted.P_plus[k])
+    assert np.isfinite(online.x).all()
+    assert close(online.log_likelihood, wanted.log_likelihood, EXACT)
+
+
+@settings(deadline=None, max_examples=20, derandomize=True)
+@given(
+    model=continuous_models(correlated=False, driven=False, singular=False),
+    seed=st.integers(0, 10**6),
+    form=st.sampled_from(("joseph", "potter", "ud")),
+)
+def test_irregular_times_are_discretised_interval_by_interval(model, seed, form):
+    """A continuous model measured at any times is the discrete model of these intervals."""
+    rng = np.random.default_rng(seed)
+    t = 3.0 + np.concatenate([[0], np.cumsum(rng.uniform(0.01, 1.0, size=5))])
+    R = np.eye(model.m) + 0.1
+    pieces = [discretise(model, h, R) for h in np.diff(t)]
+    whole = dataclasses.replace(pieces[0], Phi=np.array([p.Phi for p in pieces]), Qd=np.array([p.Qd for p in pieces]))
+    z = record(whole, 5, rng, gaps=0.2)
+    wanted, online = reference.recursion(whole, z), Filter(model, form, R=R, t0=3.0)
+    for k in range(1, 6):
+        estimate = online.step(z[k], t[k])
+        assert (estimate.t, online.k) == (t[k], k)
+        assert close(estimate.x, wanted.x_plus[k], SOLVER)
+        assert close(estimate.P, wanted.P_plus[k], SOLVER)
+    regular = reference.recursion(dataclasses.replace(whole, Phi=whole.Phi[0], Qd=whole.Qd[0]), z)
+    assert not close(estimate.P, regular.P_plus[-1], SOLVER)
+
+
+def test_a_known_input_acts_over_the_interval_that_ends():
+    """u in step is the input since the previous instant, as in discretise; without one it is zero."""
+    z, u = record(MODEL, 4, np.random.default_rng(5)), np.array([[0.3], [-0.2], [0.0], [1.0]])
+    wanted = forms.run(discretise(WHEEL, 0.25, NOISE, u=u), z, "joseph")
+    online, still = Filter(WHEEL, R=NOISE), Filter(WHEEL, R=NOISE)
+    for k in range(1, 5):
+        found = online.step(z[k], 0.25 * k, u=u[k - 1])
+        assert close(found.x, wanted.x_plus[k], EXACT)
+        still.step(z[k], 0.25 * k)
+    assert close(still.x, forms.run(MODEL, z, "joseph").x_plus[-1], EXACT)
+    assert not close(still.x, wanted.x_plus[-1], SOLVER)
+
+
+def test_equal_intervals_are_discretised_once(monkeypatch):
+    """Each of two intervals is computed once; and no more than so many are kept."""
+    asked = []
+    compute = plants.interval
+    monkeypatch.setattr(plants, "interval", lambda F, W, h: asked.append(h) or compute(F, W, h))
+    online = Filter(WHEEL, R=NOISE)
+    for t in np.cumsum([0.25, 0.5] * 10):
+        online.step(None, t)
+    assert asked == [0.25, 0.5]
+    for h in np.linspace(1, 2, 3 * plants.CACHED):
+        online.step(None, online.t + h)
+    assert len(online._plant._kept) <= plants.CACHED
+
+
+def test_skipped_instants_are_predictions():
+    """A discrete model taken two periods ahead predicts twice; a time within rounding of an instant is that instant."""
+    z = np.array([np.nan, np.nan, 1.0, np.nan, 3.0])[:, None]
+    wanted, online = forms.run(WALK, z, "joseph"), Filter(WALK, t0=10.0)
+    online.step(1.0, 11.0 + 1e-9)
+    assert (online.t, online.k) == (11.0, 2)
+    assert close(online.step(3.0, 12.0).P, wanted.P_plus[-1], EXACT)
+    assert close(online.x, wanted.x_plus[-1], EXACT)
+
+
+def test_the_first_measurement_may_come_at_t0():
+    """first=0: the first step is at t0, with or without its time; with first=1 a measurement there is refused."""
+    a, b = Filter(WALK, first=0), Filter(WALK, first=0)
+    a.step(1.0)
+    b.step(1.0, 0.0)
+    assert (a.k, a.t) == (0, 0.0)
+    assert same(a, b)
+    assert a.step(2.0).t == b.step(2.0).t == 0.5
+    assert Filter(WHEEL, R=NOISE, t0=2.0, first=0).step([1.0, 2.0]).t == 2.0
+    with pytest.raises(
+        ValueError, match=r"t: expected a first measurement after t0 = 0 s \(first=1\), received one at t0"
+    ):
+        Filter(WALK).step(1.0, 0.0)
+
+
+# Late measurements -------------------------------------------------------------------------------------------------------
+
+
+@settings(deadline=None, max_examples=25, derandomize=True)
+@given(
+    model=discrete_models(),
+    seed=st.integers(0, 10**6),
+    form=st.sampled_from(("joseph", "array", "ud")),
+)
+def test_late_elements_give_what_elements_in_order_give(model, seed, form):
+    """Elements of a record in any order, within the memory: every bit is that of the record in order."""
+    rng = np.random.default_rng(seed)
+    z = record(model, 5, rng, gaps=0.1)
+    ordered, late = Filter(model, form, memory=5), Filter(model, form, memory=5)
+    streamed(ordered, z)
+    late.step(z[5], 5 * model.dt)
+    for k in rng.permutation(np.arange(1, 5)):
+        for i in rng.permutation(model.m):
+            late.step(np.where(np.arange(model.m) == i, z[k], np.nan), k * model.dt)
+    assert same(late, ordered)
+    if np.isfinite(z[2]).any():
+        assert not same(late, _without(Filter(model, form, memory=5), z, 2))
+
+
+def _without(online, z, k):
+    """A filter of a record that lacks row k."""
+    z = z.copy()
+    z[k] = np.nan
+    streamed(online, z)
+    return online
+
+
+@settings(deadline=None, max_examples=15, derandomize=True)
+@given(order=st.permutations([1, 2, 3, 4]), form=st.sampled_from(OPTIMAL))
+def test_late_instants_of_a_continuous_model_are_inserted(order, form):
+    """Measurements at irregular times, come in any order, with an input: every bit is that of the times in order."""
+    t, z = np.array([0.0, 0.3, 0.7, 0.75, 1.9]), record(MODEL, 4, np.random.default_rng(6))
+    ordered, late = (Filter(WHEEL, form, R=NOISE, memory=4) for _ in range(2))
+    ordered.step(None, 2.0, u=[0.4])  # an input that is held while instants are inserted
+    late.step(None, 2.0, u=[0.4])
+    for k in (1, 2, 3, 4):
+        ordered.step(z[k], t[k])
+    for k in order:
+        assert late.step(z[k], t[k]).t == 2.0
+    assert late.k == 5
+    assert same(late, ordered)
+    direct = Filter(WHEEL, form, R=NOISE, memory=4)
+    for k in (1, 2, 3, 4):
+        direct.step(z[k], t[k], u=[0.4])
+    direct.step(None, 2.0, u=[0.4])
+    assert same(late, direct)
+
+
+def test_the_memory_has_its_end():
+    """A measurement before the oldest instant kept is refused, and nothing has changed."""
+    online = Filter(WALK, memory=2)
+    for z in (1.0, None, 3.0, 4.0):
+        online.step(z)
+    before = online.estimate
+    with pytest.raises(ValueError, match=r"t: expected a time not before 1 s \(now is 2 s, memory 2\), received 0.5"):
+        online.step(2.0, 0.5)
+    assert all(np.array_equal(a, b) for a, b in zip(before, online.estimate, strict=True))
+    assert online.step(2.0, 1.0).t == 2.0
+    none = Filter(WALK)
+    none.step(1.0)
+    with pytest.raises(ValueError, match=r"not before 0.5 s \(now is 0.5 s, memory 0\)"):
+        none.step(1.0, 0.0)
+
+
+def test_what_a_late_measurement_overflows_is_undone():
+    """A replay that fails leaves the filter as it was."""
+    z = np.zeros((4, 1))
+    H = np.array([[[1.0]], [[1e200]], [[1.0]], [[1.0]]])
+    online = Filter(DiscreteModel([[1]], [[1]], H, [[1]], x0=[0], P0=[[10]]), memory=3)
+    online.step(None)
+    online.step(z[2])
+    before = online.estimate
+    with pytest.raises(FloatingPointError, match=r"form joseph: expected .*, received"):
+        online.step([1.0], 1.0)
+    assert all(np.array_equal(a, b) for a, b in zip(before, online.estimate, strict=True))
+    assert online.step(z[3]).t == 3.0
+
+
+# Saved and restored ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("form", OPTIMAL)
+def test_a_restored_filter_continues_to_the_bit(form, tmp_path):
+    """Saved in the middle, with a memory: what comes after, late or not, is the same in every bit."""
+    z, path = record(MODEL, 8, np.random.default_rng(7), gaps=0.2), tmp_path / "filter.npz"
+    online = Filter(MODEL, form, t0=-3.0, memory=2)
+    for row in z[1:5]:
+        online.step(row)
+    online.save(path)
+    restored = Filter.load(path)
+    assert same(restored, online)
+    for one in (online, restored):
+        one.step([None, 0.7] if np.isnan(z[3, 1]) else [0.7, None] if np.isnan(z[3, 0]) else None, -3.0 + 3 * 0.25)
+        streamed(one, z[5:], 0)
+    assert same(restored, online)
+    assert restored._plant.model.states == MODEL.states
+
+
+@settings(deadline=None, max_examples=20, derandomize=True)
+@given(
+    model=st.one_of(discrete_models(), continuous_models(correlated=False)),
+    seed=st.integers(0, 10**6),
+    form=st.sampled_from(("joseph", "srif", "ld")),
+    perfect=st.booleans(),
+)
+def test_every_kind_of_model_is_saved(model, seed, form, perfect, tmp_path_factory):
+    """Time-varying, correlated, with inputs, continuous, perfectly measured: all is in the file."""
+    rng, path = np.random.default_rng(seed), tmp_path_factory.mktemp("saved") / "f"
+    options = {}
+    if isinstance(model, ContinuousModel):
+        options = {"R": np.zeros((model.m, model.m)) if perfect and form != "srif" else np.eye(model.m)}
+    try:
+        online = Filter(model, form, memory=1, first=0, **options)
+    except ValueError as refusal:
+        assert str(refusal).startswith("form srif: expected")  # noqa: PT017  # singular P0
+        return
+    u = {"u": np.ones(model.B.shape[1])} if options and model.B is not None else {}
+    online.step(rng.normal(size=model.m))
+    try:
+        online.step(rng.normal(size=model.m), online.t + (model.dt if not options else 0.3), **u)
+        online.save(path)
+        restored = Filter.load(path)
+        for one in (online, restored):
+            one.step(np.ones(model.m), one.t + (model.dt if not options else 0.4), **u)
+    except ValueError as refusal:
+        assert str(refusal).startswith("form srif: expected")  # noqa: PT017  # singular Phi
+        return
+    assert same(online, restored)
+
+
+def test_the_steady_gain_is_saved_too(tmp_path):
+    """Nested states and flags come back as they were."""
+    online = Filter(MODEL, "steady")
+    online.step([0.1, 0.2])
+    online.save(tmp_path / "f")
+    restored = Filter.load(tmp_path / "f")
+    assert same(online, restored)
+    assert type(restored._past[0].after) is type(online._past[0].after)
+    assert restored._past[0].after.waiting is False
+
+
+@pytest.fixture
+def saved(tmp_path):
+    """A filter and its file."""
+    online, path = Filter(MODEL, "ud", memory=1), tmp_path / "filter.npz"
+    streamed(online, record(MODEL, 3, np.random.default_rng(8)))
+    online.save(path)
+    return online, path
+
+
+def rewritten(path: Path, header=None, **arrays):
+    """The file with other entries of its header, or other arrays."""
+    with np.load(path) as file:
+        old = dict(file)
+    text = json.loads(old["header"].tobytes()) | (header or {})
+    old["header"] = np.frombuffer(json.dumps(text).encode(), dtype=np.uint8)
+    with path.open("wb") as file:
+        np.savez(file, **(old | arrays))
+
+
+def refused(path: Path) -> str:
+    """The one line with which a file is refused."""
+    with pytest.raises(ValueError) as caught:
+        Filter.load(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: expected a ")
+    assert "\n" not in message
+    return message
+
+
+def test_a_damaged_file_is_refused_in_one_line(saved):
+    """Wherever a byte is wrong or the file ends: one line, or (in bytes that mean nothing) the same filter."""
+    online, path = saved
+    whole, refusals = path.read_bytes(), 0
+    for place in np.linspace(0, len(whole) - 1, 150).astype(int):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 0xFF]) + whole[place + 1 :])
+        try:
+            assert same(Filter.load(path), online)
+        except ValueError:
+            refusals += 1
+            assert "damaged file" in refused(path)
+    assert refusals > 75
+    for size in (0, 1, 100, len(whole) // 2, len(whole) - 1):
+        path.write_bytes(whole[:size])
+        refused(path)
+    path.write_bytes(whole)
+    assert same(Filter.load(path), online)
+
+
+def test_another_format_is_named(saved):
+    """A file of a later version says so."""
+    path = saved[1]
+    rewritten(path, {"format": 2})
+    assert refused(path) == f"{path}: expected a saved filter of format 1, received format 2"
+
+
+@pytest.mark.parametrize(
+    ("header", "arrays", "found"),
+    [
+        ({"algorithm": "os.system"}, {}, "algorithm: expected one of conventional"),
+        ({"model": "Popen"}, {}, "KeyError: 'Popen'"),
+        ({"first": 2}, {}, "first: expected 0 or 1, received 2"),
+        ({"instants": 3}, {}, r"KeyError: 'instant.2.0"),
+        ({"instants": 0}, {}, "instants: expected a whole number >= 1, received 0"),
+        ({"labels": {"states": ["a"], "units": ["", ""], "measurements": ["", ""]}}, {}, "states: expected 2 names"),
+        ({}, {"model.Qd": -np.eye(2)}, "Qd: expected variances >= 0"),
+        ({}, {"instant.0.6": np.zeros(3)}, "expected float64 of shape"),
+    ],
+)
+def test_a_wrong_entry_is_named(saved, header, arrays, found):
+    """What the file says is checked as what a program says."""
+    path = saved[1]
+    rewritten(path, header, **arrays)
+    assert found in refused(path)
+
+
+class Harm:
+    """What a pickle can do: the file named here is made when the pickle is read."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return (Path.touch, (self.path,))
+
+
+def test_loading_executes_nothing(saved, tmp_path):
+    """Objects in the file are refused before they are made, in arrays as in bare pickles."""
+    path, trace = saved[1], tmp_path / "trace"
+    rewritten(path, x=np.array([Harm(trace)], dtype=object))
+    assert "Object arrays cannot be loaded" in refused(path)
+    path.write_bytes(pickle.dumps(Harm(trace)))
+    refused(path)
+    with path.open("wb") as file:
+        np.save(file, np.zeros(3))
+    refused(path)
+    assert not trace.exists()
+    pickle.loads(pickle.dumps(Harm(trace)))
+    assert trace.exists()  # it would have done harm
+
+
+def test_a_compressed_file_is_refused(saved):
+    """No file of some kilobytes fills the memory when it is read."""
+    path = saved[1]
+    with path.open("wb") as file:
+        np.savez_compressed(file, header=np.zeros(10**6, dtype=np.uint8))
+    assert "expected members that are not compressed" in refused(path)
+
+
+def test_a_save_that_is_interrupted_leaves_the_old_file(saved, monkeypatch):
+    """The new file is written beside the old one and renamed; nothing else stays in the folder."""
+    online, path = saved
+    old = path.read_bytes()
+
+    def fails(*_):
+        raise OSError("no space")
+
+    monkeypatch.setattr(files.os, "fsync", fails)
+    online.step(None)
+    with pytest.raises(OSError, match="no space"):
+        online.save(path)
+    monkeypatch.undo()
+    assert path.read_bytes() == old
+    online.save(path)
+    assert path.read_bytes() != old
+    assert same(Filter.load(path), online)
+    assert [other.name for other in path.parent.iterdir()] == [path.name]
+
+
+def test_a_file_that_is_not_there_is_an_oserror(tmp_path):
+    """Its name is in Python's own message."""
+    with pytest.raises(FileNotFoundError, match=r"missing\.npz"):
+        Filter.load(tmp_path / "missing.npz")
+
+
+# Bad input ---------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("model", "options", "kind", "message"),
+    [
+        (WHEEL, {}, ValueError, r"R: expected the covariance of a sampled measurement, .* pass R; received None"),
+        (
+            ContinuousModel([[0]], [[1]], [[1]], [[1]], P0=[[1]], Rc=[[1]]),
+            {},
+            ValueError,
+            r"\(Rc is a strength\): pass R; received None",
+        ),
+        (
+            ContinuousModel([[0]], [[1]], [[1]], [[1]], P0=[[1]], Rc=[[1]], N=[[0.1]]),
+            {"R": [[1]]},
+            ValueError,
+            "model: expected no N",
+        ),
+        (WHEEL, {"R": [[1]]}, ValueError, r"R: expected shape \(2, 2\), received \(1, 1\)"),
+        (WALK, {"R": [[1]]}, ValueError, "R: expected none beside a DiscreteModel"),
+        (WALK, {"algorithm": "kalman"}, ValueError, "algorithm: expected one of conventional, .*, received 'kalman'"),
+        (WHEEL, {"algorithm": "steady", "R": NOISE}, ValueError, "algorithm: expected a DiscreteModel for steady"),
+        (WALK, {"first": 2}, ValueError, "first: expected 0 or 1, received 2"),
+        (WALK, {"first": True}, ValueError, "first: expected 0 or 1, received True"),
+        (WALK, {"memory": -1}, ValueError, "memory: expected a whole number >= 0, received -1"),
+        (WALK, {"t0": np.nan}, ValueError, "t0: expected a finite time in s, received nan"),
+        (WALK, {"P0": [[np.inf]]}, ValueError, "form joseph: expected a finite P0"),
+        ("walk", {}, TypeError, "model: expected a DiscreteModel or a ContinuousModel, received a str"),
+    ],
+)
+def test_a_filter_that_cannot_be_is_refused(model, options, kind, message):
+    """Each with one line."""
+    with pytest.raises(kind, match=message) as caught:
+        Filter(model, **options)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("online", "arguments", "kind", "message"),
+    [
+        (Filter(WALK), ([1.0, 2.0],), ValueError, r"z: expected a finite number, NaN or None, received \[1.0, 2.0\]"),
+        (Filter(MODEL), ([1.0, np.inf],), ValueError, "z: expected 2 finite numbers, NaN or None where one is missing"),
+        (Filter(MODEL), (1.0,), ValueError, "z: expected 2 finite numbers, .* received 1.0"),
+        (Filter(MODEL), (["one", 2],), TypeError, "z: expected 2 finite numbers, .* received .'one', 2."),
+        (Filter(WALK), ("z" * 999,), TypeError, r"received 'z{76}\.\.\.$"),
+        (Filter(WALK), (1.0, 0.6), ValueError, r"t: expected an instant t0 \+ k\*dt \(t0 = 0 s, dt = 0.5 s\); .* 0.6"),
+        (Filter(WALK), (1.0, 1e300), ValueError, "t: expected an instant"),
+        (Filter(WALK), (1.0, 1e6), ValueError, r"t: expected at most 1000000 instants ahead \(now is 0 s\)"),
+        (Filter(WALK), (1.0, "noon"), ValueError, "t: expected a finite time in s, received 'noon'"),
+        (Filter(WALK), (1.0, np.nan), ValueError, "t: expected a finite time in s, received nan"),
+        (Filter(WALK), (1.0, 0.5, [1.0]), ValueError, "u: expected none with a DiscreteModel"),
+        (Filter(WHEEL, R=NOISE), ([1.0, 2.0],), ValueError, "t: expected the time of the measurement"),
+        (Filter(WHEEL, R=NOISE), ([1.0, 2.0], 1.0, [1.0, 2.0]), ValueError, r"u: expected shape \(1,\), received"),
+        (Filter(WHEEL, R=NOISE), (None, 0.0, [1.0]), ValueError, "u: expected none with a measurement at 0 s"),
+        (
+            Filter(dataclasses.replace(WHEEL, B=None), R=NOISE),
+            (None, 1.0, [1.0]),
+            ValueError,
+            "u: expected a model with B",
+        ),
+        (
+            Filter(dataclasses.replace(WALK, Phi=[[[1]], [[1]]])),
+            (1.0, 1.5),
+            ValueError,
+            r"t: expected at most 2 steps \(the model is given for so many\), received step 3",
+        ),
+    ],
+)
+def test_a_measurement_that_cannot_be_is_refused(online, arguments, kind, message):
+    """Each with one line, and the filter stays where it was."""
+    before = online.estimate
+    with pytest.raises(kind, match=message) as caught:
+        online.step(*arguments)
+    assert "\n" not in str(caught.value)
+    assert all(np.array_equal(a, b, equal_nan=True) for a, b in zip(before, online.estimate, strict=True))
+
+
+def test_a_second_value_is_refused():
+    """An element that is measured at an instant already is not measured there again."""
+    online = Filter(MODEL)
+    online.step([1.0, None])
+    with pytest.raises(ValueError, match=r"z\[0\]: expected no second value at 0.25 s, received 2 after 1"):
+        online.step([2.0, 3.0], 0.25)
+    assert online.step([None, 3.0], 0.25).t == 0.25
+
+
+def test_an_overflow_has_its_time():
+    """An unstable model that is not measured is refused when it leaves double precision, and not before."""
+    online = Filter(DiscreteModel([[1e60]], [[1]], [[1]], [[1]], x0=[1], P0=[[1]], dt=2.0))
+    online.step(None)
+    online.step(None)
+    with pytest.raises(
+        FloatingPointError, match="form joseph: expected finite covariances, received an overflow at t = 6 s"
+    ):
+        online.step(None)
+    assert online.t == 4.0
+
+
+def test_a_matrix_that_rounding_makes_singular_is_reported():
+    """Bierman's two sensors, too close for Joseph's form: one line with its name, and the filter stays where it was."""
+    sensors = DiscreteModel(
+        np.eye(3), np.zeros((3, 3)), [[1, 1, 1], [1, 1, 1 + 1e-9]], 1e-18 * np.eye(2), np.zeros(3), np.eye(3)
+    )
+    online = Filter(sensors)
+    with pytest.raises(
+        FloatingPointError, match=r"form joseph: expected matrices with an inverse, received one singular"
+    ):
+        online.step([0.5, 0.5])
+    assert online.t == 0.0
+
+
+def test_what_is_read_is_a_copy():
+    """Arrays of an estimate may be written to; the filter does not see it."""
+    online, other = Filter(MODEL), Filter(MODEL)
+    for one in (online, other):
+        one.step([0.1, 0.2])
+    for array in (*online.estimate[1:5], online.x, online.P):
+        array[:] = 7.0
+    assert same(online, other)
