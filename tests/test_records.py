@@ -1,0 +1,320 @@
+"""The compiled filter of one record is the filter: against the recursion, filterpy, and the joint distribution."""
+
+import dataclasses
+import importlib.util
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ctlabs import compiled, forms, kalman, records
+from ctlabs.models import ContinuousModel, DiscreteModel
+from ctlabs.records import filter_record, log_likelihood
+from ctlabs.recursions import forward
+from tests import reference
+from tests.reference import EXACT, broken, close
+from tests.strategies import discrete_models, record, seeds
+
+FIELDS = ("t", "x_minus", "x_plus", "P_minus", "P_plus", "innovation", "S", "nis", "log_likelihood", "used")
+#: Two coupled states, two measurements with correlated errors; the filter settles within a hundred steps.
+TRACK = DiscreteModel(
+    Phi=[[1, 0.5], [0, 0.9]], Qd=[[0.1, 0.05], [0.05, 0.2]], H=[[1, 0], [0.5, 1]], R=[[1, 0.3], [0.3, 2]],
+    x0=[1, -1], P0=[[4, 0], [0, 2]], dt=0.5,
+)  # fmt: skip
+
+
+def differs(a, b, tolerance=EXACT):
+    """The fields in which two histories differ."""
+    return [name for name in FIELDS if not close(*(1.0 * np.asarray(getattr(f, name)) for f in (a, b)), tolerance)]
+
+
+def changed(model, **arrays):
+    """The model with other arrays."""
+    return dataclasses.replace(model, **arrays)
+
+
+@settings(max_examples=40)
+@given(discrete_models(stable=None), seeds, st.sampled_from([0.0, 0.3]), st.integers(0, 1))
+def test_the_compiled_filter_is_josephs_form(model, seed, gaps, first):
+    """Every field equals that of the form ``joseph``, whatever the model."""
+    z = record(model, 6, np.random.default_rng(seed), gaps, first)
+    assert differs(filter_record(model, z, first), forms.run(model, z, "joseph", first)) == []
+
+
+@settings(max_examples=40)
+@given(discrete_models(), seeds, st.sampled_from([0.0, 0.3]), st.integers(0, 1))
+def test_estimates_are_those_of_the_textbook_and_of_filterpy(model, seed, gaps, first):
+    """x and P equal the plain recursion's (with N a one-step predictor) and those of ``kalman.filter_runs``."""
+    z = record(model, 6, np.random.default_rng(seed), gaps, first)
+    found, textbook = filter_record(model, z, first), reference.recursion(model, z, first)
+    size = np.abs(model.Qd).max() + np.abs(model.P0).max()  # with N all of it may cancel
+    runs = kalman.filter_runs(model, z, first=first)
+    for name in ("x_minus", "x_plus"):
+        assert close(getattr(found, name), getattr(textbook, name), EXACT)
+        assert close(getattr(found, name), getattr(runs, name)[..., 0], EXACT)
+    for name in ("P_minus", "P_plus"):
+        assert close(getattr(found, name), getattr(textbook, name), EXACT, size)
+        assert close(getattr(found, name), getattr(runs.schedule, name), EXACT, size)
+    assert close(found.innovation, runs.innovation[..., 0], EXACT)
+
+
+@settings(max_examples=40)
+@given(discrete_models(), seeds, st.sampled_from([0.0, 0.3]), st.integers(0, 1))
+def test_the_likelihood_is_the_joint_density_of_the_record(model, seed, gaps, first):
+    """Innovations before the update multiply to the density of all measurements together; a broken R is noticed."""
+    z = record(model, 6, np.random.default_rng(seed), gaps, first)
+    found = log_likelihood(model, z, first)
+    assert close(found, reference.log_likelihood(model, z, first), EXACT, size=z.size)
+    assert found == filter_record(model, z, first).log_likelihood
+    if not np.isnan(z[first:]).all():
+        wrong = changed(model, R=1.05 * model.R)
+        assert not close(log_likelihood(wrong, z, first), reference.log_likelihood(model, z, first), EXACT, size=z.size)
+
+
+@pytest.mark.parametrize("name", ["Phi", "Qd", "H", "R", "x0", "P0"])
+def test_a_broken_input_is_noticed(name):
+    """5 % in one element of any array changes the result."""
+    z = record(TRACK, 12, np.random.default_rng(1))
+    wrong = changed(TRACK, **{name: broken(getattr(TRACK, name))})
+    assert differs(filter_record(wrong, z), forms.run(TRACK, z, "joseph"))
+
+
+CORRELATED = changed(TRACK, N=[[0.1, 0.0], [0.05, 0.1]])
+DRIVEN = changed(CORRELATED, offset=np.random.default_rng(5).normal(size=(600, 2)))
+
+
+@pytest.mark.parametrize("model", [TRACK, CORRELATED, DRIVEN], ids=["plain", "correlated", "driven"])
+@pytest.mark.parametrize("gaps", [[], [200, 201, 330], range(150, 450)], ids=["none", "some", "half"])
+def test_the_settled_filter_is_the_filter(model, gaps):
+    """With covariances left out after they have settled the results are the same, also after and in a stretch of gaps."""
+    z = record(model, 600, np.random.default_rng(2))
+    z[list(gaps), 0] = np.nan
+    found = filter_record(model, z)
+    assert differs(found, forms.run(model, z, "joseph")) == []
+    assert (found.P_plus[590:] == found.P_plus[590]).all()
+    assert log_likelihood(model, z) == found.log_likelihood
+
+
+def test_a_small_step_is_not_taken_for_the_end_of_the_way():
+    """P = 1/(1/P0 + k) changes by 5e-14 of itself per step, and by 1.5e-10 in the record: it is not settled."""
+    constant = DiscreteModel([[1]], [[0]], [[1]], [[1]], x0=[0], P0=[[5e-14]])
+    found = filter_record(constant, np.zeros((3001, 1))).P_plus[:, 0, 0]
+    exact = 1 / (1 / 5e-14 + np.arange(3001))
+    assert close(found, exact, EXACT)
+    assert not close(np.full(3001, exact[1]), exact, EXACT)
+
+
+@pytest.mark.parametrize(
+    ("Phi", "step", "wanted"),
+    [
+        (0.5 * np.eye(2), np.diag([1e-13, 0.0]), True),  # all that follows is a third of it
+        (0.999 * np.eye(2), np.diag([1e-15, 0.0]), False),  # five hundred times as much follows
+        (np.array([[0.8, 0.6], [-0.6, 0.8]]), np.diag([1e-15, -1e-15]), False),  # goes round for ever
+        (np.array([[0.8, 0.6], [-0.6, 0.8]]), np.zeros((2, 2)), True),
+        (np.roll(np.eye(3), 1, axis=0), 2.0**-51 * np.diag([2.0, -1.0, -1.0]), False),  # comes back after three
+        (2 * np.eye(2), np.diag([1e-15, 0.0]), False),
+    ],
+)
+def test_what_is_left_of_the_way_is_summed_to_its_end(Phi, step, wanted):
+    """A step of P is judged by the sum of AʲΔAʲᵀ, here with A = Φ and P = I."""
+    P = np.eye(len(Phi))
+    scratch = [np.empty_like(P) for _ in range(4)]
+    assert forward.settled(P, P - step, Phi, P, *scratch) == wanted
+
+
+@pytest.mark.parametrize("q", [1e-2, 1e-5, 1e-8])
+def test_slow_filters_settle_at_their_limit(q):
+    """A random walk with little noise has a pole near 1; after 20 000 steps its variance is √(qr) for small q."""
+    walk = DiscreteModel([[1]], [[q]], [[1]], [[1]], x0=[0], P0=[[1]])
+    found = filter_record(walk, np.zeros((20001, 1))).P_plus[:, 0, 0]
+    P, exact = 1.0, [1.0]
+    for _ in range(20000):
+        P = (P + q) / (P + q + 1)
+        exact.append(P)
+    assert close(found, exact, EXACT)
+    assert found[-1] == pytest.approx(np.sqrt(q + q * q / 4) - q / 2, rel=0.1)
+
+
+def test_an_unstable_model_settles_too():
+    """The filter of an unstable model is stable: P settles though the estimate grows."""
+    model = DiscreteModel([[1.1]], [[1]], [[1]], [[1]], x0=[1], P0=[[1]])
+    z = record(model, 300, np.random.default_rng(3))
+    found = filter_record(model, z)
+    assert differs(found, forms.run(model, z, "joseph")) == []
+    assert (found.P_plus[100:] == found.P_plus[100]).all()
+
+
+def test_absent_elements_are_left_out():
+    """R = inf is no measurement: the likelihood and the estimates are those without the element."""
+    both = changed(TRACK, R=[[1, 0], [0, np.inf]])
+    alone = changed(TRACK, H=TRACK.H[:1], R=[[1]], measurements=("z1",))
+    z = record(TRACK, 20, np.random.default_rng(4))
+    found, wanted = filter_record(both, z), filter_record(alone, z[:, :1])
+    assert close(found.x_plus, wanted.x_plus, EXACT)
+    assert close(found.log_likelihood, wanted.log_likelihood, EXACT)
+    assert np.isnan(found.innovation[:, 1]).all()
+    assert (found.S[:, 1, 1] == np.inf).all()
+    assert not found.used[:, 1].any()
+
+
+def test_a_perfect_measurement_is_one():
+    """R = 0 (for some of the time too) gives the conditional moments, and an exact zero of the variance."""
+    R = np.tile(np.diag([0.0, 1.0]), (9, 1, 1))
+    R[4:, 0, 0] = 0.5
+    for model in (changed(TRACK, R=np.diag([0.0, 1.0])), changed(TRACK, R=R)):
+        z = record(model, 8, np.random.default_rng(5))
+        found, wanted = filter_record(model, z), reference.conditioned(model, z)
+        assert close(found.x_plus, wanted.x_plus, EXACT)
+        assert close(found.P_plus, wanted.P_plus, EXACT)
+        assert found.P_plus[1, 0, 0] == 0
+        assert log_likelihood(model, z) == found.log_likelihood
+        assert close(found.log_likelihood, reference.log_likelihood(model, z), EXACT, size=z.size)
+
+
+def test_a_record_shorter_than_the_models_horizon():
+    """Of matrices given for more steps the first ones are used; arrays in any order of memory do."""
+    rng = np.random.default_rng(6)
+    varying = changed(TRACK, Phi=np.asfortranarray(TRACK.Phi * rng.uniform(0.8, 1, (30, 1, 1))), R=np.asfortranarray(
+        TRACK.R * rng.uniform(0.5, 2, (31, 1, 1))))  # fmt: skip
+    z = np.asfortranarray(record(varying, 12, rng))
+    z.setflags(write=False)
+    assert differs(filter_record(varying, z), forms.run(varying, z, "joseph")) == []
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_plain_python_is_what_is_compiled(first):
+    """The loop without numba gives the same histories: plain, correlated, varying, settled, with gaps, cancelled."""
+    known = DiscreteModel([[1, -1], [0, 1]], np.zeros((2, 2)), [[0, 1]], [[1]], x0=[1, 1], P0=[[1, 1], [1, 1]])
+    singular = changed(CORRELATED, Qd=CORRELATED.N @ np.linalg.solve(TRACK.R, CORRELATED.N.T))
+    varying = changed(DRIVEN, Phi=np.tile(TRACK.Phi, (600, 1, 1)))
+    for model in (TRACK, DRIVEN, singular, varying, known):
+        z = record(model, 150, np.random.default_rng(7), first=first)
+        z[60, 0] = np.nan
+        data, used = records._measured(model, z, first)
+        own, plain = (records._histories(151, model.n, model.m) for _ in range(2))
+        arguments = (records.system(model), model.x0, model.P0, data, used)
+        assert records._forward(model, data, used, own) == pytest.approx(
+            forward.forward.py_func(*arguments, plain)[2], rel=EXACT
+        )
+        assert all(close(a, b, EXACT) for a, b in zip(own, plain, strict=True))
+
+
+def test_plain_python_reports_how_a_record_ends():
+    """Perfect, overflow, indefinite: the kernel's own words for it."""
+    ends = []
+    for Phi, R, P0 in (([[1.0]], [[0.0]], [[1.0]]), ([[1e200]], [[1.0]], [[1.0]]), ([[1.0]], [[1.0]], [[1.0]])):
+        model = DiscreteModel(Phi, [[1]], [[1]], R, x0=[0], P0=P0)
+        data, used = records._measured(model, [[0.0], [0.0]], 1)
+        start = -100 * model.P0 if len(ends) == 2 else model.P0  # no model has it; rounding may
+        with np.errstate(over="ignore", invalid="ignore"):
+            end = forward.forward.py_func(
+                records.system(model), model.x0, start, data, used, records._histories(0, 1, 1)
+            )
+        ends.append(end[:2])
+    assert ends == [(forward.PERFECT, 1), (forward.OVERFLOW, 1), (forward.INDEFINITE, 1)]
+
+
+def test_an_overflow_names_its_step():
+    """As filtering with histories does, in the same words."""
+    growing = DiscreteModel([[1e3]], [[1]], [[1]], [[np.inf]], x0=[0], P0=[[1]], dt=0.5)
+    z = np.zeros((80, 1))
+    with pytest.raises(
+        FloatingPointError, match=r"P_minus: expected finite .* overflow at step 52 \(t = 26 s\)"
+    ) as own:
+        filter_record(growing, z)
+    with pytest.raises(FloatingPointError) as filterpys:
+        kalman.filter_runs(growing, z)
+    assert str(own.value) == str(filterpys.value)
+    with pytest.raises(FloatingPointError, match="step 52"):
+        log_likelihood(growing, z)
+
+
+def test_an_indefinite_innovation_is_refused_with_advice():
+    """Two sensors that differ by 1e-9 with errors as small: Joseph's form loses S, and says which forms do not."""
+    delta = 1e-9
+    hard = DiscreteModel(
+        np.eye(3), np.zeros((3, 3)), [[1, 1, 1], [1, 1, 1 + delta]], delta**2 * np.eye(2), x0=np.zeros(3), P0=np.eye(3)
+    )
+    z = record(hard, 40, np.random.default_rng(8))
+    with pytest.raises(FloatingPointError, match=r"S: expected a positive definite .* at step \d+ .*ud, array, srif"):
+        filter_record(hard, z)
+    with pytest.raises(FloatingPointError, match="S: expected"):
+        log_likelihood(hard, z)
+
+
+def test_no_likelihood_is_no_number(monkeypatch):
+    """Where the form that takes over for a perfect measurement loses S, that is said as well."""
+    perfect, run = changed(TRACK, R=np.diag([0.0, 1.0])), forms.run
+
+    def lost(*arguments):
+        found = run(*arguments)
+        return dataclasses.replace(found, nis=np.where(np.arange(9) == 3, np.nan, found.nis), log_likelihood=np.nan)
+
+    monkeypatch.setattr(forms, "run", lost)
+    for verb in (filter_record, log_likelihood):
+        with pytest.raises(FloatingPointError, match=r"S: expected .* at step 3 \(t = 1.5 s\)"):
+            verb(perfect, record(perfect, 8, np.random.default_rng(9)))
+
+
+@pytest.mark.parametrize(
+    ("z", "first", "message"),
+    [
+        (np.zeros((5, 3)), 1, r"z: expected shape \(steps\+1, 2\), received \(5, 3\)"),
+        (np.zeros((5, 2, 1)), 1, r"z: expected shape \(steps\+1, 2\), received \(5, 2, 1\)"),
+        (np.zeros((1, 2)), 1, "steps: expected a whole number >= 1, received 0"),
+        ([[0, 0], [0, np.inf]], 1, r"z\[1\]\[1\]: expected finite numbers, .* received an infinite value"),
+        (np.zeros((5, 2)), 2, "first: expected 0 or 1, received 2"),
+    ],
+)
+def test_bad_records_are_refused(z, first, message):
+    """Shape, length, infinity and first are checked, with what was expected."""
+    for verb in (filter_record, log_likelihood):
+        with pytest.raises(ValueError, match=message):
+            verb(TRACK, z, first)
+
+
+def test_the_model_must_be_discrete_and_long_enough():
+    """A continuous model is a TypeError; more rows than the model is given for are refused."""
+    with pytest.raises(TypeError, match="model: expected a DiscreteModel, received a ContinuousModel"):
+        filter_record(ContinuousModel([[0]], [[1]], [[1]], [[1]], P0=[[1]]), [[0], [0]])
+    with pytest.raises(ValueError, match="steps: expected at most 600"):
+        log_likelihood(DRIVEN, np.zeros((700, 2)))
+
+
+def test_kernels_are_kept_where_the_user_says_or_not_at_all(tmp_path, monkeypatch):
+    """NUMBA_CACHE_DIR is respected; a folder that cannot be written is no reason to fail."""
+    import numba
+
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    dispatcher = numba.njit(forward.alike)
+    compiled.enable(dispatcher)
+    assert dispatcher._cache.cache_path.startswith(str(tmp_path))
+    monkeypatch.delenv("NUMBA_CACHE_DIR")
+    monkeypatch.setattr(compiled, "folder", lambda: tmp_path / "file" / "kernels")
+    (tmp_path / "file").write_text("in the way")
+    dispatcher = numba.njit(forward.alike)
+    compiled.enable(dispatcher)
+    assert dispatcher(np.array([True]), np.array([True]))
+
+
+def test_a_kernel_is_compiled_anew_when_its_helpers_change(tmp_path):
+    """The stamp of the cache covers the files beside the kernel's."""
+    import numba
+
+    (tmp_path / "helpers.py").write_text("one = 1\n")
+    (tmp_path / "kernels.py").write_text("def add(x):\n    return x + 1\n")
+
+    def stamp():
+        spec = importlib.util.spec_from_file_location("kernels", tmp_path / "kernels.py")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        dispatcher = numba.njit(module.add)
+        compiled.enable(dispatcher)
+        return dispatcher._cache._impl.locator.get_source_stamp()
+
+    before = stamp()
+    assert stamp() == before
+    (tmp_path / "helpers.py").write_text("one = 2\n")
+    assert stamp() != before

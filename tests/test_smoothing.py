@@ -1,0 +1,282 @@
+"""Smoothing is conditioning on the whole record: against the joint distribution, least squares, and the other route."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ctlabs import forms, records, smoothing
+from ctlabs.models import ContinuousModel, DiscreteModel
+from ctlabs.recursions import backward
+from ctlabs.smoothing import fixed_lag, smooth
+from tests import reference
+from tests.reference import EXACT, SOLVER, broken, close
+from tests.strategies import discrete_models, record, seeds
+
+TRACK = DiscreteModel(
+    Phi=[[1, 0.5], [0, 0.9]], Qd=[[0.1, 0.05], [0.05, 0.2]], H=[[1, 0], [0.5, 1]], R=[[1, 0.3], [0.3, 2]],
+    x0=[1, -1], P0=[[4, 0], [0, 2]], dt=0.5,
+)  # fmt: skip
+CORRELATED = dataclasses.replace(TRACK, N=[[0.1, 0.0], [0.05, 0.1]], offset=[0.5, -1.0])
+
+
+def filtered(model, z, first=1):
+    return records.filter_record(model, z, first)
+
+
+def jointly(model, z, first=1):
+    """Means, covariances and lag-one covariances of the states given the record, by conditioning all at once."""
+    z = np.asarray(z)
+    J = reference.joint(model, len(z) - 1)
+    known = reference._known(model, z, J, first, range(len(z)))
+    _mean, cov = reference.condition(J.mean, J.cov, *known)
+    x, P = reference.smoothed(model, z, first)
+    lag_one = np.full_like(P, np.nan)
+    for k in range(1, len(z)):
+        lag_one[k] = cov[J.x(k), J.x(k - 1)]
+    return x, P, lag_one
+
+
+def size_of(model):
+    """The size of the covariances whose difference a smoothed one is."""
+    return max(np.abs(model.P0).max(), np.abs(model.Qd).max())
+
+
+@settings(max_examples=60)
+@given(discrete_models(), seeds, st.sampled_from([0.0, 0.3]), st.integers(0, 1))
+def test_the_smoother_is_the_joint_conditional(model, seed, gaps, first):
+    """x, P and cov(x_k, x_{k−1}) given the record, whatever is singular, correlated, varying or missing."""
+    z = record(model, 6, np.random.default_rng(seed), gaps, first)
+    found, (x, P, lag_one) = smooth(model, filtered(model, z, first)), jointly(model, z, first)
+    size = size_of(model)
+    assert close(found.x, x, EXACT)
+    assert close(found.P, P, EXACT, size)
+    assert close(found.lag_one, lag_one, EXACT, size)
+
+
+@settings(max_examples=30)
+@given(discrete_models(stable=None, singular=False), seeds, st.sampled_from([0.0, 0.3]), st.integers(0, 1))
+def test_square_roots_and_rauch_tung_striebel_agree(model, seed, gaps, first):
+    """Two routes to one posterior: likelihoods that meet, and corrections that run backward."""
+    past = filtered(model, record(model, 6, np.random.default_rng(seed), gaps, first), first)
+    found, (x, P, lag_one) = smooth(model, past), smoothing._striebel(model, past, 0, 6)
+    assert close(found.x, x[:, :, 0], SOLVER)
+    assert close(found.P, P, SOLVER)
+    assert close(found.lag_one, lag_one, SOLVER)
+
+
+@settings(max_examples=30)
+@given(discrete_models(stable=None), seeds, st.sampled_from([0.0, 0.3]))
+def test_a_smoothed_covariance_is_one_and_no_larger_than_the_filters(model, seed, gaps):
+    """P is symmetric and nonnegative, and P⁺ − P is."""
+    past = filtered(model, record(model, 6, np.random.default_rng(seed), gaps))
+    found = smooth(model, past)
+    assert (found.P == found.P.transpose(0, 2, 1)).all()
+    rounding = EXACT * np.abs(past.P_plus).max()
+    assert np.linalg.eigvalsh(found.P).min() >= -EXACT * np.abs(found.P).max()
+    assert np.linalg.eigvalsh(past.P_plus - found.P).min() >= -rounding
+
+
+@pytest.mark.parametrize("name", ["Phi", "Qd", "H", "R"])
+def test_a_broken_model_is_noticed(name):
+    """5 % in one element of the model changes the smoothed estimates of one and the same history."""
+    z = record(CORRELATED, 8, np.random.default_rng(1))
+    past, exact = filtered(CORRELATED, z), reference.smoothed(CORRELATED, z)
+    assert close(smooth(CORRELATED, past).x, exact.x, EXACT)
+    wrong = dataclasses.replace(CORRELATED, **{name: broken(getattr(CORRELATED, name), (0, 0))})
+    assert not close(smooth(wrong, past).x, exact.x, EXACT)
+
+
+@pytest.mark.parametrize("form", list(forms.FORMS))
+def test_the_history_of_any_form_will_do(form):
+    """The smoother takes estimates and covariances; how they were computed does not matter."""
+    model = dataclasses.replace(CORRELATED, P0=filtered(CORRELATED, np.zeros((500, 2))).P_minus[-1])
+    z = record(model, 8, np.random.default_rng(2), first=0)
+    if form != "steady":  # whose gain is that of complete measurements
+        z[4, 0] = np.nan
+    found, wanted = smooth(model, forms.run(model, z, form, 0)), reference.smoothed(model, z, 0)
+    assert close(found.x, wanted.x, SOLVER)
+    assert close(found.P, wanted.P, SOLVER)
+
+
+def test_an_ensemble_is_smoothed_run_by_run():
+    """All runs in one pass, with one covariance."""
+    rng = np.random.default_rng(3)
+    z = np.stack([record(CORRELATED, 12, rng) for _ in range(5)], axis=2)
+    z[7, 1] = np.nan
+    found = smooth(CORRELATED, forms.run(CORRELATED, z, "joseph"))
+    for run in range(5):
+        alone = smooth(CORRELATED, filtered(CORRELATED, z[:, :, run]))
+        assert close(found.x[:, :, run], alone.x, EXACT)
+        assert close(found.P, alone.P, EXACT)
+
+
+@pytest.mark.parametrize("size", [1e7, 1e12, 1e20])
+def test_a_vague_start_costs_no_digits(size):
+    """Where P0 is large the smoothed moments at t0 are those of weighted least squares, to its own accuracy."""
+    vague = dataclasses.replace(TRACK, P0=size * np.eye(2))
+    z = record(TRACK, 12, np.random.default_rng(4))
+    found, wanted = smooth(vague, filtered(vague, z)), reference.least_squares(vague, z)
+    assert close(found.x[0], wanted.x[0], SOLVER)
+    assert close(found.P[0], wanted.P[0], SOLVER)
+    assert np.linalg.eigvalsh(found.P).min() > 0
+
+
+def test_states_that_decay_are_smoothed_too():
+    """Without disturbances everything said of the end is said of x0: P_s = Φᵏ P_{0|N} Φᵏᵀ, though P⁻ loses its rank."""
+    model = DiscreteModel(
+        Phi=[[0.9, 0.2], [0.0, 0.3]], Qd=np.zeros((2, 2)), H=[[1, 1]], R=[[0.01]], x0=[0, 0], P0=[[1, 0.2], [0.2, 1]]
+    )
+    z = record(model, 60, np.random.default_rng(5))
+    found = smooth(model, filtered(model, z))
+    P = np.linalg.inv(reference.information(model, 60))
+    for k in range(61):
+        assert close(found.P[k], P, EXACT)
+        assert close(found.x[k], np.linalg.matrix_power(model.Phi, k) @ found.x[0], EXACT)
+        P = model.Phi @ P @ model.Phi.T
+    rows = np.array([model.H @ np.linalg.matrix_power(model.Phi, k) for k in range(1, 61)])[:, 0]
+    x0 = np.linalg.solve(np.linalg.inv(model.P0) + rows.T @ rows / 0.01, rows.T @ z[1:, 0] / 0.01)
+    assert close(found.x[0], x0, EXACT)
+
+
+def test_information_that_overflows_goes_the_other_way():
+    """x grows by 2 per step without a disturbance: of x0 more is known than doubles can say, and the result is finite."""
+    model = DiscreteModel([[2]], [[0]], [[1]], [[1]], x0=[1], P0=[[1]])
+    z = record(model, 700, np.random.default_rng(6))
+    found = smooth(model, filtered(model, z))
+    assert np.isfinite(found.x).all()
+    assert close(found.x[1:, 0] / found.x[:-1, 0], 2 * np.ones(700), EXACT)
+    assert close(found.P[:, 0, 0], 0.75 * 0.25 ** np.arange(700.0, -1, -1), EXACT)
+    assert smoothing._way(model, filtered(model, z)) is not None
+
+
+PERFECT = [
+    dataclasses.replace(TRACK, R=np.diag([0.0, 1.0])),
+    dataclasses.replace(TRACK, R=np.diag([0.0, 0.0])),
+    dataclasses.replace(TRACK, R=np.diag([0.0, 1.0]), Qd=np.zeros((2, 2))),
+    dataclasses.replace(TRACK, R=np.diag([0.0, 1.0]), N=[[0.0, 0.1], [0.0, 0.1]]),
+]
+
+
+@pytest.mark.parametrize("model", PERFECT, ids=["one", "both", "no disturbance", "correlated"])
+def test_perfect_measurements_are_smoothed(model):
+    """R = 0 would be an infinite information; the states it determines keep their exact values."""
+    z = record(model, 7, np.random.default_rng(7))
+    found, (x, P, lag_one) = smooth(model, filtered(model, z)), jointly(model, z)
+    assert close(found.x, x, 1e-10)
+    assert close(found.P, P, 1e-10, size_of(model))
+    assert close(found.lag_one, lag_one, 1e-10, size_of(model))
+    behind = fixed_lag(model, z, 2)
+    for k in range(8):
+        x, P, _ = jointly(model, z[: min(k + 2, 7) + 1])
+        assert close(behind.x[k], x[k], 1e-10)
+        assert close(behind.P[k], P[k], 1e-10, size_of(model))
+
+
+@settings(max_examples=40)
+@given(discrete_models(), seeds, st.sampled_from([0.0, 0.3]), st.integers(0, 1), st.integers(0, 8))
+def test_a_fixed_lag_is_the_conditional_mean(model, seed, gaps, first, lag):
+    """Entry k is x_k given what is measured up to k + lag, by the joint distribution; nothing is approximated."""
+    z = record(model, 6, np.random.default_rng(seed), gaps, first)
+    found = fixed_lag(model, z, lag, first)
+    for k in range(7):
+        last = max(min(k + lag, 6), 1)  # a record has one step at least; with one row less x_0 is P0's or the filter's
+        if k + lag == 0:
+            past = filtered(model, z, first)
+            x, P = past.x_plus[:1], past.P_plus[:1]
+        else:
+            x, P = reference.smoothed(model, z[: last + 1], first)
+        assert close(found.x[k], x[k], EXACT, np.abs(x).max())
+        assert close(found.P[k], P[k], EXACT, size_of(model))
+
+
+def test_lag_0_is_the_filter_and_a_long_lag_the_smoother():
+    """The ends of the scale, to the bit."""
+    z = record(CORRELATED, 20, np.random.default_rng(8))
+    past = filtered(CORRELATED, z)
+    none, whole = fixed_lag(CORRELATED, z, 0), smooth(CORRELATED, past)
+    assert close(none.x, past.x_plus, EXACT)
+    assert close(none.P, past.P_plus, EXACT)
+    for lag in (20, 25):
+        found = fixed_lag(CORRELATED, z, lag)
+        assert (found.x == whole.x).all()
+        assert (found.P == whole.P).all()
+    assert (fixed_lag(CORRELATED, z, 3).x[-1] == whole.x[-1]).all()
+
+
+@pytest.mark.parametrize("model", [TRACK, CORRELATED], ids=["plain", "correlated"])
+def test_windows_that_go_back_together_are_the_windows(model, monkeypatch):
+    """Windows with the same elements share their matrices; one by one, and across gaps, the result is the same."""
+    z = record(model, 250, np.random.default_rng(9))
+    z[[100, 101, 180], 0] = np.nan
+    together = fixed_lag(model, z, 7)
+    monkeypatch.setattr(smoothing, "TOGETHER", 1)
+    alone = fixed_lag(model, z, 7)
+    assert close(together.x, alone.x, EXACT)
+    assert close(together.P, alone.P, EXACT)
+    for k in (60, 95, 101, 178):
+        whole = smooth(model, filtered(model, z[: k + 8]))
+        assert close(together.x[k], whole.x[k], EXACT)
+        assert close(together.P[k], whole.P[k], EXACT)
+
+
+def test_waiting_helps():
+    """The variance of a state falls with the lag, towards the smoother's."""
+    z = np.zeros((60, 2))
+    variances = [fixed_lag(TRACK, z, lag).P[20, 1, 1] for lag in range(12)]
+    assert (np.diff(variances) < 0).all()
+    assert close(variances[-1], smooth(TRACK, filtered(TRACK, z)).P[20, 1, 1], 1e-3)
+
+
+def test_plain_python_is_what_is_compiled():
+    """The loops without numba give the same numbers, with N, with gaps, and for varying matrices."""
+    varying = dataclasses.replace(TRACK, Qd=np.tile(TRACK.Qd, (30, 1, 1)), R=np.tile(TRACK.R, (31, 1, 1)))
+    for model in (TRACK, CORRELATED, varying):
+        z = record(model, 30, np.random.default_rng(10))
+        z[15, 0] = np.nan
+        past = filtered(model, z)
+        way = smoothing._way(model, past)
+        again = backward.Backward(
+            way.Phi, *(np.zeros_like(part) for part in way[1:4]), way.shift, np.zeros_like(way.since)
+        )
+        innovation = past.innovation[:, :, None]
+        assert backward.prepare.py_func(records.system(model), past.used, innovation, again)
+        assert all(close(a.astype(float), b, EXACT) for a, b in zip(way, again, strict=True))
+        x, P, lag_one = past.x_plus[:, :, None].copy(), past.P_plus.copy(), np.full_like(past.P_plus, np.nan)
+        assert backward.smooth.py_func(again, past.P_plus, x, P, lag_one)
+        whole = smooth(model, past)
+        assert close(x[:, :, 0], whole.x, EXACT)
+        assert close(P, whole.P, EXACT)
+        assert close(lag_one, whole.lag_one, EXACT)
+        x, P = past.x_plus[:, :, None].copy(), past.P_plus.copy()
+        assert backward.windows.py_func(again, past.P_plus, 5, 4, x, P)
+        behind = fixed_lag(model, z, 5)
+        assert close(x[:26, :, 0], behind.x[:26], EXACT)
+        assert close(P[:26], behind.P[:26], EXACT)
+    perfect = filtered(PERFECT[0], z)
+    way = smoothing._way(TRACK, filtered(TRACK, z))
+    assert not backward.prepare.py_func(records.system(PERFECT[0]), perfect.used, perfect.innovation[:, :, None], way)
+
+
+def test_histories_that_do_not_fit_are_refused():
+    """A continuous model, another model's history, one that starts from nothing, a negative lag."""
+    z = record(TRACK, 8, np.random.default_rng(11))
+    past = filtered(TRACK, z)
+    with pytest.raises(TypeError, match="model: expected a DiscreteModel"):
+        smooth(ContinuousModel([[0]], [[1]], [[1]], [[1]], P0=[[1]]), past)
+    walk = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[1]])
+    with pytest.raises(
+        ValueError, match=r"filtered.x_plus: expected shape \(9, 1\) as the model has it, received \(9, 2\)"
+    ):
+        smooth(walk, past)
+    nothing = forms.run(TRACK, z, "information", P0=np.diag([np.inf, np.inf]))
+    with pytest.raises(ValueError, match=r"filtered.P_plus: expected finite covariances, received inf at step 0"):
+        smooth(TRACK, nothing)
+    short = dataclasses.replace(TRACK, Phi=np.tile(TRACK.Phi, (5, 1, 1)))
+    with pytest.raises(ValueError, match="steps: expected at most 5"):
+        smooth(short, past)
+    for lag in (-1, 1.5):
+        with pytest.raises(ValueError, match="lag: expected a whole number >= 0"):
+            fixed_lag(TRACK, z, lag)
