@@ -13,6 +13,7 @@ from ctlabs.plots.diagrams import Arrow, Node, block_diagram
 from ctlabs.plots.fields import animation, errors_by_noise, gain_rows, maps, surface
 from ctlabs.plots.filters import ensemble_against_theory, errors, record, sawtooth
 from ctlabs.plots.frequency import bode, poles, response
+from ctlabs.plots.records import autocorrelation, innovations, likelihood_profiles, measured
 from ctlabs.plots.sweeps import pairs, sweep
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "Figure",
     "Node",
     "animation",
+    "autocorrelation",
     "block_diagram",
     "bode",
     "ensemble_against_theory",
@@ -29,9 +31,12 @@ __all__ = [
     "estimates",
     "gain_rows",
     "gains",
+    "innovations",
     "ladder",
+    "likelihood_profiles",
     "lines",
     "maps",
+    "measured",
     "pairs",
     "poles",
     "record",

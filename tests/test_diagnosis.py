@@ -1,0 +1,329 @@
+"""The verdict on a record: silent on right models as often as it says, and right about stated faults."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from ctlabs import diagnosis, forms, records
+from ctlabs.models import DiscreteModel
+from tests import nile
+from tests.reference import EXACT, at
+from tests.strategies import record
+
+STEPS = 200
+
+
+def level(q=1.0, r=2.0, **more):
+    """A random walk in white noise."""
+    return DiscreteModel(
+        [[1]], [[q]], [[1]], [[r]], x0=[0], P0=[[10]], states=["level"], units=["m"], measurements=["gauge"], **more
+    )
+
+
+def tracked():
+    """Position and speed, both measured, with correlated errors and a step of offset."""
+    return DiscreteModel(
+        [[1, 0.5], [0, 0.9]], [[0.1, 0.05], [0.05, 0.2]], np.eye(2), [[1, 0.3], [0.3, 0.5]], x0=[1, -1], P0=np.eye(2), dt=0.5,
+        offset=[0.1, 0.0], states=["x", "v"], units=["m", "m/s"],
+    )  # fmt: skip
+
+
+def judged(model, truth, seed, steps=STEPS, gaps=0.0, first=1, level=0.01):
+    z = record(truth, steps, np.random.default_rng(seed), gaps, first)
+    return diagnosis.diagnose(model, records.filter_record(model, z, first), z, first, level=level)
+
+
+def hum(seed, steps=STEPS):
+    """The walk, measured with a noise that swings to and fro in eight steps."""
+    rng = np.random.default_rng(seed)
+    noise = np.zeros(steps + 1)
+    for k in range(2, steps + 1):
+        noise[k] = 1.2 * noise[k - 1] - 0.7 * noise[k - 2] + rng.normal()
+    return (3 * rng.normal() + np.cumsum(rng.normal(size=steps + 1)) + noise)[:, None]
+
+
+class TestCalibration:
+    @pytest.mark.parametrize(("truth", "gaps", "runs"), [(level(), 0.0, 80), (tracked(), 0.3, 40)])
+    def test_a_right_model_is_suspected_no_more_often_than_the_level_says(self, truth, gaps, runs):
+        """False alarms at 5 %, among records that are the model's: not more than binomially explicable."""
+        alarms = sum(not judged(truth, truth, seed, 100, gaps, level=0.05).ok for seed in range(runs))
+        assert alarms <= stats.binom.isf(1e-6, runs, 0.05)
+
+    def test_the_single_p_values_are_uniform(self):
+        """Kolmogorov's distance of the p-values of NIS, mean and independence over an ensemble, at 1e-6."""
+        found = []
+        for seed in range(400):
+            z = record(level(), 60, np.random.default_rng(seed), 0.2)
+            run = records.filter_record(level(), z)
+            _, e, nis = diagnosis._record(level(), run, z)
+            found.append(list(diagnosis._tests(level(), e, nis).p.values()))
+        for column in np.array(found).T:
+            assert stats.kstest(column, "uniform").pvalue > 1e-6
+
+    def test_the_test_of_whiteness_keeps_its_level_in_the_tail(self):
+        """At 1 % with 60 innovations, where the sum of Ljung and Box raises twice as many alarms."""
+        rng, runs = np.random.default_rng(1), 4000
+        alarms = ljung_box = 0
+        for _ in range(runs):
+            found = diagnosis.whiteness(rng.normal(size=60))
+            alarms += found.p < 0.01
+            N, lag = 60, found.lags
+            ljung_box += stats.chi2.sf(N * (N + 2) * (found.r**2 / (N - lag)).sum(), len(lag)) < 0.01
+        assert stats.binom.ppf(1e-6, runs, 0.01) <= alarms <= stats.binom.isf(1e-6, runs, 0.01)
+        assert ljung_box > 1.5 * alarms
+
+    def test_an_unstable_model_with_correlated_noises_is_judged_too(self):
+        """N between w and v, and a state that grows: nothing is wrong with it."""
+        truth = DiscreteModel([[1.02]], [[1.0]], [[1]], [[2.0]], x0=[0], P0=[[1]], N=[[0.7]])
+        assert sum(judged(truth, truth, seed, 100).ok for seed in range(12)) >= 10
+
+
+class TestFaults:
+    def test_a_measurement_noise_2_3_times_too_small_is_named_with_its_factor(self):
+        """The verdict says R, and its factor is 2.3 within the accuracy of a record."""
+        found = [judged(level(r=2.0), level(r=4.6), seed) for seed in range(12)]
+        assert sum(d.verdict == "R" for d in found) >= 9
+        assert all("R too small by about a factor" in d.suggestion for d in found if d.verdict == "R")
+        assert np.exp(np.mean([np.log(d.factor_R) for d in found])) == pytest.approx(2.3, rel=0.15)
+        assert judged(level(r=2.0), level(r=4.6), 2).suggestion == "R too small by about a factor 2.3"
+
+    def test_a_process_noise_5_times_too_small_is_named_with_its_factor(self):
+        """The verdict says Qd."""
+        found = [judged(level(q=1.0), level(q=5.0), seed) for seed in range(12)]
+        assert sum(d.verdict == "Qd" for d in found) >= 9
+        assert np.exp(np.mean([np.log(d.factor_Q) for d in found])) == pytest.approx(5.0, rel=0.25)
+
+    def test_variances_that_are_too_large_are_named_as_such(self):
+        """Both by a factor 4: R and Qd too large."""
+        found = judged(level(q=4.0, r=8.0), level(q=1.0, r=2.0), 1, 400)
+        assert found.verdict == "R and Qd"
+        assert found.factors == pytest.approx((0.25, 0.25), rel=0.5)
+        assert found.suggestion.count("too large by about a factor") == 2
+        assert found.nis_mean < found.nis_band[0]
+
+    def test_a_missing_drift_is_named_with_its_size(self):
+        """A level that rises by half a metre every step, filtered as one that does not."""
+        found = [judged(level(), level(offset=[0.5]), seed) for seed in range(8)]
+        assert sum(d.verdict == "input" for d in found) >= 6
+        assert found[0].suggestion.startswith("a drift is missing: a constant of about 0.5")
+        assert "m enters level every step" in found[0].suggestion
+        assert found[0].mean[0] > 0
+        assert found[0].mean_p[0] < 1e-3
+
+    def test_a_biased_sensor_is_named(self):
+        """One of two sensors reads 3 too much: the other one gives it away."""
+        truth = tracked()
+        z = record(truth, STEPS, np.random.default_rng(5)) + np.array([0.0, 3.0])
+        found = diagnosis.diagnose(truth, records.filter_record(truth, z), z)
+        assert found.verdict == "bias"
+        assert "z2 has a bias of about 3" in found.suggestion.replace("3.0", "3")
+
+    def test_a_noise_with_memory_is_told_from_a_wrong_size(self):
+        """R and Qd cannot explain it, whatever they are: something is missing in the model."""
+        z = hum(3)
+        model = level(r=0.2)
+        found = diagnosis.diagnose(model, records.filter_record(model, z), z)
+        assert found.verdict == "correlated"
+        assert "a state or a coloured noise is missing" in found.suggestion
+        assert "also after the most likely change" in found.suggestion
+        assert found.whiteness_p[0] < 1e-4
+
+    def test_innovations_of_the_right_size_that_alternate_are_called_correlated(self):
+        """A stationary state measured with an oscillating error: the size is right, the independence is not."""
+        model = DiscreteModel([[0.0]], [[1.0]], [[1]], [[1.0]], x0=[0], P0=[[1]])
+        rng = np.random.default_rng(0)
+        e = np.zeros(401)
+        for k in range(1, 401):
+            e[k] = -0.5 * e[k - 1] + np.sqrt(2 * 0.75) * rng.normal()
+        found = diagnosis.diagnose(model, records.filter_record(model, e[:, None]), e[:, None])
+        assert found.verdict == "correlated"
+        assert (
+            found.suggestion
+            == "the innovations are correlated although their size is right: a state or a coloured noise is missing"
+        )
+        assert found.autocorrelation[0][0] == pytest.approx(-0.5, abs=0.15)
+
+    def test_the_nile_is_a_local_level(self):
+        """At Durbin & Koopman's variances nothing speaks against the model; with a tenth of R something does."""
+        model = DiscreteModel([[1]], [[nile.Q]], [[1]], [[nile.R]], x0=[1000], P0=[[1e6]])
+        z = nile.FLOW[:, None]
+        found = diagnosis.diagnose(model, records.filter_record(model, z, 0), z, 0)
+        assert found.suggestion == "nothing speaks against the model"
+        assert found.ok
+        assert found.factor_R == pytest.approx(1.0, abs=0.05)
+        wrong = replace(model, R=[[nile.R / 10]])
+        assert not diagnosis.diagnose(wrong, records.filter_record(wrong, z, 0), z, 0).ok
+
+    def test_a_record_that_nothing_explains_is_called_so(self):
+        """Six perfect measurements, all of them two standard deviations off: too much together, too little for a bias."""
+        model = DiscreteModel(np.eye(6), np.zeros((6, 6)), np.eye(6), np.zeros((6, 6)), x0=np.zeros(6), P0=np.eye(6))
+        z = np.full((4, 6), 2.0)
+        found = diagnosis.diagnose(model, records.filter_record(model, z, 0), z, 0)
+        assert found.nis_mean == pytest.approx(24.0)
+        assert found.verdict == "other"
+        assert found.suggestion.startswith("the record does not fit the model (NIS: p = ")
+
+
+class TestNumbers:
+    def test_the_nis_and_its_band_are_those_of_chi_squared(self):
+        """From ν and S of another form: mean per instant, exact quantiles of χ² for all elements together, gaps left out."""
+        model = tracked()
+        z = record(model, 50, np.random.default_rng(2), 0.3)
+        found = diagnosis.diagnose(model, forms.run(model, z, "ud"), z)
+        run = records.filter_record(model, z)
+        total = 0.0
+        for nu, S in zip(run.innovation, run.S, strict=True):
+            used = np.isfinite(nu)
+            total += nu[used] @ np.linalg.solve(S[np.ix_(used, used)], nu[used])
+        dof, instants = int(np.isfinite(z).sum()), int(np.isfinite(z).any(axis=1).sum())
+        assert found.nis_mean == pytest.approx(total / instants, rel=1e-9)
+        assert found.nis_expected == dof / instants
+        assert found.nis_band == pytest.approx(tuple(stats.chi2.ppf([0.025, 0.975], dof) / instants), rel=1e-9)
+        assert found.nis_p == pytest.approx(2 * min(stats.chi2.cdf(total, dof), stats.chi2.sf(total, dof)), rel=1e-9)
+
+    def test_the_factors_maximise_the_likelihood(self):
+        """5 % beside them the record is less likely."""
+        model, z = level(), record(level(q=3.0, r=1.0), 80, np.random.default_rng(0))
+        found = diagnosis.diagnose(model, records.filter_record(model, z), z)
+
+        def likelihood(a, b):
+            return records.log_likelihood(level(b * 1.0, a * 2.0), z)
+
+        a, b = found.factors
+        assert likelihood(found.factor_R, 1) > max(likelihood(found.factor_R * s, 1) for s in (0.95, 1.05))
+        assert likelihood(1, found.factor_Q) > max(likelihood(1, found.factor_Q * s) for s in (0.95, 1.05))
+        assert likelihood(a, b) > max(likelihood(a * s, b * t) for s in (0.95, 1.05) for t in (0.95, 1.05))
+
+    def test_a_constant_is_estimated_as_by_least_squares(self):
+        """White measurements of a constant bias: its mean, gained N·mean²/r, with the probability of that."""
+        model = DiscreteModel([[0]], [[0]], [[1]], [[4]], x0=[0], P0=[[0]])
+        z = 1.5 + 2 * np.random.default_rng(1).normal(size=(51, 1))
+        (bias,) = [c for c in diagnosis._constants(model, z, 1) if c.kind == "bias"]
+        mean = z[1:].mean()
+        assert bias.size[0] == pytest.approx(mean, rel=1e-9)
+        assert bias.gain == pytest.approx(50 * mean**2 / 4, rel=1e-9)
+        assert bias.p == pytest.approx(stats.chi2.sf(bias.gain, 1), rel=1e-6)
+
+    def test_a_constant_that_no_measurement_shows_is_no_candidate(self):
+        """Of two known states only one is measured: an input of the other one cannot be seen."""
+        model = DiscreteModel(np.eye(2), np.zeros((2, 2)), [[1, 0]], [[1.0]], x0=[0, 0], P0=np.zeros((2, 2)))
+        k = np.arange(31)
+        z = (0.2 * k + np.random.default_rng(0).normal(size=31))[:, None]
+        found = {(c.kind, c.place): c for c in diagnosis._constants(model, z, 1)}
+        assert set(found) == {("input", 0), ("bias", 0)}
+        slope = k[1:] @ z[1:, 0] / (k @ k)
+        assert found["input", 0].size[0] == pytest.approx(slope, rel=1e-9)
+
+
+class TestWhiteness:
+    def test_partial_autocorrelations_are_the_last_coefficients_of_regressions(self):
+        """Durbin and Levinson's recursion equals the Yule-Walker equations, order by order."""
+        e = np.random.default_rng(4).normal(size=80)
+        found = diagnosis.whiteness(e)
+        full = np.array([1.0, *found.r])
+        for order in range(1, 11):
+            T = full[np.abs(np.subtract.outer(np.arange(order), np.arange(order)))]
+            assert found.partial[order - 1] == pytest.approx(np.linalg.solve(T, found.r[:order])[-1], abs=EXACT * 10)
+
+    def test_gaps_leave_the_test_as_it_is_without_them(self):
+        """Independent innovations stay independent when some are left out."""
+        e = np.random.default_rng(4).normal(size=80)
+        gappy = np.full(200, np.nan)
+        gappy[np.sort(np.random.default_rng(0).choice(200, 80, replace=False))] = e
+        assert diagnosis.whiteness(gappy).p == diagnosis.whiteness(e).p
+
+    def test_one_lag_for_five_innovations_ten_at_most(self):
+        """And none where there are fewer than ten."""
+        e = np.random.default_rng(0).normal(size=400)
+        assert [len(diagnosis.whiteness(e[:n]).lags) for n in (9, 10, 34, 50, 400)] == [0, 2, 6, 10, 10]
+        assert np.isnan(diagnosis.whiteness(e[:9]).p)
+        assert len(diagnosis.whiteness(e, lags=25).lags) == 25
+
+    def test_the_band_holds_95_percent_of_each_lag(self):
+        """Of autocorrelations at lag 1 of white sequences, by count."""
+        rng, runs = np.random.default_rng(0), 4000
+        inside = 0
+        for _ in range(runs):
+            found = diagnosis.whiteness(rng.normal(size=40))
+            inside += abs(found.r[0]) < found.band[0]
+        assert stats.binom.ppf(1e-6, runs, 0.95) <= inside <= stats.binom.isf(1e-6, runs, 0.95)
+
+
+class TestWhatIsAbsent:
+    def test_perfect_measurements_leave_nothing_to_scale_in_R(self):
+        """R = 0: only the factor on Qd is found."""
+        truth = DiscreteModel([[0.9]], [[3.0]], [[1]], [[0]], x0=[0], P0=[[1]])
+        found = judged(replace(truth, Qd=[[1.0]]), truth, 0, 40)
+        assert found.factor_R is None
+        assert found.factors is None
+        assert found.verdict == "Qd"
+        assert found.factor_Q == pytest.approx(3.0, rel=0.5)
+
+    def test_a_model_without_disturbances_leaves_nothing_to_scale_in_Qd(self):
+        """Qd = 0: only the factor on R is found, and elements with R = ∞ stay absent."""
+        truth = DiscreteModel([[0.9]], [[0.0]], [[1], [1]], np.diag([4.0, np.inf]), x0=[0], P0=[[1]])
+        found = judged(replace(truth, R=np.diag([1.0, np.inf])), truth, 0, 100)
+        assert found.factor_Q is None
+        assert found.verdict == "R"
+        assert found.factor_R == pytest.approx(4.0, rel=0.5)
+        assert np.isnan(found.mean_p[1])
+        assert np.isnan(found.whiteness_p[1])
+        assert np.isnan(found.autocorrelation[1]).all()
+        assert "mean of z2" not in found.tests
+
+    def test_without_either_the_other_tests_remain(self):
+        """Qd = 0 and R = 0: one draw of x0 is all there is."""
+        model = DiscreteModel([[1]], [[0]], [[1]], [[0]], x0=[0], P0=[[1]])
+        z = np.full((4, 1), 0.3)
+        found = diagnosis.diagnose(model, records.filter_record(model, z), z)
+        assert found.factor_R is None is found.factor_Q
+        assert found.ok
+        assert "so few innovations, 1, could hardly" in found.suggestion
+
+    def test_one_run_with_an_axis_for_runs_is_a_record(self):
+        """Innovations (steps+1, m, 1) are taken as (steps+1, m)."""
+        model = level()
+        z = record(model, 30, np.random.default_rng(0))
+        wide = forms.run(model, z[:, :, None], "joseph")
+        flat = records.filter_record(model, z)
+        assert diagnosis.diagnose(model, wide, z).tests == pytest.approx(
+            diagnosis.diagnose(model, flat, z).tests, rel=1e-6
+        )
+
+    def test_matrices_that_vary_are_scaled_as_they_are(self):
+        """R of every instant by one factor."""
+        R = np.linspace(1, 3, STEPS + 1)[:, None, None]
+        truth = DiscreteModel([[0.9]], [[1.0]], [[1]], 6 * R, x0=[0], P0=[[1]])
+        found = judged(replace(truth, R=R), truth, 0)
+        assert found.verdict == "R"
+        assert found.factor_R == pytest.approx(6.0, rel=0.4)
+        assert at(truth.R, 0).shape == (1, 1)
+
+
+class TestRefusals:
+    def test_several_runs_and_other_shapes_are_refused(self):
+        """A diagnosis is of one record."""
+        model = level()
+        z = record(model, 30, np.random.default_rng(0))
+        both = np.stack([z, z], axis=2)
+        with pytest.raises(
+            ValueError, match=r"z: expected one record \(steps\+1, 1\), filtered, received \(31, 1, 2\)"
+        ):
+            diagnosis.diagnose(model, forms.run(model, both, "joseph"), both)
+        with pytest.raises(ValueError, match=r"received \(30, 1\) and innovations \(31, 1\)"):
+            diagnosis.diagnose(model, records.filter_record(model, z), z[:-1])
+
+    def test_a_record_without_measurements_is_refused(self):
+        """Nothing was measured."""
+        z = np.full((5, 1), np.nan)
+        with pytest.raises(ValueError, match="expected at least one measurement that enters the filter, received none"):
+            diagnosis.diagnose(level(), records.filter_record(level(), z), z)
+
+    @pytest.mark.parametrize("probability", [0.0, 1.0, -1])
+    def test_a_level_is_a_probability(self, probability):
+        """Strictly between 0 and 1."""
+        z = record(level(), 30, np.random.default_rng(0))
+        with pytest.raises(ValueError, match="level: expected a probability between 0 and 1"):
+            diagnosis.diagnose(level(), records.filter_record(level(), z), z, level=probability)
