@@ -48,6 +48,16 @@ class LabParameters(BaseModel):
         """The values as JSON holds them (infinity as "inf")."""
         return {name: plain(getattr(self, name)) for name in type(self).model_fields}
 
+    def described(self) -> list[tuple[str, str, str]]:
+        """Name, unit and meaning of each."""
+        extras = (
+            (name, info.json_schema_extra, info.description or "") for name, info in type(self).model_fields.items()
+        )
+        return [
+            (name, str(extra.get("unit", "")) if isinstance(extra, dict) else "", meaning)
+            for name, extra, meaning in extras
+        ]
+
 
 def plain(value: Any) -> Any:
     """A value as JSON holds it: lists, floats, "inf" and "-inf"; complex numbers as [re, im]. NaN is refused."""

@@ -14,7 +14,8 @@ import json
 import re
 import shutil
 import tempfile
-from collections.abc import Iterable
+import textwrap
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,10 @@ DPI = 130
 MARK = "<!-- index written by ctlabs -->"
 #: Lists longer than this are shown by their first and last elements (results.json holds all).
 SHOWN = 12
+#: Lists of at most so many elements are short enough for a terminal.
+SHORT = 4
+#: Of sentences on a terminal, in characters.
+WIDTH = 100
 
 
 def write(report: Report, folder: Path) -> None:
@@ -77,8 +82,8 @@ def markdown(report: Report) -> str:
     failed = [check.name for check in checks if not check.passed]
     lines = [
         f"# {report.meta['title']}",
-        fill(_("*{source}.* Experiment: {runs} runs, seed {seed}. Checks: {verdict}."),
-             source=report.meta["source"], runs=report.runs, seed=report.seed, verdict=_verdict(len(checks), failed)),
+        fill(_head(report), source=report.meta["source"], runs=report.runs, seed=report.seed,
+             verdict=_verdict(len(checks), failed)),
         _parameters(report),
     ]  # fmt: skip
     pending: list[Value | Check] = []
@@ -102,6 +107,13 @@ def markdown(report: Report) -> str:
     return "\n\n".join(lines) + "\n"
 
 
+def _head(report: Report) -> str:
+    """The line below the title: a study without an experiment, or without a check, does not speak of it."""
+    if report.runs:
+        return _("*{source}.* Experiment: {runs} runs, seed {seed}. Checks: {verdict}.")
+    return _("*{source}.* Checks: {verdict}.") if report.checks else "*{source}.*"
+
+
 def html(report: Report, pictures: dict[str, bytes]) -> str:
     """The report as one self-contained page: equations as MathML, figures inside, no request to any server."""
     body = _markdown_it().render(markdown(report))
@@ -112,6 +124,31 @@ def html(report: Report, pictures: dict[str, bytes]) -> str:
     sections = [(block.part, block.text) for block in report.blocks if isinstance(block, Heading)]
     template = _environment().get_template("report.html")
     return template.render(title=report.meta["title"], body=body, passed=report.passed, sections=sections, _=_)
+
+
+def summary(report: Report, tables: Sequence[str] = ()) -> list[str]:
+    """The report's short values, and the ``tables`` of these names, as aligned lines for a terminal."""
+    lines = [report.meta["title"]]
+    values = [
+        value
+        for value in report.values.values()
+        if not isinstance(value.value, list) or (len(value.value) <= SHORT and not any(map(_nested, value.value)))
+    ]
+    sentences = [value.value for value in values if isinstance(value.value, str) and " " in value.value]
+    rows = [
+        [value.name, number(_single(value.value)), "" if value.unit == "1" else value.unit, value.reason]
+        for value in values
+        if value.value not in sentences
+    ]
+    lines += ["", *_columns(rows)]
+    for block in report.blocks:
+        if isinstance(block, Table) and block.name in tables:
+            cells = [
+                [_plain(column) for column in block.columns],
+                *([number(cell, 3) for cell in row] for row in block.rows),
+            ]
+            lines += ["", *_columns(cells)]
+    return lines + [line for sentence in sentences for line in ("", *textwrap.wrap(sentence, WIDTH))]
 
 
 def png(figure: Figure) -> bytes:
@@ -137,6 +174,8 @@ def _fill(report: Report, place: Path) -> None:
                 csv.writer(file).writerows(
                     [[_plain(c) for c in block.columns], *([_csv(cell) for cell in row] for row in block.rows)]
                 )
+    for name, content in report.files.items():
+        (place / name).write_bytes(content)
     (place / "report.md").write_text(markdown(report), encoding="utf-8")
     (place / "report.html").write_text(html(report, pictures), encoding="utf-8")
     (place / "results.json").write_text(_json(report.results()), encoding="utf-8")
@@ -182,6 +221,22 @@ def _json(results: dict[str, Any]) -> str:
     return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
+def _nested(value: Any) -> bool:
+    """Whether a value is a list: of a matrix, a complex number, a polynomial."""
+    return isinstance(value, list)
+
+
+def _single(value: Any) -> Any:
+    """The element of a list that has one."""
+    return value[0] if isinstance(value, list) and len(value) == 1 else value
+
+
+def _columns(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of words with their columns one below the other."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
 def _verdict(checks: int, failed: list[str]) -> str:
     if failed:
         return fill(
@@ -191,13 +246,8 @@ def _verdict(checks: int, failed: list[str]) -> str:
 
 
 def _parameters(report: Report) -> str:
-    fields = type(report.parameters).model_fields
-    rows = []
-    for name, info in fields.items():
-        extra = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
-        rows.append(
-            [f"`{name}`", _cell(report.parameters.plain()[name]), str(extra.get("unit", "")), info.description or ""]
-        )
+    values = report.parameters.plain()
+    rows = [[f"`{name}`", _cell(values[name]), unit, meaning] for name, unit, meaning in report.parameters.described()]
     return _grid([_("parameter"), _("value"), _("unit"), _("meaning")], rows)
 
 

@@ -1,4 +1,4 @@
-"""A lab's report: text, equations, tables, figures, values and checks, collected in the order of the sheet.
+"""A report of a lab or a study: text, equations, tables, figures, values and checks, in the order of its parts.
 
 A :class:`Report` knows nothing of files; :mod:`ctlabs.render` writes it. A check always compares two *different* routes
 to the same number; its kind is one of the four tolerances (EXACT, SOLVER, ORDER, CHANCE).
@@ -6,6 +6,8 @@ to the same number; its kind is one of the four tolerances (EXACT, SOLVER, ORDER
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -14,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ctlabs.params import LabParameters, plain
+from ctlabs.params import plain
 from ctlabs.text import fill, latex_matrix
 
 if TYPE_CHECKING:
@@ -90,6 +92,16 @@ class Check:
     passed: bool
 
 
+class Parameters(Protocol):
+    """What a report was made with: a lab's parameters, or the constants and settings of a study."""
+
+    def plain(self) -> dict[str, Any]:
+        """The values by name, as JSON holds them."""
+
+    def described(self) -> list[tuple[str, str, str]]:
+        """Name, unit and meaning of each."""
+
+
 class Chance(Protocol):
     """What an exact test of an ensemble says (:mod:`ctlabs.montecarlo.chance`)."""
 
@@ -108,21 +120,25 @@ class Chance(Protocol):
 
 @dataclass
 class Report:
-    """The report of one lab.
+    """The report of one lab, or of one study of somebody's own model and data.
 
     Parameters
     ----------
     meta : the lab's META (name, title, source, parts)
     parameters : the lab's parameters
-    runs, seed : of the computational experiment
+    runs, seed : of the computational experiment; no runs where there is none
+    files : further files of the report's folder, by name
+    more : what ``results.json`` holds besides parameters, values and checks
     """
 
     meta: Mapping[str, Any]
-    parameters: LabParameters
+    parameters: Parameters
     runs: int
     seed: int
     blocks: list[Text | Heading | Table | Picture | Value | Check] = field(default_factory=list)
     part: str = ""
+    files: dict[str, bytes] = field(default_factory=dict)
+    more: dict[str, Any] = field(default_factory=dict)
 
     def heading(self, text: str) -> None:
         """Begin one of the report's large divisions (analysis, plan, experiment, conclusions)."""
@@ -164,6 +180,14 @@ class Report:
                 msg = f"table {name}: expected {len(columns)} cells in a row, received {len(row)}"
                 raise ValueError(msg)
         self.blocks.append(Table(name, tuple(columns), found, fill(caption, **values), 1 + self._count(Table)))
+
+    def csv(self, name: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
+        """A file ``NAME.csv`` beside the report, for other programs; NaN and None are empty cells."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows([["" if cell is None or cell != cell else cell for cell in row] for row in rows])
+        self.files[f"{name}.csv"] = text.getvalue().encode()
 
     def figure(self, name: str, figure: Figure, caption: str, /, **values: object) -> None:
         """A figure and a caption that says what it shows."""
@@ -278,6 +302,7 @@ class Report:
                 }
                 for c in self.checks
             ],
+            **self.more,
         }  # fmt: skip
 
     def _count(self, kind: type) -> int:

@@ -1,0 +1,87 @@
+"""The times of a record and the model's clock: which model moves the state from row to row."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ctlabs._check import Array
+from ctlabs.models import DiscreteModel
+
+if TYPE_CHECKING:
+    from ctlabs.datafile import Record
+    from ctlabs.modelfile import ModelFile
+
+#: How far, in periods, a row may be off the grid of a model in discrete time: written times are rounded.
+NEAR = 1e-2
+
+
+def timed(model: ModelFile, record: Record) -> tuple[DiscreteModel, Array, Array]:
+    """The model over the record's instants, the data z (steps+1, m) and the times t (steps+1,).
+
+    With ``first = 1`` the first row is t1, and row 0 of z, at t0, is empty; with ``first = 0`` it is t0. Times in the file
+    that are not uniform give every interval of a continuous model its own matrices.
+
+    Raises
+    ------
+    ValueError
+        Too few rows; a first row before t0; intervals that a discrete model does not have: the line is named.
+    """
+    first, t0 = model.experiment.first, float(model.experiment.t0)
+    steps = record.rows - 1 + first
+    if steps < 1:
+        msg = f"{record.source}: expected at least 2 rows (first = 0: one is at t0), received {record.rows}"
+        raise ValueError(msg)
+    z = np.vstack([np.full((first, record.z.shape[1]), np.nan), record.z])
+    if record.t is None:
+        discrete = model.discrete(steps=steps)
+        return discrete, z, t0 + np.arange(steps + 1) * discrete.dt
+    if model.kind == "discrete":
+        return _uniform(model, record, steps, z)
+    t = np.concatenate([[t0][:first], record.t])
+    _begins(record, t0, first)
+    return model.discrete(times=t), z, t
+
+
+def cut(model: DiscreteModel, steps: int) -> DiscreteModel:
+    """The first ``steps`` steps of a model that may vary with time."""
+    if model.horizon is None or model.horizon <= steps:
+        return model
+    fields = {"Phi": (2, steps), "Qd": (2, steps), "H": (2, steps + 1), "R": (2, steps + 1), "offset": (1, steps)}
+    shorter = {
+        name: getattr(model, name)[:length]
+        for name, (ndim, length) in fields.items()
+        if getattr(model, name) is not None and getattr(model, name).ndim > ndim
+    }
+    return dataclasses.replace(model, **shorter)
+
+
+def _begins(record: Record, t0: float, first: int) -> None:
+    """Refuse a first row that is not after t0, or (with ``first = 0``) not at it."""
+    assert record.t is not None
+    start, where = float(record.t[0]), f"{record.source}: line {record.lines[0]}, column t: expected"
+    if first and start <= t0:
+        msg = f"{where} a time after t0 = {t0:g} (the first row is t1), received {start:g}; set t0 or first = 0 under [experiment]"
+        raise ValueError(msg)
+    if not first and start != t0:
+        msg = f"{where} t0 = {t0:g} (first = 0), received {start:g}; set t0 = {start:g} under [experiment]"
+        raise ValueError(msg)
+
+
+def _uniform(model: ModelFile, record: Record, steps: int, z: Array) -> tuple[DiscreteModel, Array, Array]:
+    """The same for a model in discrete time, whose period is what every interval must be."""
+    assert record.t is not None
+    first, dt = model.experiment.first, model.dt
+    t = np.concatenate([[record.t[0] - dt][:first], record.t])
+    off = np.flatnonzero(np.abs(t - t[0] - dt * np.arange(steps + 1)) > NEAR * dt)
+    if off.size:
+        row = off[0] - first
+        msg = (
+            f"{record.source}: line {record.lines[row]}, column t: expected {t[0] + dt * off[0]:g} "
+            f"(a model in discrete time has one period, here {dt:g} s), received {record.t[row]:g}; "
+            "write a row with empty cells where nothing was measured, or a continuous model"
+        )
+        raise ValueError(msg)
+    return model.discrete(times=t), z, t

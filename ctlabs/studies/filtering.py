@@ -1,0 +1,394 @@
+"""A measured record filtered (and smoothed), and what its innovations say of the model: ``ctlabs filter``."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from scipy.special import chdtr, chdtrc, chdtri
+
+from ctlabs import diagnosis, forms, kalman, records, sensitivity, smoothing, steady
+from ctlabs._check import Array
+from ctlabs.models import DiscreteModel
+from ctlabs.plots import records as pictures
+from ctlabs.plots.studies import estimates
+from ctlabs.report import EXACT, SOLVER, Report
+from ctlabs.studies import clock, common
+from ctlabs.text import _, fill
+
+if TYPE_CHECKING:
+    from ctlabs.datafile import Record
+    from ctlabs.diagnosis import Diagnosis
+    from ctlabs.forms import Filtered
+    from ctlabs.modelfile import ModelFile
+    from ctlabs.smoothing import Smoothed
+
+#: The second route filters at most so many rows (it is a hundred times slower than the first).
+CHECKED = 2000
+#: Rows of a long record that are tested.
+DIAGNOSED = 20_000
+#: Covariances of a larger condition number are filtered differently by different forms.
+SINGULAR = 1e7
+#: Innovations whose σ is more times the usual one are not drawn.
+WIDE = 5
+SUFFIXES = (".npz", ".mat", ".h")
+
+
+class Run(NamedTuple):
+    """A record ready to be filtered, and what came of it."""
+
+    model: DiscreteModel
+    z: Array
+    t: Array
+    first: int
+    filtered: Filtered
+    smoothed: Smoothed | None
+
+
+def study(
+    model: ModelFile,
+    record: Record,
+    *,
+    algorithm: str | None = None,
+    smooth: bool = False,
+    design: ModelFile | None = None,
+) -> Report:
+    """Filter ``record`` with ``model``, or with ``design`` where ``model`` is only what is thought to be true.
+
+    Parameters
+    ----------
+    model, record : as read
+    algorithm : a form of the filter; the first of the model file's where not given
+    smooth : whether every state is also estimated from the whole record
+    design : the filter's model, where it is another one
+
+    Raises
+    ------
+    ValueError
+        An algorithm that does not exist or cannot filter the model; times that do not fit it.
+    """
+    used = model if design is None else design
+    algorithm = algorithm or used.experiment.algorithms[0]
+    run = _run(used, record, algorithm, smooth)
+    given = common.settings(
+        used,
+        ("algorithm", algorithm, "", _("form of the filter")),
+        ("dt", run.model.dt, "s", _("period")),
+        ("t0", float(run.t[0]), "s", _("time of the initial estimate")),
+        ("first", run.first, "1", _("index of the first row of the data")),
+    )
+    report = common.begin("filter", _("a record filtered"), used, "abcd", given, data=record.source)
+    report.section("a", _("Model and data"))
+    _data(report, run, record)
+    report.section("b", _("Estimates"))
+    _estimates(report, run)
+    report.section("c", _("What the data say of the model"))
+    _verdict(report, run, used.measurement_units)
+    if design is not None:
+        report.section("d", _("If the other model is the truth"))
+        _truth(report, model, run)
+    report.csv("estimates", *_table(run))
+    return report
+
+
+def add(report: Report, model: ModelFile, record: Record) -> None:
+    """A filtered record in another study's report: the figures, the verdict, ``estimates.csv``."""
+    run = _run(model, record, "joseph", smooth=False)
+    _figures(report, run)
+    _verdict(report, run, model.measurement_units)
+    report.csv("estimates", *_table(run))
+
+
+def _run(model: ModelFile, record: Record, algorithm: str, smooth: bool) -> Run:
+    """The record with its model, filtered."""
+    discrete, z, t = clock.timed(model, record)
+    first = model.experiment.first
+    filtered = (
+        records.filter_record(discrete, z, first) if algorithm == "joseph" else forms.run(discrete, z, algorithm, first)
+    )
+    if not np.isfinite(filtered.log_likelihood):
+        msg = f"form {algorithm}: expected finite numbers, received NaN by rounding; take a factorised form: --algorithm ud"
+        raise FloatingPointError(msg)
+    smoothed = smoothing.smooth(discrete, filtered) if smooth else None
+    return Run(discrete, z, t, first, filtered, smoothed)
+
+
+def _data(report: Report, run: Run, record: Record) -> None:
+    """What was read, and the model it is filtered with."""
+    report.says(
+        _("{source}: {rows} rows from t = {start} to {end} s. Measured: {names}. Missing elements: {missing}."),
+        source=record.source, rows=record.rows, names=", ".join(run.model.measurements),
+        start=float(run.t[run.first]), end=float(run.t[-1]), missing=record.missing,
+    )  # fmt: skip
+    common.show(report, run.model)
+    report.value("steps", record.rows)
+    report.value("missing", record.missing)
+
+
+def _estimates(report: Report, run: Run) -> None:
+    """The estimates in figures, the last ones in a table, and the second route."""
+    model, found = run.model, run.filtered
+    _figures(report, run)
+    columns = {_("estimate"): found.x_plus[-1], "σ": _sd(found.P_plus)[-1]}
+    common.states_table(report, "last", model, columns, _("The last estimates."))
+    report.value("estimate_end", found.x_plus[-1], common.units(model))
+    report.value("sd_end", _sd(found.P_plus)[-1], common.units(model))
+    _second_route(report, run)
+    if run.smoothed is not None:
+        report.check(
+            _("smoothed and filtered estimates at the last row"), run.smoothed.x[-1], found.x_plus[-1],
+            (_("smoother"), _("filter")), EXACT,
+        )  # fmt: skip
+
+
+def _figures(report: Report, run: Run) -> None:
+    """The estimates of each state over the data."""
+    model, found = run.model, run.filtered
+    for i, (name, unit) in enumerate(list(zip(model.states, model.units, strict=True))[: common.SHOWN]):
+        measured = common.measured(model, i)
+        curves = {_("filtered"): (found.x_plus[:, i], _sd(found.P_plus)[:, i])}
+        if run.smoothed is not None:
+            curves[_("smoothed")] = (run.smoothed.x[:, i], _sd(run.smoothed.P)[:, i])
+        data = None if measured is None else run.z[:, measured]
+        figure = estimates(run.t, curves, data=data, ylabel=common.label(name, unit))
+        caption = _("Estimates of {name} with their ±σ bands.")
+        if measured is not None:
+            caption = _("Estimates of {name} with their ±σ bands, and the measurements.")
+        report.figure(f"estimates_{i + 1}", figure, caption, name=name)
+
+
+def _second_route(report: Report, run: Run) -> None:
+    """The same estimates by the library's other filter, over the first rows of a long record, where rounding allows it."""
+    worst = max(common.condition(P) for P in run.filtered.P_plus[:: -(-len(run.z) // CHECKED)])
+    if not worst < SINGULAR:
+        report.says(
+            _(
+                "The error covariance is nearly singular (condition number {condition}), so that forms of the filter differ by their rounding: `ctlabs compare` shows which to trust."
+            ),
+            condition=worst,
+        )
+        return
+    steps = min(len(run.z) - 1, CHECKED)
+    model = clock.cut(run.model, steps)
+    other = kalman.filter_runs(model, run.z[: steps + 1], first=run.first)
+    routes = (_("this form of the filter"), _("filterpy"))
+    report.check(_("estimates"), run.filtered.x_plus[: steps + 1], other.x_plus[:, :, 0], routes, SOLVER)
+    sd = _sd(other.schedule.P_plus)
+    size = np.where(sd > 0, sd, 1.0)
+    ours, theirs = (
+        P / (size[:, :, None] * size[:, None, :]) for P in (run.filtered.P_plus[: steps + 1], other.schedule.P_plus)
+    )
+    report.check(_("error covariances, scaled to unit variances"), ours, theirs, routes, SOLVER)
+
+
+def _verdict(report: Report, run: Run, units: Sequence[str]) -> None:
+    """Innovations and their statistics, and what they suggest."""
+    found = run.filtered
+    if "log_likelihood" not in report.values:
+        report.value("log_likelihood", float(found.log_likelihood))
+    measured = np.isfinite(found.innovation)
+    if not measured.any():
+        report.says(_("No element was measured, so the data say nothing of the model."))
+        return
+    try:
+        verdict = _diagnosed(run)
+    except ArithmeticError as error:  # the diagnosis filters in Joseph's form, whatever the form chosen here
+        report.says(_("The data are not tested against the model: {reason}."), reason=str(error))
+        return
+    _innovations(report, run, verdict, units)
+    _tests(report, run, verdict)
+    if len(run.z) > DIAGNOSED:
+        report.says(_("The tests of whiteness and the factors are those of the first {rows} rows."), rows=DIAGNOSED)
+
+
+def _diagnosed(run: Run) -> Diagnosis:
+    """The diagnosis, of a long record by its first rows: it filters them some hundred times."""
+    length = min(len(run.z), DIAGNOSED)
+    part = {
+        name: getattr(run.filtered, name)[:length]
+        for name in ("t", "x_minus", "x_plus", "P_minus", "P_plus", "innovation", "S", "nis", "used")
+    }
+    filtered = dataclasses.replace(run.filtered, **part)
+    return diagnosis.diagnose(clock.cut(run.model, length - 1), filtered, run.z[:length], run.first)
+
+
+def _innovations(report: Report, run: Run, verdict: Diagnosis, units: Sequence[str]) -> None:
+    """The innovations in their bands, and their autocorrelation."""
+    found, names = run.filtered, run.model.measurements
+    with np.errstate(invalid="ignore"):
+        sd = np.sqrt(np.diagonal(found.S, axis1=1, axis2=2))
+    measured = np.isfinite(found.innovation)
+    usual = np.nanmedian(np.where(measured, sd, np.nan), axis=0)
+    shown = ~(measured & (sd > WIDE * usual)).any(
+        axis=1
+    )  # an innovation of a start that knows nothing hides all others
+    labels = [
+        common.label(fill(_("innovation of {name}"), name=name), unit) for name, unit in zip(names, units, strict=True)
+    ]
+    figure = pictures.innovations(
+        run.t[shown], found.innovation[shown], np.where(measured, sd, np.nan)[shown], found.nis[shown],
+        found.used.sum(axis=1)[shown], xlabel="t, s", labels=labels,
+    )  # fmt: skip
+    caption = _(
+        "Innovations (what each measurement tells beyond its prediction) in the filter's ±2σ, and their normalised square in the band of 95 % of a right model's."
+    )
+    if not shown.all():
+        caption += _(" Left out: {count} of a band more than {wide} times the usual one.")
+    report.figure("innovations", figure, caption, count=int((~shown).sum()), wide=WIDE)
+    correlations = {}
+    for name, r, count in zip(names, verdict.autocorrelation, measured.sum(axis=0).tolist(), strict=True):
+        tested = np.isfinite(r)
+        lags = verdict.lags[tested]
+        if tested.any():
+            correlations[common.label(name)] = (
+                lags,
+                r[tested],
+                1.96 * np.sqrt((count - lags) / (count * (count + 2.0))),
+            )
+    if correlations:
+        report.figure(
+            "autocorrelation",
+            pictures.autocorrelation(correlations),
+            _("Autocorrelation of the standardised innovations; those of a right model are white."),
+        )
+
+
+def _tests(report: Report, run: Run, verdict: Diagnosis) -> None:
+    """The tests in numbers and words."""
+    mean, expected, band, p = _nis(run)
+    report.value("nis_mean", mean)
+    report.value("nis_expected", expected)
+    report.value("nis_band", band)
+    report.value("nis_p", p)
+    few = _("too few innovations")
+    report.value("mean_p", _known(verdict.mean_p), reason=few)
+    report.value("whiteness_p", _known(verdict.whiteness_p), reason=few)
+    for letter, factor in (("R", verdict.factor_R), ("Q", verdict.factor_Q)):
+        report.value(f"factor_{letter}", factor, reason=_("nothing to scale"))
+    report.value("verdict", verdict.verdict)
+    report.value("suggestion", verdict.suggestion)
+    report.table(
+        "tests",
+        [_("measurement"), _("mean of the standardised innovations"), _("its p"), _("p of whiteness")],
+        zip(
+            run.model.measurements,
+            _known(verdict.mean),
+            _known(verdict.mean_p),
+            _known(verdict.whiteness_p),
+            strict=True,
+        ),
+        _("Tests of the innovations, measurement by measurement: a small p speaks against the model."),
+    )
+    report.says(
+        _("The NIS averages {mean} per instant; a right model's lies between {low} and {high} in 95 % of records (p = {p}). **Verdict:** {suggestion}."),
+        mean=mean, low=band[0], high=band[1], p=p,
+        suggestion=verdict.suggestion.rstrip("."),
+    )  # fmt: skip
+
+
+def _nis(run: Run) -> tuple[float, float, list[float], float]:
+    """NIS averaged over all instants with a measurement, its expectation, exact 95 % band and two-sided p."""
+    dof = run.filtered.used.sum(axis=1)
+    total, freedom, instants = float(np.nansum(run.filtered.nis)), int(dof.sum()), int((dof > 0).sum())
+    low, high = (float(edge) / instants for edge in chdtri(freedom, [0.975, 0.025]))
+    tails = float(chdtr(freedom, total)), float(chdtrc(freedom, total))
+    return total / instants, freedom / instants, [low, high], min(1.0, 2 * min(tails))
+
+
+def _truth(report: Report, model: ModelFile, run: Run) -> None:
+    """What the design's estimates are worth, and how likely the record is, if ``model`` is the truth."""
+    truth = model.discrete(times=run.t)
+    E = common.stands_for(truth, run.model)
+    missing = np.isnan(run.z)
+    filtered = records.filter_record(truth, run.z, run.first)
+    steps = len(run.z) - 1
+    actual = sensitivity.actual(
+        _without(truth, missing), _without(run.model, missing), steps, compare=E, first=run.first
+    )
+    optimal = _sd(E @ filtered.P_plus @ E.T)
+    true = np.sqrt(np.diagonal(actual.mse_plus, axis1=1, axis2=2).clip(0))
+    claimed = _sd(run.filtered.P_plus)
+    common.cost(report, run.model, run.t, claimed, true, optimal)
+    report.value("log_likelihood_truth", float(filtered.log_likelihood))
+    report.says(
+        _("The record's log-likelihood is {truth} by the other model and {design} by the filter's."),
+        truth=float(filtered.log_likelihood),
+        design=float(run.filtered.log_likelihood),
+    )
+
+
+def _without(model: DiscreteModel, missing: Array) -> DiscreteModel:
+    """The model with the missing elements' variances infinite."""
+    if not missing.any() or model.N is not None:
+        return model
+    R = np.array(np.broadcast_to(model.R, (len(missing), model.m, model.m)))
+    R[missing[:, :, None] | missing[:, None, :]] = 0.0
+    k, i = np.nonzero(missing)
+    R[k, i, i] = np.inf
+    return dataclasses.replace(model, R=R)
+
+
+def _table(run: Run) -> tuple[list[str], list[list[Any]]]:
+    """Columns and rows of estimates.csv: one row per row of the data."""
+    model, found = run.model, run.filtered
+    with np.errstate(invalid="ignore"):
+        sd = np.sqrt(np.diagonal(found.S, axis1=1, axis2=2))
+    sd = np.where(np.isfinite(found.innovation), sd, np.nan)
+    columns = ["k", "t"]
+    parts = [np.arange(len(run.t))[:, None], run.t[:, None]]
+    for names, values, deviations, first, second in (
+        (model.states, found.x_plus, _sd(found.P_plus), "{}", "{}_sd"),
+        (model.measurements, found.innovation, sd, "innovation_{}", "innovation_sd_{}"),
+        *(
+            []
+            if run.smoothed is None
+            else [(model.states, run.smoothed.x, _sd(run.smoothed.P), "{}_smoothed", "{}_smoothed_sd")]
+        ),
+    ):
+        for i, name in enumerate(names):
+            columns += [first.format(name), second.format(name)]
+            parts += [values[:, i, None], deviations[:, i, None]]
+    rows = np.hstack(parts)[run.first :].tolist()
+    return columns, [[int(row[0]), *row[1:]] for row in rows]
+
+
+def exportable(path: Path) -> None:
+    """Refuse a file that gains cannot be written to, before anything is computed.
+
+    >>> exportable(Path("gains.txt"))
+    Traceback (most recent call last):
+    ...
+    ValueError: --export gains.txt: expected a name that ends with .npz, .mat or .h, received .txt
+    """
+    if path.suffix not in SUFFIXES:
+        msg = f"--export {path}: expected a name that ends with .npz, .mat or .h, received {path.suffix or 'none of them'}"
+        raise ValueError(msg)
+    if path.exists() or not path.absolute().parent.is_dir():
+        found = "one that is there already: it is left alone" if path.exists() else "a folder that does not exist"
+        msg = f"--export {path}: expected a new file in a folder that exists, received {found}"
+        raise ValueError(msg)
+
+
+def export_gains(model: ModelFile, record: Record, path: Path) -> None:
+    """The matrices and the steady gains, or (where there are none) the gains row by row, for other programs."""
+    from ctlabs import export
+
+    discrete, z, _t = clock.timed(model, record)
+    try:
+        gains: Any = steady.solve(discrete)
+    except ValueError:  # it varies with time, or has no steady state
+        gains = kalman.schedule(discrete, len(z) - 1, model.experiment.first)
+    export.write(discrete, gains, path)
+
+
+def _sd(P: Array) -> Array:
+    """Standard deviations over time."""
+    return np.sqrt(np.diagonal(P, axis1=1, axis2=2).clip(0))
+
+
+def _known(values: Sequence[float] | Array) -> list[float | None]:
+    """Numbers, with None for NaN."""
+    return [None if np.isnan(value) else float(value) for value in values]

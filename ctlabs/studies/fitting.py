@@ -1,0 +1,180 @@
+"""Constants of a model estimated from a record by maximum likelihood: ``ctlabs fit``."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ctlabs import fitting, kalman
+from ctlabs._check import Array
+from ctlabs.fitting import Fit
+from ctlabs.models import DiscreteModel
+from ctlabs.plots import records as pictures
+from ctlabs.report import SOLVER, Report
+from ctlabs.studies import clock, common, filtering
+from ctlabs.text import _
+
+if TYPE_CHECKING:
+    from ctlabs.datafile import Record
+    from ctlabs.modelfile import ModelFile
+
+#: The second route sums the likelihood of at most so many rows (it is a hundred times slower than the first).
+CHECKED = 20_000
+
+
+def study(model: ModelFile, record: Record, free: Sequence[str]) -> Report:
+    """Estimates of the constants ``free`` from their values in the model file on, and the record filtered with them.
+
+    Raises
+    ------
+    ValueError
+        A constant that does not exist; a start at which there is no likelihood.
+    """
+    names = _free(free, model)
+    first, z = model.experiment.first, clock.timed(model, record)[1]
+
+    def build(values: dict[str, float]) -> DiscreteModel:
+        return clock.timed(model.replace(values), record)[0]
+
+    start = {name: model.constants[name] for name in names}
+    found = fitting.fit(build, z, start, _bounds(model, names), first)
+    given = common.settings(
+        model, ("free", list(names), "", _("constants that are estimated; above, where the search began"))
+    )
+    report = common.begin("fit", _("constants fitted to a record"), model, "abcd", given, data=record.source)
+    report.section("a", _("Estimates"))
+    _estimates(report, model, found)
+    report.section("b", _("What the record says of each constant"))
+    _profiles(report, model, found)
+    report.section("c", _("The likelihood by a second route"))
+    _likelihood(report, found, z, first)
+    report.section("d", _("The record filtered with the estimates"))
+    fitted = model.replace(found.estimates)
+    filtering.add(report, fitted, record)
+    report.files["fitted.toml"] = fitted.dumps().encode()
+    report.says(_("`fitted.toml` is the model with the estimates, `estimates.csv` the filtered record."))
+    return report
+
+
+def _free(free: Sequence[str], model: ModelFile) -> list[str]:
+    """The names, each a constant of the model."""
+    names = list(dict.fromkeys(word.strip() for word in free))
+    for name in names:
+        if name not in model.constants:
+            close = difflib.get_close_matches(name, model.constants, n=1)
+            hint = f" (did you mean {close[0]}?)" if close else ""
+            known = ", ".join(model.constants) or "none: the model has no constants"
+            msg = f"--free {name}: expected one of {known}{hint}, received {'an unknown name' if name else 'no name'}"
+            raise ValueError(msg)
+    return names
+
+
+def _bounds(model: ModelFile, names: list[str]) -> dict[str, tuple[float | None, float | None]]:
+    """Where each constant may lie: the file's own limits; above 0 where its opposite makes no model (a variance, a time)."""
+    bounds = {}
+    for told in model.definitions:
+        if told.name in names:
+            low = told.min
+            if low is None and told.value > 0 and not _makes_sense(model, told.name, -told.value):
+                low = 0.0
+            bounds[told.name] = (low, told.max)
+    return bounds
+
+
+def _makes_sense(model: ModelFile, name: str, value: float) -> bool:
+    """Whether the file is a model with this value."""
+    try:
+        model.replace({name: value}).discrete(steps=2)
+    except (ValueError, ArithmeticError):
+        return False
+    return True
+
+
+def _estimates(report: Report, model: ModelFile, found: Fit) -> None:
+    """Every constant with its standard error and interval."""
+    units = {told.name: told.unit or "1" for told in model.definitions}
+    rows = []
+    for name, value in found.estimates.items():
+        error = found.standard_errors[name]
+        report.value(name, value, units[name])
+        report.value(f"{name}_se", error, units[name], reason=found.reasons.get(name, ""))
+        low, high = found.intervals.get(name, (-np.inf, np.inf))
+        rows.append((name, units[name], found.start[name], value, error, low, high))
+    columns = [_("constant"), _("unit"), _("start"), _("estimate"), _("standard error"), _("from"), _("to")]
+    caption = _(
+        "Estimates; standard errors from the curvature of the log-likelihood, 95 % intervals by the likelihood ratio."
+    )
+    report.table("estimates", columns, rows, caption)
+    more = {
+        "log_likelihood": found.log_likelihood,
+        "log_likelihood_start": found.start_log_likelihood,
+        "aic": found.aic,
+        "converged": found.converged,
+        "observations": found.observations,
+    }
+    for name, number in more.items():
+        if name not in report.values:
+            report.value(name, number)
+    report.says(
+        _("The log-likelihood rises from {start} to {top} ({evaluations} evaluations)."),
+        start=found.start_log_likelihood,
+        top=found.log_likelihood,
+        evaluations=found.evaluations,
+    )
+    for name, reason in found.reasons.items():
+        report.says(_("No standard error of {name}: {reason}."), name=f"`{name}`", reason=reason)
+    if not found.converged:
+        report.says(
+            _("**The search has not converged**: the likelihood may still rise. Start from other values (`--set`).")
+        )
+
+
+def _profiles(report: Report, model: ModelFile, found: Fit) -> None:
+    """The profiles, and how estimates move together."""
+    units = {told.name: told.unit for told in model.definitions}
+    if found.profiles:
+        figure = pictures.likelihood_profiles(
+            {name: (profile.values, profile.log_likelihood) for name, profile in found.profiles.items()},
+            found.estimates,
+            top=found.log_likelihood,
+            labels={name: common.label(name, units[name]) for name in found.names},
+            standard_errors=found.standard_errors,
+        )
+        report.figure(
+            "profiles",
+            figure,
+            _(
+                "Profile log-likelihood: the greatest ℓ for each value of one constant, the others at their best. Values above the dotted line make the 95 % interval."
+            ),
+        )
+    sd = np.sqrt(np.diag(found.covariance))
+    if len(sd) > 1 and np.isfinite(sd).all() and (sd > 0).all():
+        correlation = found.covariance / np.outer(sd, sd)
+        report.table(
+            "correlation",
+            ["", *found.names],
+            ([name, *row] for name, row in zip(found.names, correlation.tolist(), strict=True)),
+            _("Correlations of the estimates."),
+        )
+
+
+def _likelihood(report: Report, found: Fit, z: Array, first: int) -> None:
+    """The log-likelihood of the estimates from filterpy's innovations."""
+    if len(z) > CHECKED:
+        report.says(_("The record is too long for it."))
+        return
+    run = kalman.filter_runs(found.model, z, first=first)
+    if not max(common.condition(P) for P in run.schedule.P_plus[:: -(-len(z) // 1000)]) < filtering.SINGULAR:
+        report.says(_("The error covariance is nearly singular: forms of the filter differ by their rounding."))
+        return
+    total = 0.0
+    for nu, S, used in zip(run.innovation[:, :, 0], run.schedule.S, run.schedule.measured, strict=True):
+        seen = used & ~np.isnan(nu)
+        if seen.any():
+            e, own = nu[seen], S[np.ix_(seen, seen)]
+            total -= 0.5 * (e @ np.linalg.solve(own, e) + np.linalg.slogdet(own)[1] + seen.sum() * np.log(2 * np.pi))
+    routes = (_("compiled filter"), _("innovations of filterpy"))
+    report.check(_("log-likelihood of the estimates"), found.log_likelihood, float(total), routes, SOLVER)
