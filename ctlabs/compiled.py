@@ -19,6 +19,11 @@ def folder() -> Path:
     return Path(platformdirs.user_cache_dir("ctlabs", appauthor=False)) / "kernels"
 
 
+def cold() -> bool:
+    """Whether nothing has been compiled on this machine yet, so that the next call takes some 20 s."""
+    return not any(folder().glob("*.nbi"))
+
+
 def enable(dispatcher: Any) -> None:
     """Keep what ``dispatcher`` compiles in :func:`folder`; where that cannot be written it compiles anew each time."""
     from numba.core import caching

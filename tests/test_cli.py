@@ -90,7 +90,7 @@ REFUSED = [
     (["run"], r"LAB\.\.\.: expected as in `ctlabs run --help`, received none"),
     (["show"], r"LAB: expected as in `ctlabs show --help`, received none"),
     (["show", "99"], r"lab 99: expected one of .*, received an unknown name"),
-    (["nosuch"], r"command nosuch: expected one of .*list, run, show.*, received an unknown name"),
+    (["nosuch"], r"command nosuch: expected one of .*fit, list, models, run, show.*, received an unknown name"),
     (["list", "7"], r"expected what `ctlabs list --help` shows, received another form: .*\(7\).*"),
     (
         ["run", "7", "--rns", "5"],
@@ -305,7 +305,7 @@ class TestRun:
         """The number of workers changes no byte of a report, nor the order of the summary."""
         values = labs.parameters([TASK07], {})["task07"]
         jobs = [(TASK07, values, Experiment(20, 3), tmp_path / place) for place in ("first", "second")]
-        done = list(cli._run_all(jobs, together=2))
+        done = list(cli.labs._run_all(jobs, together=2))
         assert [summary["failed"] for summary in done] == [[], []]
         for place in ("first", "second"):
             assert files(tmp_path / place / "task07") == files(once / "task07")
@@ -401,11 +401,11 @@ class TestProgress:
         """It counts labs and passes their summaries on."""
         terminal = self.Terminal()
         monkeypatch.setattr(sys, "stderr", terminal)
-        assert list(cli._progress(iter([{"lab": "a"}, {"lab": "b"}]), 2)) == [{"lab": "a"}, {"lab": "b"}]
+        assert list(cli.labs._progress(iter([{"lab": "a"}, {"lab": "b"}]), 2)) == [{"lab": "a"}, {"lab": "b"}]
         assert "/2" in terminal.text
 
     @pytest.mark.parametrize("total", [1, 2])
     def test_nothing_elsewhere(self, capsys, total):
         """In a file or a pipe there is no bar."""
-        assert len(list(cli._progress(iter([{}] * total), total))) == total
+        assert len(list(cli.labs._progress(iter([{}] * total), total))) == total
         assert capsys.readouterr().err == ""

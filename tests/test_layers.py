@@ -18,12 +18,36 @@ ROOT = Path(ctlabs.__file__).parent
 
 #: Modules and packages of ctlabs, lowest layer first. A name that does not exist yet is no error; one that is missing here is.
 LAYERS: list[set[str]] = [
-    {"_check", "text"},
+    {"_check", "compiled", "text"},
     {"models", "interop"},
     {"discretise", "shaping", "kinematics", "observability", "spectra", "symbolic", "linearise"},
-    {"between", "bucy", "forms", "kalman", "steady", "updates", "varying"},
-    {"reduced", "sensitivity", "scheduling", "montecarlo", "fields", "bayes", "experiment"},
-    {"plots", "report", "render", "params", "portrait", "modelfile"},
+    {
+        "between",
+        "bucy",
+        "forms",
+        "kalman",
+        "online",
+        "records",
+        "recursions",
+        "smoothing",
+        "steady",
+        "updates",
+        "varying",
+    },
+    {
+        "bayes",
+        "diagnosis",
+        "experiment",
+        "export",
+        "fields",
+        "fitting",
+        "maximum",
+        "montecarlo",
+        "reduced",
+        "scheduling",
+        "sensitivity",
+    },
+    {"datafile", "modelfile", "params", "plots", "portrait", "render", "report", "studies"},
     {"labs", "cli", "workbench", "__main__"},
 ]
 LAYER = {name: number for number, names in enumerate(LAYERS) for name in names}

@@ -1,114 +1,28 @@
-"""The command line: ``ctlabs list``, ``show``, ``run``.
-
-Exit 0: every check passed; 1: a check failed; 2: bad input, in one line that says what, where, expected, received.
-"""
+"""The commands on the practicum's labs: ``list``, ``show``, ``run``."""
 
 from __future__ import annotations
 
-import contextlib
 import os
 import sys
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from ctlabs.cli.common import can_write, checked, settings, whole
+
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Iterable, Iterator
 
     from ctlabs.experiment import Experiment
     from ctlabs.labs import Lab
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line; errors of the user end with one line and exit code 2."""
-    for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(threads, "1")  # labs and blocks of runs are what runs in parallel; read when numpy loads
-    try:
-        code = cli.main(args=arguments, prog_name="ctlabs", standalone_mode=False)
-    except click.ClickException as error:
-        code = _refuse(_said(error))
-    except (click.exceptions.Abort, KeyboardInterrupt):  # click turns Ctrl-C into Abort
-        click.echo("ctlabs: interrupted; the reports that stood there are whole", err=True)
-        code = 130
-    sys.exit(code or 0)
-
-
-def script(meta: Mapping[str, Any]) -> None:
-    """Run a lab from its own script: ``python tasks/task07_scalar_gain.py --set Phi=1``."""
-    main(["run", meta["name"], *sys.argv[1:]])
-
-
-def _refuse(message: str) -> int:
-    click.echo(f"ctlabs: {' '.join(message.split())}", err=True)
-    return 2
-
-
-def _said(error: click.ClickException) -> str:
-    """A refusal of click in the words of all others: what was expected, what was received."""
-    if isinstance(error, click.NoSuchOption):
-        close = f" (did you mean {' or '.join(sorted(error.possibilities))}?)" if error.possibilities else ""
-        return f"{error.option_name}: expected an option of `{_path(error)} --help`{close}, received an unknown name"
-    if isinstance(error, click.MissingParameter) and error.param:
-        return f"{error.param.human_readable_name}: expected as in `{_path(error)} --help`, received none"
-    if isinstance(error, click.UsageError):
-        return f"expected what `{_path(error)} --help` shows, received another form: {error.format_message()}"
-    return error.format_message()
-
-
-def _path(error: click.UsageError) -> str:
-    return error.ctx.command_path if error.ctx else "ctlabs"
-
-
-def _whole(least: int) -> Callable[[click.Context, click.Parameter, str | int | None], int | None]:
-    """A whole number of the command line, refused in the words of all checks."""
-
-    def check(_context: click.Context, option: click.Parameter, value: str | int | None) -> int | None:
-        if value is None:
-            return None
-        with contextlib.suppress(ValueError):
-            if int(value) >= least:
-                return int(value)
-        msg = f"{option.opts[0]}: expected a whole number >= {least}, received {value or 'nothing'}"
-        raise click.ClickException(msg)
-
-    return check
-
-
-class Commands(click.Group):
-    """A group that names its commands when it is given another."""
-
-    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
-        """The command that ``args`` begin with."""
-        if self.get_command(ctx, args[0]) is None:
-            msg = f"command {args[0]}: expected one of {', '.join(self.list_commands(ctx))}, received an unknown name"
-            raise click.ClickException(msg)
-        return super().resolve_command(ctx, args)
-
-
-@click.group(
-    cls=Commands,
-    invoke_without_command=True,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
-)
-@click.version_option(package_name="ctlabs")
-@click.pass_context
-def cli(ctx: click.Context) -> None:
-    """Optimal (Kalman) filtering: from a problem's statement to a verified report.
-
-    \b
-    ctlabs list                      what labs there are
-    ctlabs show 7                    a lab's question and parameters
-    ctlabs run 7 --set Phi=1.3       run it with other numbers; writes reports/task07/report.html
-    """
-    if ctx.invoked_subcommand is None:
-        click.echo(ctx.get_help())
-
-
-@cli.command("list")
+@click.command("list")
 def list_() -> None:
-    """The labs, and the variants of the practicum (a star marks a control lab)."""
+    """The labs, and the variants of the practicum.
+
+    A star marks a control lab."""
     from ctlabs import labs
 
     for lab in labs.catalogue().values():
@@ -119,14 +33,16 @@ def list_() -> None:
         click.echo(f"      variant-{letter}  {row}")
 
 
-@cli.command()
+@click.command()
 @click.argument("lab")
 def show(lab: str) -> None:
-    """A lab's question, parts and parameters (LAB: 7, 07, task07, …)."""
+    """A lab's question, parts and parameters.
+
+    LAB: 7, 07, task07, field, …"""
     from ctlabs import labs
     from ctlabs.text import number
 
-    for entry in _checked(lambda: labs.find([lab])):
+    for entry in checked(lambda: labs.find([lab])):
         module = labs.load(entry)
         click.echo(f"{entry.name}: {entry.title}\n{entry.source}\n\n{(module.__doc__ or '').strip()}\n")
         click.echo(f"Parts: {', '.join(entry.parts)}\n\nParameters (--set NAME=VALUE):")
@@ -137,11 +53,11 @@ def show(lab: str) -> None:
         click.echo("")
 
 
-@cli.command()
+@click.command()
 @click.argument("lab", nargs=-1, required=True, metavar="LAB...")
 @click.option(
     "--set",
-    "settings",
+    "pairs",
     multiple=True,
     metavar="NAME=VALUE",
     help='A parameter: a number, "inf", or a JSON list. task07.Phi=1 addresses one lab. Repeatable.',
@@ -149,14 +65,14 @@ def show(lab: str) -> None:
 @click.option(
     "--runs",
     metavar="N",
-    callback=_whole(1),
+    callback=whole(1),
     help="Runs of the computational experiment (default: the lab's own, usually 1000).",
 )
 @click.option(
     "--seed",
     type=str,
     metavar="N",
-    callback=_whole(0),
+    callback=whole(0),
     default=1,
     show_default=True,
     help="Seed of the random numbers.",
@@ -165,7 +81,7 @@ def show(lab: str) -> None:
     "--workers",
     type=str,
     metavar="N",
-    callback=_whole(1),
+    callback=whole(1),
     default=os.cpu_count() or 1,
     show_default="all cores",
     help="Labs, or blocks of runs, computed at a time; the results do not depend on it.",
@@ -182,7 +98,7 @@ def show(lab: str) -> None:
 @click.option("--scheduler", metavar="ADDR", help="Compute on a Dask cluster: tcp://host:8786 (extra: cluster).")
 def run(
     lab: tuple[str, ...],
-    settings: tuple[str, ...],
+    pairs: tuple[str, ...],
     runs: int | None,
     seed: int,
     workers: int,
@@ -202,8 +118,8 @@ def run(
     """
     from ctlabs import labs
 
-    chosen = _checked(lambda: labs.find(lab))
-    values = _checked(lambda: labs.parameters(chosen, _settings(settings)))
+    chosen = checked(lambda: labs.find(lab))
+    values = checked(lambda: labs.parameters(chosen, settings(pairs)))
     _writable(out, [entry.name for entry in chosen])
     from ctlabs import render
     from ctlabs.experiment import Experiment
@@ -276,36 +192,9 @@ def _progress(items: Iterable[dict[str, Any]], total: int) -> Iterable[dict[str,
     return tqdm(items, total=total, unit="lab", leave=False)
 
 
-def _settings(pairs: tuple[str, ...]) -> dict[str, object]:
-    from ctlabs.params import typed
-
-    found = {}
-    for pair in pairs:
-        name, equals, text = pair.partition("=")
-        if not equals or not name.strip():
-            raise ValueError(f"--set {pair}: expected NAME=VALUE, received no name or no =")
-        found[name.strip()] = typed(text.strip())
-    return found
-
-
-def _checked(action: Any) -> Any:
-    """What ``action`` returns; a ``ValueError`` becomes the command line's one line."""
-    try:
-        return action()
-    except ValueError as error:
-        raise click.ClickException(str(error)) from None
-
-
 def _writable(out: Path, names: list[str]) -> None:
-    """Refuse a folder that cannot be written before anything is computed."""
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=out):
-            pass
-    except OSError as error:
-        raise click.ClickException(
-            f"--out {out}: expected a folder that can be written, received: {error.strerror}"
-        ) from None
+    """Refuse a folder that cannot be written, or holds a file where a report should go."""
+    can_write(out)
     for name in names:
         if (out / name).exists() and not (out / name).is_dir():
             msg = f"--out {out}: expected a folder {out / name} or none, received a file"

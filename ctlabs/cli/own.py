@@ -1,0 +1,352 @@
+"""The commands on a model and data of your own: ``filter``, ``simulate``, ``analyse``, ``compare``, ``fit``."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import os
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from ctlabs.cli.common import settings, whole
+
+if TYPE_CHECKING:
+    from ctlabs.modelfile import ModelFile
+    from ctlabs.report import Report
+
+#: What ctlabs writes at the top of a result's folder; with anything else in it a folder is somebody's and is left alone.
+OURS = {
+    "report.md",
+    "report.html",
+    "results.json",
+    "estimates.csv",
+    "runs.csv",
+    "data.csv",
+    "fitted.toml",
+    "figures",
+    "tables",
+}
+
+
+def _options(command: Callable[..., int]) -> Callable[..., int]:
+    """What the five commands have in common."""
+    path = click.Path(path_type=Path)
+    for option in (
+        click.option("--json", "as_json", is_flag=True, help="Print results.json instead of the table."),
+        click.option(
+            "--out", type=path, metavar="DIR", help="Folder for the results (default: one named after the model)."
+        ),
+        click.option(
+            "--set",
+            "pairs",
+            multiple=True,
+            metavar="NAME=VALUE",
+            help="Another value of a constant of the model. Repeatable.",
+        ),
+    ):
+        command = option(command)
+
+    @functools.wraps(command)
+    def mannered(**given: Any) -> int:
+        with _refusing(), _at_work():
+            return command(**given)
+
+    return click.argument("model", metavar="MODEL")(mannered)
+
+
+def _seed() -> Callable[[Callable[..., int]], Callable[..., int]]:
+    return click.option(
+        "--seed", metavar="N", callback=whole(0), help="Seed of the random numbers (default: the model's)."
+    )
+
+
+@click.command("filter")
+@_options
+@click.argument("data", metavar="DATA.csv")
+@click.option("--algorithm", metavar="NAME", help="A form of the filter: joseph, ud, srif, … (default: the model's).")
+@click.option("--smooth", is_flag=True, help="Estimates from the whole record too, forwards and backwards in time.")
+@click.option("--design", metavar="MODEL2", help="Filter with this model, and say what it costs if MODEL is the truth.")
+@click.option(
+    "--export",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Matrices and gains for other programs: FILE.npz (NumPy), FILE.mat (MATLAB) or FILE.h (C).",
+)
+def filter_(
+    model: str,
+    data: str,
+    algorithm: str | None,
+    smooth: bool,
+    design: str | None,
+    export: Path | None,
+    pairs: tuple[str, ...],
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Filter a measured record.
+
+    MODEL is a model file, a name of the gallery (`ctlabs models`) or - (standard input). DATA.csv has a header with
+    the names of the measurements and optionally t, the times in seconds; an empty cell is a missing measurement; - is
+    the standard input.
+
+    \b
+    ctlabs filter nile.toml flow.csv                     writes nile/report.html, nile/estimates.csv, …
+    ctlabs filter nile.toml flow.csv --smooth --set q=500
+    ctlabs filter track.toml gps.csv --algorithm ud --export gains.h
+    ctlabs filter truth.toml gps.csv --design simple.toml
+    cat flow.csv | ctlabs filter nile.toml - --json | jq .values.log_likelihood.value
+    """
+    from ctlabs import datafile
+    from ctlabs.studies import filtering
+
+    _one_stdin(model, data, design)
+    chosen, other = _model(model, pairs), None if design is None else _model(design, ())
+    folder = _folder(model, out)
+    if export is not None:
+        filtering.exportable(export)
+    record = datafile.read(data, (other or chosen).measurements)
+    report = filtering.study(chosen, record, algorithm=algorithm, smooth=smooth, design=other)
+    code = _deliver(report, folder, as_json, "last")
+    if export is not None:
+        filtering.export_gains(other or chosen, record, export)
+        click.echo(str(export), err=as_json)
+    return code
+
+
+@click.command()
+@_options
+@click.option("--design", metavar="MODEL2", help="Filter with this model on the data of MODEL.")
+@click.option("--runs", metavar="N", callback=whole(1), help="Number of runs (default: the model's).")
+@_seed()
+@click.option("--steps", metavar="N", callback=whole(1), help="Number of steps of a run (default: the model's).")
+@click.option(
+    "--workers", metavar="N", callback=whole(1), help="Blocks of runs computed at a time (default: all cores)."
+)
+@click.option("--csv", "csv_runs", metavar="N", callback=whole(1), help="Write the first N runs to runs.csv.")
+def simulate(
+    model: str,
+    design: str | None,
+    runs: int | None,
+    seed: int | None,
+    steps: int | None,
+    workers: int | None,
+    csv_runs: int | None,
+    pairs: tuple[str, ...],
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Simulate many runs, and compare their errors with theory.
+
+    MODEL is a model file, a name of the gallery (`ctlabs models`) or - (standard input).
+
+    \b
+    ctlabs simulate constant_velocity
+    ctlabs simulate track.toml --runs 10000 --seed 5 --steps 400
+    ctlabs simulate track.toml --design simple.toml      what a wrong or simpler filter does
+    ctlabs simulate track.toml --csv 3                   three runs as data: track/runs.csv
+    """
+    from ctlabs.studies import simulation
+
+    _one_stdin(model, design)
+    chosen, other = _model(model, pairs), None if design is None else _model(design, ())
+    folder = _folder(model, out)
+    report = simulation.study(
+        chosen, design=other, runs=runs, seed=seed, steps=steps, workers=workers, csv_runs=csv_runs or 0
+    )
+    return _deliver(report, folder, as_json, "errors")
+
+
+@click.command()
+@_options
+def analyse(model: str, pairs: tuple[str, ...], out: Path | None, as_json: bool) -> int:
+    """What a model's filter will do, before there are data.
+
+    Observability with its evidence, the steady covariances and both gains, poles, transfer functions, settling. MODEL
+    is a model file, a name of the gallery (`ctlabs models`) or - (standard input).
+
+    \b
+    ctlabs analyse oscillator
+    ctlabs analyse track.toml --set sigma_w2=0.1 --out wide
+    """
+    from ctlabs.studies import analysis
+
+    chosen = _model(model, pairs)
+    folder = _folder(model, out)
+    return _deliver(analysis.study(chosen), folder, as_json, "steady")
+
+
+@click.command()
+@_options
+@click.argument("data", metavar="[DATA.csv]", required=False)
+@click.option("--algorithms", metavar="all|a,b", default="all", show_default=True, help="Which forms of the filter.")
+@click.option(
+    "--sweep", metavar="NAME=a,b,…", help="Repeat for these values of one constant, and draw the errors against it."
+)
+@_seed()
+@click.option("--steps", metavar="N", callback=whole(1), help="Steps of the simulated record (default: the model's).")
+def compare(
+    model: str,
+    data: str | None,
+    algorithms: str,
+    sweep: str | None,
+    seed: int | None,
+    steps: int | None,
+    pairs: tuple[str, ...],
+    out: Path | None,
+    as_json: bool,
+) -> int:
+    """Compare algorithms: digits, operations, time.
+
+    Each filters the same record, beside a run with 50 digits on the same doubles.
+
+    MODEL is a model file, a name of the gallery (`ctlabs models`) or - (standard input); without DATA.csv the record
+    is simulated.
+
+    \b
+    ctlabs compare track.toml
+    ctlabs compare track.toml gps.csv --algorithms joseph,ud,srif
+    ctlabs compare ill_conditioned --sweep delta=1e-6,1e-7,1e-8,1e-9
+    """
+    from ctlabs import datafile
+    from ctlabs.studies import comparison
+
+    _one_stdin(model, data)
+    chosen = _model(model, pairs)
+    folder = _folder(model, out)
+    record = None if data is None else datafile.read(data, chosen.measurements)
+    report = comparison.study(chosen, record, algorithms=algorithms, sweep=sweep, seed=seed, steps=steps)
+    return _deliver(report, folder, as_json, "algorithms", "sweep")
+
+
+@click.command()
+@_options
+@click.argument("data", metavar="DATA.csv")
+@click.option(
+    "--free", required=True, metavar="a,b", help="The constants to estimate; their values are where the search starts."
+)
+def fit(model: str, data: str, free: str, pairs: tuple[str, ...], out: Path | None, as_json: bool) -> int:
+    """Estimate a model's constants from a record.
+
+    By maximum likelihood, with standard errors and profiles.
+
+    MODEL is a model file, a name of the gallery (`ctlabs models`) or - (standard input); DATA.csv as for `filter`.
+
+    \b
+    ctlabs fit nile.toml flow.csv --free q,r
+    ctlabs fit track.toml gps.csv --free tau --set tau=10     start from another value
+    """
+    from ctlabs import datafile
+    from ctlabs.studies import fitting
+
+    _one_stdin(model, data)
+    chosen = _model(model, pairs)
+    folder = _folder(model, out)
+    record = datafile.read(data, chosen.measurements)
+    return _deliver(fitting.study(chosen, record, free.split(",")), folder, as_json, "estimates")
+
+
+@contextlib.contextmanager
+def _refusing() -> Iterator[None]:
+    """What the library refuses becomes the command line's one line."""
+    from ctlabs.montecarlo import BlockFailed
+
+    try:
+        yield
+    except (ValueError, TypeError, ArithmeticError, BlockFailed) as error:
+        raise click.ClickException(str(error)) from None
+
+
+@contextlib.contextmanager
+def _at_work() -> Iterator[None]:
+    """A word on a terminal while there is nothing else to see; nothing elsewhere."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    from ctlabs import compiled
+
+    sys.stderr.write("compiling the filter, once on this machine (some 20 s)…" if compiled.cold() else "computing…")
+    sys.stderr.flush()
+    try:
+        yield
+    finally:
+        _clear()
+
+
+def _clear() -> None:
+    """Take the word away, before anything else is written."""
+    if sys.stderr.isatty():
+        sys.stderr.write("\r\x1b[K")
+        sys.stderr.flush()
+
+
+def _one_stdin(*words: str | None) -> None:
+    if words.count("-") > 1:
+        msg = "-: expected the standard input for one of the files, received it for several"
+        raise ValueError(msg)
+
+
+def _model(word: str, pairs: tuple[str, ...]) -> ModelFile:
+    """The model file that a word means: a path, "-", or a name of the gallery."""
+    from ctlabs import modelfile
+
+    is_file = word == "-" or Path(word).is_file() or bool(Path(word).suffix) or os.sep in word
+    found = modelfile.load(word) if is_file else modelfile.ready(word)
+    return _changed(found, settings(pairs)).checked()
+
+
+def _changed(model: ModelFile, values: dict[str, object]) -> ModelFile:
+    """The model with other constants: numbers, or expressions of the others."""
+    for name, value in values.items():
+        if isinstance(value, str) and name in model.constants:
+            model = model.set_constant(name, value).checked()
+        else:
+            model = model.replace({name: value})  # type: ignore[dict-item]  # what is no number is refused there
+    return model
+
+
+def _folder(word: str, out: Path | None) -> Path:
+    """Where the results go, refused before anything is computed if it is not ours to write."""
+    folder = out if out is not None else Path("model" if word == "-" else Path(word).stem)
+    what = f"--out {folder}: expected"
+    if folder.resolve() in (Path.cwd(), *Path.cwd().parents):
+        msg = f"{what} a folder of its own for the results, received the current one"
+        raise ValueError(msg)
+    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
+        msg = f"{what} a folder or none, received a file"
+        raise ValueError(msg)
+    foreign = sorted(path.name for path in folder.iterdir() if path.name not in OURS) if folder.is_dir() else []
+    if foreign or (folder.is_dir() and any(folder.iterdir()) and not (folder / "results.json").is_file()):
+        msg = f"{what} a new or empty folder, or one that ctlabs wrote, received one with other files ({', '.join(foreign[:3])})"
+        raise ValueError(msg)
+    near = next(path for path in folder.resolve().parents if path.exists())
+    try:
+        with tempfile.TemporaryFile(dir=near):
+            pass
+    except OSError as error:
+        msg = f"{what} a folder that can be written, received: {error.strerror}"
+        raise ValueError(msg) from None
+    return folder
+
+
+def _deliver(report: Report, folder: Path, as_json: bool, *tables: str) -> int:
+    """Write the folder, print the table or the JSON; 1 if a check failed."""
+    from ctlabs import render
+
+    former = folder.is_dir() and any(folder.iterdir())
+    render.write(report, folder)
+    _clear()
+    if as_json:
+        click.echo((folder / "results.json").read_text(encoding="utf-8"), nl=False)
+    else:
+        for line in render.summary(report, tables):
+            click.echo(line)
+        click.echo(f"\n{folder / 'report.html'}" + (" (replaces the results that stood there)" if former else ""))
+    failed = [check.name for check in report.checks if not check.passed]
+    for name in failed:
+        click.echo(f"failed: {name}", err=True)
+    return int(bool(failed))
