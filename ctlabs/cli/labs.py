@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 def list_() -> None:
     """The labs, and the variants of the practicum.
 
-    A star marks a control lab."""
+    A star marks a control lab.
+    """
     from ctlabs import labs
 
     for lab in labs.catalogue().values():
@@ -38,7 +39,8 @@ def list_() -> None:
 def show(lab: str) -> None:
     """A lab's question, parts and parameters.
 
-    LAB: 7, 07, task07, field, …"""
+    LAB: 7, 07, task07, field, …
+    """
     from ctlabs import labs
     from ctlabs.text import number
 
