@@ -5,20 +5,19 @@ python benchmarks/field.py prints medians of five and exits 1 when a stated limi
 
 from __future__ import annotations
 
-import statistics
 import sys
 import time
 import tracemalloc
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import scipy
+from timing import REPEATS, median
 
 from ctlabs import kalman
 from ctlabs.fields import RandomField, filter_dense, filter_exact, filter_local, measure
 
-REPEATS, STEPS, TOLERANCE = 5, 100, 1e-8
+STEPS, TOLERANCE = 100, 1e-8
 PAPER = RandomField(alpha=0.1, beta=0.1, b20=0.25, b11=1.0, h=1.0, dt=0.2, N1=30, sigma_eta=3.0)
 #: α = β and σ_n of the paper's variants 7 and 5.
 VARIANTS = {7: (0.1, 1.0), 5: (0.05, 3.0)}
@@ -102,17 +101,6 @@ def ensemble() -> float:
     if abs(sigma - 0.36828) > 0.005:
         sys.exit(f"the ensemble's error is {sigma:.4f} u, expected 0.3683")
     return median(action)
-
-
-def median(action: Callable[[], object]) -> float:
-    """Median seconds of an action."""
-    return statistics.median(timed(action) for _ in range(REPEATS))
-
-
-def timed(action: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    action()
-    return time.perf_counter() - start
 
 
 if __name__ == "__main__":

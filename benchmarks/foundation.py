@@ -5,21 +5,18 @@ python benchmarks/foundation.py prints medians of five and exits 1 when a stated
 
 from __future__ import annotations
 
-import statistics
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Callable
 
 import filterpy
 import numpy as np
 from filterpy.kalman import KalmanFilter
+from timing import REPEATS, median
 
 from ctlabs import kalman, montecarlo
 from ctlabs.models import DiscreteModel
 
-REPEATS = 5
 MODEL = DiscreteModel(
     Phi=[[1, 1], [0, 1]], Qd=[[1 / 3, 1 / 2], [1 / 2, 1]], H=[[1, 0]], R=[[1]], x0=[0, 0], P0=[[100, 0], [0, 10]], dt=1
 )
@@ -43,17 +40,6 @@ def main() -> int:
         missed += not good
         print(f"{name:<58} {found:9.3g}   {kind} {limit:g}   {'' if good else 'MISSED'}")
     return int(missed > 0)
-
-
-def median(action: Callable[[], object]) -> float:
-    """Median seconds of an action."""
-    return statistics.median(timed(action) for _ in range(REPEATS))
-
-
-def timed(action: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    action()
-    return time.perf_counter() - start
 
 
 def command(*arguments: str) -> None:

@@ -11,19 +11,17 @@ from __future__ import annotations
 
 import statistics
 import sys
-import time
-from collections.abc import Callable
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
+from timing import REPEATS, median, timed
 
 from ctlabs import montecarlo, records, smoothing
 from ctlabs.forms import Filtered
 from ctlabs.models import DiscreteModel
 
-REPEATS = 7
 STEPS, LOOPED = 200_000, 2_000
 EQUAL = 1e-10
 #: Position and speed along two axes; both positions are measured, with correlated errors.
@@ -156,17 +154,6 @@ def filterpy_loop(z: np.ndarray) -> np.ndarray:
         kf.update(z[k])
         found[k - 1] = kf.x[:, 0]
     return found
-
-
-def median(action: Callable[[], object]) -> float:
-    """Median seconds of an action."""
-    return statistics.median(timed(action) for _ in range(REPEATS))
-
-
-def timed(action: Callable[[], object]) -> float:
-    start = time.perf_counter()
-    action()
-    return time.perf_counter() - start
 
 
 if __name__ == "__main__":

@@ -75,7 +75,8 @@ def imported(folder: str) -> set[str]:
                 names |= {alias.name.split(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and not node.level and node.module:
                 names.add(node.module.split(".")[0])
-    return names - set(sys.stdlib_module_names) - {"ctlabs", "tests", "tasks"}
+    siblings = {path.stem for path in (ROOT / folder).glob("*.py")}
+    return names - set(sys.stdlib_module_names) - siblings - {"ctlabs", "tests", "tasks"}
 
 
 def distributions(requirements: list[str]) -> set[str]:
