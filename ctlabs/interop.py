@@ -43,7 +43,8 @@ def from_control(
 
     Parameters
     ----------
-    system : continuous, or discrete with a period. A transfer function gets the states of ``realisation``; a
+    system : continuous, or discrete with a period; or a continuous transfer function's coefficients ``(num, den)``. A
+        transfer function gets the states of ``realisation``; a
         state-space system keeps its own
     Q : (s, s), strength of the noise inputs, unit²·s; of a discrete system their covariance, unit², and Qd = B Q Bᵀ
     P0, x0 : covariance (n, n) and mean (n,) of the initial state; x0 defaults to zeros
@@ -243,6 +244,8 @@ def _state_space(system: Any, realisation: str, names: tuple[Any, Any]) -> tuple
     if realisation not in REALISATIONS:
         msg = f"realisation: expected one of {', '.join(REALISATIONS)}, received {realisation!r}"
         raise ValueError(msg)
+    if isinstance(system, tuple):
+        system = control.tf(*system)
     if isinstance(system, control.StateSpace):
         own = (_own(system.state_labels, "x"), _own(system.output_labels, "y"))
         return system, (own[0] if names[0] is None else names[0], own[1] if names[1] is None else names[1])

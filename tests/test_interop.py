@@ -32,6 +32,8 @@ def test_the_autopilot_of_lab_13_gets_the_observable_form() -> None:
     """0.3(s+0.01)/(s²+0.006s+0.003) has F=[[−0.006,1],[−0.003,0]], G=[0.3,0.003]ᵀ, H=[1,0]."""
     system = control.tf([0.3, 0.003], [1, 0.006, 0.003])
     model = interop.from_control(system, Q=[[36.0]], Rc=[[81.0]], P0=np.eye(2), states=["h", "x2"])
+    plain = interop.from_control(([0.3, 0.003], [1, 0.006, 0.003]), Q=[[36.0]], Rc=[[81.0]], P0=np.eye(2))
+    assert np.array_equal(plain.F, model.F)
     assert isinstance(model, ContinuousModel)
     assert close(model.F, [[-0.006, 1], [-0.003, 0]], EXACT)
     assert close(model.G, [[0.3], [0.003]], EXACT)

@@ -250,6 +250,10 @@ class ModelFile:
     def _document(self) -> schema.Document:
         return self._values.document
 
+    def data(self) -> dict[str, Any]:
+        """The plain data of the text, whatever is wrong with it; a copy."""
+        return parsed(self.dumps(), self.name)
+
     # --- the text and its changes ----------------------------------------------------------------------------------------
 
     def dumps(self) -> str:
