@@ -1,0 +1,11 @@
+"""Loaded by a process of the worker before its first run: two small experiments, so that what they need is loaded and compiled."""
+
+from __future__ import annotations
+
+from ctlabs.modelfile import new
+from ctlabs.workbench.experiments import run
+from ctlabs.workbench.outcomes import Data, Plan
+
+_MODEL = new(1, 1, 1).dumps()
+run(_MODEL, Plan(steps=20, runs=2).plain(), progress=lambda _done, _runs: None, workers=1)
+run(_MODEL, Plan(data=Data("warm", "z1\n" + "0\n1\n" * 10)).plain())
