@@ -1,0 +1,471 @@
+"""The frame of every page: header, the list of pages, a place for the content, the state of saving, keys, light and dark.
+
+A page is a module of this package with one function ``page(session, shell)`` that draws into the place it is called in.
+It may use
+
+- ``shell.saving()``, ``shell.saved()``, ``shell.not_saved(line)``: what stands beside the title; ``saved`` also lets
+  other tabs with the same draft show what has changed
+- ``shell.tell(line)``, ``shell.complain(line)``: a message that goes away, a message that stays
+- ``shell.shortcut("mod+z", "Undo", undo)``: a key while the page is shown (``mod`` is Ctrl, or Cmd on a Mac)
+- ``shell.go("experiment")``, ``shell.refresh()``, ``shell.on_leave(stop)``, ``shell.name_draft("Tracking")``
+- ``shell.desk.store``, ``shell.desk.runner``, ``shell.owner``, ``shell.browser``: where things are kept and run, for whom
+
+An exception that leaves a handler of the page is shown in one line and its traceback goes to the log.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import importlib
+import json
+import logging
+from collections.abc import Callable
+from functools import partial
+from html import escape
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from nicegui import app, ui
+
+if TYPE_CHECKING:
+    from nicegui import Client
+    from starlette.requests import Request
+
+    from ctlabs.workbench.server import Desk, Place
+
+log = logging.getLogger("ctlabs.workbench")
+
+
+class Page(NamedTuple):
+    """A page's module and address, its title, its icon, the letter of its key."""
+
+    name: str
+    title: str
+    icon: str
+
+    @property
+    def keys(self) -> str:
+        """Its shortcut: Alt+Shift and its first letter."""
+        return f"alt+shift+{self.name[0]}"
+
+
+PAGES = (
+    Page("model", "Model", "grid_on"),
+    Page("understand", "Understand", "insights"),
+    Page("experiment", "Experiment", "science"),
+    Page("keep", "Keep", "inventory_2"),
+    Page("labs", "Labs", "school"),
+    Page("help", "Help", "help_outline"),
+)
+THEMES = {"auto": (None, "brightness_auto"), "light": (False, "light_mode"), "dark": (True, "dark_mode")}
+#: Below this width, in pixels, the list of pages is behind a button.
+NARROW = 900
+#: How long another tab waits before it shows what has changed here, in seconds.
+CALM = 0.4
+
+FAVICON = (
+    '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 32 32"><rect width="32" height="32" rx="6" fill="#1f5fa8"/>'
+    '<path d="M4 22 C9 4 12 26 17 14 S25 16 28 15" fill="none" stroke="#fff" stroke-width="2.6"/>'
+    '<path d="M4 8 C10 14 16 15 28 15" fill="none" stroke="#ffd166" stroke-width="2"/></svg>'
+)
+
+_STYLE = """
+.nicegui-content { padding: 0; }
+.ctl-main {
+  width: 100%; max-width: 1500px; margin: 0 auto; padding: 1rem; outline: none;
+  display: flex; flex-direction: column; align-items: flex-start; gap: 1rem;
+}
+.nicegui-drawer { padding: 0; }
+.q-header { background: #174a86 !important; }
+.ctl-nav { width: 100%; display: flex; flex-direction: column; gap: 2px; padding: .5rem; }
+.ctl-nav a {
+  display: flex; align-items: center; gap: .75rem; padding: .6rem .75rem;
+  border-radius: 8px; color: inherit; text-decoration: none;
+}
+.ctl-nav a:hover { background: color-mix(in srgb, currentColor 8%, transparent); }
+.ctl-nav a[aria-current=page] { background: color-mix(in srgb, var(--q-primary) 18%, transparent); font-weight: 600; }
+.ctl-head { display: flex; align-items: center; gap: .5rem; flex-wrap: nowrap; padding: .25rem .75rem; min-height: 48px; }
+.ctl-title { font-size: 1.05rem; font-weight: 600; white-space: nowrap; color: inherit; text-decoration: none; }
+.ctl-draft { overflow: hidden; text-overflow: ellipsis; white-space: nowrap; opacity: .9; min-width: 0; }
+.ctl-saved { white-space: nowrap; font-size: .85rem; }
+.ctl-saved[data-state=failed] {
+  background: #fff; color: #b00020; border-radius: 6px; padding: .1rem .5rem; font-weight: 600; white-space: normal;
+}
+kbd { border: 1px solid currentColor; border-radius: 4px; padding: 0 .35em; font-size: .85em; }
+body.body--dark { --q-primary: #8cc0f5 !important; }
+/* Of two important rules that of the earlier layer wins, and Quasar's take the outline away. */
+@layer theme {
+  body.body--dark .bg-primary { color: #06203d !important; }
+  :focus-visible { outline: 3px solid #e07b00 !important; outline-offset: 2px !important; }
+  .q-header :focus-visible { outline-color: #ffd166 !important; }
+  .q-field :focus-visible { outline: none !important; }
+  .q-field:focus-within .q-field__control { outline: 2px solid #e07b00 !important; outline-offset: 1px !important; }
+  .ctl-main:focus-visible { outline: none !important; }
+}
+@media (max-width: 899px) { .ctl-wide { display: none !important; } .ctl-main { padding: .5rem; } }
+@media (min-width: 900px) { .ctl-narrow { display: none !important; } }
+@media (prefers-reduced-motion: reduce) { * { transition: none !important; animation-duration: .01s !important; } }
+"""
+
+# The letter that is written on the key if it is a Latin one, else the one at its place on a keyboard with Latin letters.
+_SCRIPT = """
+window.ctlabsCombination = (e) => {
+  let key = e.key.toLowerCase();
+  if (!/^[a-z]$/.test(key) && /^Key[A-Z]$/.test(e.code)) key = e.code.slice(3).toLowerCase();
+  if (!/^[0-9]$/.test(key) && /^Digit[0-9]$/.test(e.code) && (e.altKey || e.ctrlKey || e.metaKey)) key = e.code.slice(5);
+  if (key === " ") key = "space";
+  const shift = e.shiftKey && (/^[a-z0-9]$/.test(key) || key.length > 1);
+  return (e.ctrlKey || e.metaKey ? "mod+" : "") + (e.altKey ? "alt+" : "") + (shift ? "shift+" : "") + key;
+};
+document.addEventListener("keydown", (e) => {
+  if (!e.key || e.isComposing || e.getModifierState?.("AltGraph")) return;
+  const keys = document.querySelector(".ctl-main")?.dataset.keys;
+  if (!keys || !window.did_handshake) return;
+  const combination = ctlabsCombination(e), known = JSON.parse(keys)[combination];
+  if (known === undefined) return;
+  const t = e.target, field = t.isContentEditable || /^(INPUT|TEXTAREA|SELECT)$/.test(t.tagName);
+  if (field && !known) return;
+  e.preventDefault();
+  e.stopPropagation();
+  emitEvent("ctlabs_key", combination);
+}, true);
+window.addEventListener("popstate", () => emitEvent("ctlabs_went", location.pathname));
+// plotly resizes a plot a moment after it has been drawn, also when its page has been left by then.
+window.addEventListener("unhandledrejection", (e) => {
+  if (/displayed plot div element/.test(e.reason?.message ?? e.reason)) e.preventDefault();
+});
+// What is typed while there is no connection would be lost when the page is loaded again.
+document.addEventListener("DOMContentLoaded", () => {
+  const popup = document.getElementById("popup");
+  let focused = null;
+  new MutationObserver(() => {
+    const lost = popup.ariaHidden === "false", main = document.querySelector(".ctl-main");
+    if (!main || main.inert === lost) return;
+    if (lost) focused = document.activeElement;
+    main.inert = lost;
+    main.style.opacity = lost ? 0.5 : "";
+    if (!lost) focused?.focus();
+  }).observe(popup, { attributes: true });
+});
+"""
+
+
+class _Shortcut(NamedTuple):
+    label: str
+    action: Callable[[], object]
+    in_fields: bool
+    lasting: bool
+
+
+def prepare() -> None:
+    """What all pages have in their head."""
+    app.colors(primary="#1f5fa8")
+    ui.add_css(_STYLE, shared=True)
+    ui.add_head_html(f"<script>{_SCRIPT}</script>", shared=True)
+
+
+class Shell:
+    """The frame in one tab."""
+
+    def __init__(self, desk: Desk, client: Client, request: Request, pages: str) -> None:
+        self.desk, self.client, self._pages = desk, client, pages
+        self.browser: str = request.scope["ctlabs.session"]
+        theme = request.cookies.get("ctlabs_theme", "auto")
+        self.theme = theme if theme in THEMES else "auto"
+        self.current = PAGES[0].name
+        self._place: Place | None = None
+        self._keys: dict[str, _Shortcut] = {}
+        self._leaving: list[Callable[[], object]] = []
+        self._links: dict[str, ui.element] = {}
+        self._pending: asyncio.TimerHandle | None = None
+
+    @property
+    def owner(self) -> str:
+        """Whose experiments are listed: this person's on a machine of one's own, this browser's elsewhere."""
+        return self.desk.owner(self.browser)
+
+    @property
+    def place(self) -> Place:
+        """The draft and its session."""
+        if self._place is None:
+            msg = "shell: expected a draft that is open, received none"
+            raise RuntimeError(msg)
+        return self._place
+
+    # Drawing -------------------------------------------------------------------------------------------------------------
+
+    def draw(self, name: str) -> None:
+        """The frame, with nothing in it yet: this is what the browser shows first."""
+        self.current = name
+        self._dark = ui.dark_mode(THEMES[self.theme][0])
+        self._drawer = ui.left_drawer(bordered=True).props(f"breakpoint={NARROW} width=190")
+        with self._drawer, ui.element("nav").classes("ctl-nav").props('aria-label="Pages"'):
+            self._links = {page.name: self._link(page) for page in PAGES}
+        self._draw_header()
+        self._main = ui.element("div").classes("ctl-main").props("tabindex=-1 aria-busy=true")
+        with self._main, ui.row().classes("items-center q-pa-md"):
+            ui.spinner(size="md")
+            ui.label("Opening the workbench…")
+        ui.skip_link("Skip to the page", target=self._main)
+        self.client.on_exception(self._failed)
+        ui.on("ctlabs_key", lambda event: self._pressed(event.args))
+        ui.on("ctlabs_went", lambda event: self.show(str(event.args).strip("/") or PAGES[0].name))
+        self._mark()
+
+    def _draw_header(self) -> None:
+        with ui.header(elevated=True, wrap=False).classes("ctl-head"):
+            menu = ui.button(icon="menu", on_click=self._drawer.toggle)
+            menu.props('flat round dense color=white aria-label="List of pages"').classes("ctl-narrow")
+            with ui.element("a").classes("ctl-title ctl-wide").props('href="/model"'):
+                ui.label("ctlabs workbench")
+            self._name = ui.label("").classes("ctl-draft")
+            ui.space()
+            self._saved = ui.label("").classes("ctl-saved").props("role=status aria-live=polite data-state=none")
+            keys = ui.button(icon="keyboard", on_click=self.show_shortcuts)
+            keys.props('flat round dense color=white aria-label="Keyboard shortcuts"').classes("ctl-wide")
+            self._theme = ui.button(on_click=self._next_theme).props("flat round dense color=white")
+            self._show_theme()
+
+    def _link(self, page: Page) -> ui.element:
+        link = ui.element("a").props(f'href="/{page.name}" title="{_shown(page.keys)}"')
+        with link:
+            ui.icon(page.icon).props("aria-hidden=true size=sm")
+            ui.label(page.title)
+        # A plain click changes the page here; one with a key held opens another tab, as with any link.
+        link.on(
+            "click",
+            lambda: self.go(page.name),
+            js_handler=f"""(e) => {{
+                if (e.ctrlKey || e.metaKey || e.shiftKey || e.altKey || e.button) return;
+                e.preventDefault();
+                if (window.innerWidth < {NARROW}) runMethod({self._drawer.id}, "hide", []);
+                emit();
+            }}""",
+        )
+        return link
+
+    def _mark(self) -> None:
+        """Say which page this is: in the list, in the title of the tab."""
+        for page in PAGES:
+            link = self._links[page.name]
+            link.props(remove="aria-current")
+            if page.name == self.current:
+                link.props("aria-current=page")
+            if self._place is not None:
+                link.props(f'href="{self._url(page.name)}"')
+        title = next(page.title for page in PAGES if page.name == self.current)
+        ui.page_title(" · ".join(part for part in (self._name.text, title, "ctlabs") if part))
+
+    # Pages ---------------------------------------------------------------------------------------------------------------
+
+    async def enter(self, name: str, wanted: str) -> None:
+        """Open the draft and show a page; the library is loaded meanwhile, in a thread."""
+        try:
+            self._place = await asyncio.to_thread(self.desk.enter, self, wanted)
+        except Exception as why:
+            log.exception("opening a draft")
+            self._instead(why)
+            return
+        if self.client.is_deleted:
+            self.desk.leave(self)
+            return
+        for page in PAGES:
+            self.shortcut(page.keys, page.title, partial(self.go, page.name), lasting=True)
+        self.shortcut("?", "Keyboard shortcuts", self.show_shortcuts, in_fields=False, lasting=True)
+        ui.navigate.history.replace(self._url(name))
+        self.show(name)
+        asyncio.get_running_loop().call_later(CALM, self.desk.runner.warm)  # not before the page is seen
+        if self.place.notice:
+            self.complain(self.place.notice)
+
+    def go(self, name: str) -> None:
+        """Show a page as if its link had been followed."""
+        if name != self.current:
+            with self.client:
+                ui.navigate.history.push(self._url(name))
+        self.show(name)
+
+    def show(self, name: str) -> None:
+        """Draw a page, after the one before has been left."""
+        if self._place is None or name not in self._links:
+            return
+        self.current = name
+        self._left()
+        with self.client:
+            self._main.clear()
+            try:
+                module = importlib.import_module(f"{self._pages}.{name}")
+                with self._main:
+                    module.page(self.place.session, self)
+            except Exception as why:
+                log.exception("page %s", name)
+                self._instead(why)
+            self._main.props("aria-busy=false")
+            self._mark()
+            self._tell_keys()
+
+    def refresh(self) -> None:
+        """Draw the present page again."""
+        self.show(self.current)
+
+    def on_leave(self, action: Callable[[], object]) -> None:
+        """Call this when the page is left, drawn again, or its tab closed."""
+        self._leaving.append(action)
+
+    def name_draft(self, name: str) -> None:
+        """Put the model's name into the header and the title of the tab."""
+        with self.client:
+            self._name.text = name
+            self._mark()
+
+    def left(self) -> None:
+        """The tab is gone."""
+        self.desk.leave(self)
+        if self._pending is not None:
+            self._pending.cancel()
+        self._left()
+
+    def _left(self) -> None:
+        leaving, self._leaving = self._leaving, []
+        self._keys = {keys: shortcut for keys, shortcut in self._keys.items() if shortcut.lasting}
+        for action in leaving:
+            try:
+                action()
+            except Exception:
+                log.exception("leaving page %s", self.current)
+
+    def _instead(self, why: Exception) -> None:
+        """What stands in the place of a page that cannot be shown."""
+        with self.client:
+            self._main.clear()
+            with self._main, ui.card().props("role=alert"):
+                ui.label("This page cannot be shown.").classes("text-h6")
+                ui.label(_line(why))
+                ui.button("Try again", on_click=lambda: ui.navigate.reload())
+
+    def _url(self, name: str) -> str:
+        return f"/{name}?draft={self.place.draft.id}"
+
+    # Messages ------------------------------------------------------------------------------------------------------------
+
+    def saving(self) -> None:
+        """An edit is on its way."""
+        self._say("saving", "Saving…")
+
+    def saved(self) -> None:
+        """All edits are in the database; other tabs with this draft show them."""
+        self._say("saved", "Saved")
+        for other in self.desk.others(self):
+            other._refresh_soon()
+
+    def not_saved(self, line: str) -> None:
+        """An edit could not be saved."""
+        self._say("failed", f"Not saved: {line}")
+
+    def tell(self, line: str) -> None:
+        """A message that goes away by itself."""
+        with self.client:
+            ui.notify(line, position="bottom", timeout=4000)
+
+    def complain(self, line: str) -> None:
+        """A message that stays until it is closed."""
+        with self.client:
+            close = [{"label": "Close", "color": "white"}]
+            ui.notify(line, type="negative", position="bottom", timeout=0, multi_line=True, actions=close)
+
+    def _say(self, state: str, text: str) -> None:
+        with self.client:
+            self._saved.text = text
+            self._saved.props(f"data-state={state}")
+
+    def _refresh_soon(self) -> None:
+        if (
+            self._pending is None
+            or self._pending.cancelled()
+            or self._pending.when() < asyncio.get_running_loop().time()
+        ):
+            self._pending = asyncio.get_running_loop().call_later(CALM, self.refresh)
+
+    def _failed(self, why: Exception) -> None:
+        self.complain(_line(why))
+
+    # Keys ----------------------------------------------------------------------------------------------------------------
+
+    def shortcut(
+        self,
+        keys: str,
+        label: str,
+        action: Callable[[], object],
+        *,
+        in_fields: bool = True,
+        lasting: bool = False,
+    ) -> None:
+        """Call ``action`` when ``keys`` are pressed while this page is shown.
+
+        Parameters
+        ----------
+        keys : such as "mod+enter", "mod+shift+z", "alt+shift+m", "?", "f2"; mod, alt, shift in this order
+        label : what it does, for the list of shortcuts
+        in_fields : also while a field is being typed into (there, a single character is always typed)
+        lasting : on all pages
+        """
+        alone = "+" not in keys and len(keys) == 1
+        self._keys[keys.lower()] = _Shortcut(label, action, in_fields and not alone, lasting)
+        if self.client.has_socket_connection:
+            self._tell_keys()
+
+    @property
+    def shortcuts(self) -> list[tuple[str, str]]:
+        """Keys as they are written on them, and what they do, on this page."""
+        return [(_shown(keys), shortcut.label) for keys, shortcut in self._keys.items()]
+
+    def show_shortcuts(self) -> None:
+        """The list of shortcuts, over the page."""
+        with self.client, ui.dialog() as dialog, ui.card().props('aria-label="Keyboard shortcuts"'):
+            ui.label("Keyboard shortcuts").classes("text-h6")
+            with ui.grid(columns=2).classes("items-center"):
+                for keys, label in self.shortcuts:
+                    ui.html(f"<kbd>{escape(keys)}</kbd>", sanitize=False)
+                    ui.label(label)
+            ui.button("Close", on_click=dialog.close).props("flat autofocus")
+        dialog.on("hide", dialog.delete)
+        dialog.open()
+
+    def _tell_keys(self) -> None:
+        """The keys go to the browser with the page, as an attribute of it: there is no page without its keys."""
+        known = {keys: shortcut.in_fields for keys, shortcut in self._keys.items()}
+        self._main.props["data-keys"] = json.dumps(known)
+        self._main.update()
+
+    async def _pressed(self, keys: Any) -> None:
+        shortcut = self._keys.get(str(keys))
+        if shortcut is not None:
+            with self._main:
+                result = shortcut.action()
+                if asyncio.iscoroutine(result):
+                    await result
+
+    # Light and dark ------------------------------------------------------------------------------------------------------
+
+    def _next_theme(self) -> None:
+        order = list(THEMES)
+        self.theme = order[(order.index(self.theme) + 1) % len(order)]
+        self._dark.value = THEMES[self.theme][0]
+        self._show_theme()
+        ui.run_javascript(f'document.cookie = "ctlabs_theme={self.theme}; path=/; max-age=63072000; samesite=strict"')
+
+    def _show_theme(self) -> None:
+        self._theme.props(f'icon={THEMES[self.theme][1]} aria-label="Theme: {self.theme}" title="Theme: {self.theme}"')
+
+
+def _shown(keys: str) -> str:
+    """Keys as they are written on them: "Ctrl+Shift+Z"."""
+    names = {"mod": "Ctrl", "enter": "Enter", "escape": "Esc"}
+    return "+".join(names.get(key, key.capitalize()) for key in keys.split("+"))
+
+
+def _line(why: BaseException) -> str:
+    """An exception in one line; an error of the user's input is said in its own words."""
+    said = " ".join(str(why).split())
+    return (
+        said if said and isinstance(why, ValueError | RuntimeError | LookupError) else f"{type(why).__name__}: {said}"
+    )
