@@ -1,0 +1,367 @@
+r"""A transfer function or a spectrum becomes states of a model file: coloured noise from what is known of it.
+
+``transfer`` of s: the noise w that entered directly passes through G(s) = D + H_b(sI − F_b)⁻¹G_b first,
+
+.. math:: \dot x = Fx + \dots + g(H_by + Dw), \quad \dot y = F_by + G_bw
+
+``psd`` of w (rad/s, two-sided, unit²·s): the same with the factor of the spectrum and white noise of strength 1. Cells that are
+not concerned stay as they were typed; what is added refers to the cells that were there, so that constants still work.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, Literal
+
+import numpy as np
+
+from ctlabs import spectra
+from ctlabs._check import Array
+from ctlabs.modelfile import ModelFile
+from ctlabs.modelfile.expressions import CONSTANTS, Expression, ExpressionError, parse
+from ctlabs.workbench.plain import data
+
+#: Highest degree of a numerator or denominator.
+DEGREE = 12
+SYMBOLS = {"transfer": "s", "psd": "w"}
+
+Polynomial = list[Fraction]
+
+
+@dataclass(frozen=True, slots=True)
+class InsertBlock:
+    """Coloured noise in the place of white noise ``into`` ("noise"), or added to measurement ``into`` ("measurement").
+
+    ``kind`` : "transfer", G(s) as "1/(2*s + 1)"; "psd", S(w) as "4/(w^2 + 1)" · ``text`` may contain the model's constants
+    (their present values are used) · ``name``, ``unit`` of the block's output, its first state
+    """
+
+    kind: Literal["transfer", "psd"]
+    text: str
+    into: int = 0
+    place: Literal["noise", "measurement"] = "noise"
+    name: str = "coloured"
+    unit: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """ẏ = F y + G w, output H y + D w, w of strength 1; P0, its stationary covariance, or 0 where there is none."""
+
+    F: Array
+    G: Array
+    H: Array
+    D: float
+    P0: Array
+
+
+def insert(file: ModelFile, command: InsertBlock) -> tuple[ModelFile, str]:
+    """The file with the block in it.
+
+    Raises
+    ------
+    ValueError
+        A discrete model; no such noise or measurement; a text that is no rational function; a direct path into a measurement.
+    """
+    if file.kind != "continuous":
+        msg = "block: expected a continuous model (a block is a differential equation), received a discrete one"
+        raise ValueError(msg)
+    size = file.s if command.place == "noise" else file.m
+    if command.place not in {"noise", "measurement"} or not 0 <= command.into < size:
+        msg = f"into: expected a {command.place} from 0 to {size - 1}, received {command.into}"
+        raise ValueError(msg)
+    made = block(command.kind, command.text, file.constants)
+    before = file.n
+    states = _names(command.name.strip() or "coloured", len(made.F), file.states)
+    for i, name in enumerate(states):
+        file = file.add_state(name, command.unit if i == 0 else "")
+    file = (_into_noise if command.place == "noise" else _into_measurement)(file, made, command, before)
+    for i, row in enumerate(made.F):
+        for j, value in enumerate(row):
+            file = _put(file, ("model", "F", before + i, before + j), value)
+    return file, f"{command.kind} {command.text[:40]} into {command.place} {command.into + 1}"
+
+
+def block(kind: str, text: str, constants: dict[str, float]) -> Block:
+    """The block of a text.
+
+    >>> block("transfer", "3/(2*s + 1)", {}).F
+    array([[-0.5]])
+    >>> block("psd", "2*a/(w^2 + a^2)", {"a": 5.0}).P0.round(9)
+    array([[1.]])
+    """
+    if kind not in SYMBOLS:
+        msg = f"kind: expected {' or '.join(SYMBOLS)}, received {kind!r}"
+        raise ValueError(msg)
+    num, den = rational(text, SYMBOLS[kind], constants)
+    return _of_transfer(num, den) if kind == "transfer" else _of_spectrum(num, den)
+
+
+def rational(text: str, symbol: str, constants: dict[str, float]) -> tuple[Array, Array]:
+    """Numerator and denominator, descending powers of the symbol, without common factors.
+
+    >>> rational("(s + 1)/((s + 1)*(s + k))", "s", {"k": 2.0})
+    (array([1.]), array([1., 2.]))
+    """
+    if symbol in constants:
+        msg = f'block: expected no constant of the name "{symbol}", which is the variable here, received one; rename it'
+        raise ValueError(msg)
+    try:
+        expression = parse(text)
+        expression.check([symbol, *constants])
+        num, den = _divided(*_computed(expression, symbol, constants))
+    except ExpressionError as error:
+        msg = f"block: {error}"
+        raise ValueError(msg) from None
+    try:
+        top, bottom = (np.array([float(c) for c in reversed(p)]) for p in (num, den))
+    except OverflowError:
+        msg = "block: expected coefficients within double precision, received larger ones"
+        raise ValueError(msg) from None
+    return top, bottom
+
+
+def _of_transfer(num: Array, den: Array) -> Block:
+    """The observable form."""
+    if len(num) > len(den):
+        msg = f"transfer: expected a proper function, received degree {len(num) - 1} over {len(den) - 1}: it differentiates white noise"
+        raise ValueError(msg)
+    if len(den) == 1:
+        msg = f"transfer: expected a function with poles, received the constant {num[0]:g}"
+        raise ValueError(msg)
+    n = len(den) - 1
+    num, den = np.pad(num, (len(den) - len(num), 0)) / den[0], den / den[0]
+    F = np.eye(n, k=1)
+    F[:, 0] = -den[1:]
+    return _block(F, num[1:] - num[0] * den[1:], np.eye(n)[0], float(num[0]))
+
+
+def _of_spectrum(num: Array, den: Array) -> Block:
+    """White noise of strength 1 through the spectrum's factor."""
+    pairs = []
+    for name, p in (("numerator", num), ("denominator", den)):
+        powers = p[::-1]
+        if powers[1::2].any():
+            msg = f"psd: expected an even function of w, received an odd power in the {name}"
+            raise ValueError(msg)
+        pairs.append(powers[::2][::-1])
+    model = spectra.shaping_filter(spectra.Spectrum(*pairs), 1.0)
+    D = 0.0 if model.N is None else float(model.N[0, 0])
+    return _block(model.F, model.G[:, 0], model.H[0], D)
+
+
+def _block(F: Array, G: Array, H: Array, D: float) -> Block:
+    import scipy.linalg
+
+    P0 = np.zeros_like(F)
+    if np.linalg.eigvals(F).real.max() < -1e-12 * max(np.abs(F).max(), 1e-300):
+        P0 = scipy.linalg.solve_continuous_lyapunov(F, -np.outer(G, G))
+        P0 = 0.5 * (P0 + P0.T)
+    return Block(np.array(F), np.array(G), np.array(H), D, P0)
+
+
+# Into the file -------------------------------------------------------------------------------------------------------
+
+
+def _into_noise(file: ModelFile, made: Block, command: InsertBlock, before: int) -> ModelFile:
+    """The block's output enters where the white noise did."""
+    model, j = data(file)["model"], command.into
+    strength = _text(model["Q"][j][j])
+    if command.kind == "psd":
+        own = [i for i in range(len(model["Q"])) if i != j]
+        Q = file.matrix("Q")
+        if Q[j, own].any() or ("N" in model and file.matrix("N")[j].any()):
+            msg = f"into: expected a noise that correlates with no other (a spectrum does not say how), received noise {j + 1}"
+            raise ValueError(msg)
+        strength = "1"
+        file = file.edit(("model", "Q", j, j), 1)
+    for i in range(before):
+        cell = model["G"][i][j]
+        if _text(cell) in {"0", "0.0"}:
+            continue
+        for k, h in enumerate(made.H):
+            if h:
+                file = file.edit(("model", "F", i, before + k), _times(cell, h))
+        file = file.edit(("model", "G", i, j), _times(cell, made.D))
+    for i, g in enumerate(made.G):
+        file = _put(file, ("model", "G", before + i, j), g)
+    return _initial(file, made, before, strength)
+
+
+def _into_measurement(file: ModelFile, made: Block, command: InsertBlock, before: int) -> ModelFile:
+    """The block's output adds to a measurement; it has a noise of its own."""
+    if made.D:
+        msg = "into: expected a block without a direct path (white noise in a measurement is R or Rc), received one with it"
+        raise ValueError(msg)
+    column = file.s
+    file = file.add_noise()
+    for i, g in enumerate(made.G):
+        file = _put(file, ("model", "G", before + i, column), g)
+    for i, h in enumerate(made.H):
+        file = _put(file, ("model", "H", command.into, before + i), h)
+    return _initial(file, made, before, "1")
+
+
+def _initial(file: ModelFile, made: Block, before: int, strength: str) -> ModelFile:
+    """The stationary covariance of the block, times the strength of its noise."""
+    for i, row in enumerate(made.P0):
+        for j, value in enumerate(row):
+            file = file.edit(("model", "P0", before + i, before + j), _times(strength, value))
+    return file
+
+
+def _put(file: ModelFile, path: tuple[str | int, ...], value: float) -> ModelFile:
+    return file.edit(path, _number(value))
+
+
+def _text(cell: Any) -> str:
+    return cell.strip() if isinstance(cell, str) else repr(cell)
+
+
+def _times(cell: Any, factor: float) -> Any:
+    """A cell times a number: a number where the cell is one, otherwise an expression."""
+    text = _text(cell)
+    if factor in (0.0, 1.0):
+        return 0 if factor == 0 else cell if not isinstance(cell, str) or text != "1" else 1
+    try:
+        return _number(float(text) * factor)
+    except ValueError:
+        shown = repr(_number(factor))
+        whole = text if parse(text).program[-1].kind in {"name", "call"} else f"({text})"
+        return f"{shown}*{whole}"
+
+
+def _number(value: float) -> int | float:
+    """A whole number where it is one."""
+    value = float(value)
+    return int(value) if value.is_integer() and abs(value) < 1e15 else value
+
+
+def _names(name: str, count: int, taken: tuple[str, ...]) -> list[str]:
+    """Names for the states that none has yet: coloured, coloured_2 and so on."""
+    found: list[str] = []
+    number = 1
+    while len(found) < count:
+        candidate = name if number == 1 else f"{name}_{number}"
+        if candidate not in taken:
+            found.append(candidate)
+        number += 1
+    return found
+
+
+# Rational functions, exactly -----------------------------------------------------------------------------------------
+
+
+def _computed(expression: Expression, symbol: str, constants: dict[str, float]) -> tuple[Polynomial, Polynomial]:
+    """Run the expression's program on fractions of polynomials, ascending powers."""
+    stack: list[tuple[Polynomial, Polynomial]] = []
+    for step in expression.program:
+        if step.kind == "number":
+            stack.append(([Fraction(step.what)], [Fraction(1)]))
+        elif step.kind == "name" and step.what == symbol:
+            stack.append(([Fraction(0), Fraction(1)], [Fraction(1)]))
+        elif step.kind == "name":
+            value = CONSTANTS.get(step.what, constants.get(step.what, 0.0))
+            if not np.isfinite(value):
+                raise ExpressionError(f"expected finite numbers, received {step.what}", step.column)
+            stack.append(([Fraction(repr(float(value)))], [Fraction(1)]))
+        else:
+            first = len(stack) - step.arity
+            operands = stack[first:]
+            stack[first:] = [_applied(step, operands)]
+        if max(len(stack[-1][0]), len(stack[-1][1])) > 2 * DEGREE + 1:
+            raise ExpressionError(f"expected a degree of at most {DEGREE}, received more", step.column)
+    return stack[0]
+
+
+def _applied(step: Any, operands: list[tuple[Polynomial, Polynomial]]) -> tuple[Polynomial, Polynomial]:
+    if step.kind == "call":
+        return _called(step, operands)
+    if step.kind == "unary":
+        ((a, b),) = operands
+        return [-c for c in a], b
+    (a, b), (c, d) = operands
+    if step.what in "+-":
+        sign = 1 if step.what == "+" else -1
+        return _divided(_sum(_product(a, d), [sign * x for x in _product(c, b)]), _product(b, d))
+    if step.what == "*":
+        return _divided(_product(a, c), _product(b, d))
+    if step.what == "/":
+        if not any(c):
+            raise ExpressionError("division by zero", step.column)
+        return _divided(_product(a, d), _product(b, c))
+    return _power(step, operands)
+
+
+def _called(step: Any, operands: list[tuple[Polynomial, Polynomial]]) -> tuple[Polynomial, Polynomial]:
+    """A function, or a power that is not whole, of numbers."""
+    if any(len(p) > 1 for pair in operands for p in pair):
+        raise ExpressionError(
+            f"{step.what}: expected numbers, received the variable (only + - * / ^ make it)", step.column
+        )
+    numbers = (step._replace(kind="number", value=float(a[0] / b[0]), arity=0) for a, b in operands)
+    value = Expression("", (*numbers, step), frozenset()).value({})
+    return [Fraction(repr(value))], [Fraction(1)]
+
+
+def _power(step: Any, operands: list[tuple[Polynomial, Polynomial]]) -> tuple[Polynomial, Polynomial]:
+    (a, b), (c, d) = operands
+    if max(len(c), len(d)) > 1:
+        raise ExpressionError("expected a number as exponent, received the variable", step.column)
+    exponent = c[0] / d[0]
+    if max(len(a), len(b)) == 1 and (exponent.denominator != 1 or abs(exponent) > 2 * DEGREE):
+        return _called(step, operands)
+    if exponent.denominator != 1 or abs(exponent) > 2 * DEGREE:
+        msg = f"expected a whole exponent up to {2 * DEGREE}, received {float(exponent):g}"
+        raise ExpressionError(msg, step.column)
+    if exponent < 0:
+        if not any(a):
+            raise ExpressionError("division by zero", step.column)
+        a, b = b, a
+    top, bottom = [Fraction(1)], [Fraction(1)]
+    for _ in range(abs(int(exponent))):
+        top, bottom = _product(top, a), _product(bottom, b)
+    return top, bottom
+
+
+def _sum(a: Polynomial, b: Polynomial) -> Polynomial:
+    size = max(len(a), len(b))
+    return _trimmed(
+        [(a[i] if i < len(a) else Fraction(0)) + (b[i] if i < len(b) else Fraction(0)) for i in range(size)]
+    )
+
+
+def _product(a: Polynomial, b: Polynomial) -> Polynomial:
+    result = [Fraction(0)] * (len(a) + len(b) - 1)
+    for i, x in enumerate(a):
+        for j, y in enumerate(b):
+            result[i + j] += x * y
+    return _trimmed(result)
+
+
+def _trimmed(p: Polynomial) -> Polynomial:
+    while len(p) > 1 and not p[-1]:
+        p = p[:-1]
+    return p
+
+
+def _divided(a: Polynomial, b: Polynomial) -> tuple[Polynomial, Polynomial]:
+    """The fraction without common factors, its denominator monic (Euclid's algorithm)."""
+    x, y = _trimmed(a), _trimmed(b)
+    while any(y):
+        x, y = y, _remainder(x, y)[1]
+    top, bottom = (_remainder(p, x)[0] for p in (_trimmed(a), _trimmed(b)))
+    lead = bottom[-1]
+    return [c / lead for c in top], [c / lead for c in bottom]
+
+
+def _remainder(a: Polynomial, b: Polynomial) -> tuple[Polynomial, Polynomial]:
+    """Quotient and remainder."""
+    quotient, rest = [Fraction(0)] * max(len(a) - len(b) + 1, 1), list(a)
+    for i in range(len(a) - len(b), -1, -1):
+        factor = rest[i + len(b) - 1] / b[-1]
+        quotient[i] = factor
+        for j, c in enumerate(b):
+            rest[i + j] -= factor * c
+    return _trimmed(quotient), _trimmed(rest[: max(len(b) - 1, 1)] if len(a) >= len(b) else rest)

@@ -1,0 +1,422 @@
+r"""How an experiment is computed: :func:`run`, in a process of the worker.
+
+Simulated: an ensemble of the truth through the filter (:func:`ctlabs.montecarlo.run`), the first few runs with their histories,
+one of them by every chosen algorithm. Measured: the record through the filter and the smoother, and what its innovations say.
+Long histories are thinned to what a plot can show (``k`` says which instants are left); statistics are over all runs and instants.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import chdtr, chdtrc, chdtri, erfc
+
+from ctlabs import diagnosis, forms, kalman, montecarlo, records, sensitivity, smoothing
+from ctlabs._check import Array
+from ctlabs.experiment import Experiment
+from ctlabs.forms import Filtered
+from ctlabs.modelfile import ModelFile, loads
+from ctlabs.models import DiscreteModel
+from ctlabs.studies import clock, common
+from ctlabs.workbench.outcomes import Algorithm, Anomaly, Outcome, Plan, Statistics, Verdict, packed
+
+__all__ = ["REGISTERED", "Outcome", "Plan", "anomalous", "prepared", "run"]
+
+#: The name under which :func:`run` is in the worker's table.
+REGISTERED = "experiment"
+#: Runs whose histories are shown, and instants that are kept of them.
+SHOWN, POINTS = 3, 2000
+#: Products of numbers with 50 digits that the reference may take, about a second; a longer record is compared in its first steps.
+PATIENCE = 3e5
+#: Rows of a long record that are tested.
+DIAGNOSED = 20_000
+
+
+def run(
+    model: str,
+    plan: Mapping[str, Any],
+    progress: Callable[[int, int], object] | None = None,
+    workers: int | None = None,
+) -> dict[str, Any]:
+    """Carry out a plan on a model; the plain form of an :class:`~ctlabs.workbench.outcomes.Outcome`.
+
+    Parameters
+    ----------
+    model : text of a model file
+    plan : plain form of a :class:`~ctlabs.workbench.outcomes.Plan`
+    progress : function of (runs done, runs)
+    workers : threads
+
+    Raises
+    ------
+    ValueError, FloatingPointError
+        What the model, the design, the data or an algorithm refuses; one line.
+    """
+    start, wanted = time.perf_counter(), Plan.of(plan)
+    wanted.check()
+    truth = prepared(model, "", wanted)
+    design = None if wanted.design is None else prepared(wanted.design, "design", wanted)
+    simulated = wanted.data is None
+    found = (
+        _simulated(truth, design, wanted, progress or False, workers) if simulated else _measured(truth, design, wanted)
+    )
+    return packed(dataclasses.replace(found, seconds=time.perf_counter() - start))
+
+
+def anomalous(model: DiscreteModel, anomalies: Sequence[Anomaly], steps: int) -> DiscreteModel:
+    """The model with other variances at some instants: R becomes (steps+1, m, m).
+
+    >>> walk = DiscreteModel([[1]], [[1]], [[1]], [[4]], x0=[0], P0=[[1]])
+    >>> anomalous(walk, [Anomaly(2, 0, 0.0)], 3).R[:, 0, 0]
+    array([4., 4., 0., 4.])
+    """
+    if not anomalies:
+        return model
+    R = np.array(np.broadcast_to(model.R, (steps + 1, model.m, model.m)))
+    for anomaly in anomalies:
+        i, last = anomaly.measurement, anomaly.k if anomaly.last is None else anomaly.last
+        if i >= model.m or last > steps:
+            name, most, got = ("measurement", model.m - 1, i) if i >= model.m else ("k", steps, last)
+            msg = f"anomaly.{name}: expected a whole number from 0 to {most}, received {got}"
+            raise ValueError(msg)
+        at = slice(anomaly.k, last + 1)
+        R[at, i, :] = R[at, :, i] = 0.0
+        R[at, i, i] = anomaly.R
+    return dataclasses.replace(model, R=R)
+
+
+def prepared(text: str, name: str, plan: Plan) -> ModelFile:
+    """A model file with the plan's first measurement."""
+    file = loads(text, name)
+    return file if file.experiment.first == plan.first else file.edit(("experiment", "first"), plan.first).checked()
+
+
+class Attempt(NamedTuple):
+    """A record by one algorithm, in so many seconds a step; or why it refused."""
+
+    filtered: Filtered | None
+    seconds: float
+    failed: str
+
+
+Tried = dict[str, Attempt]
+
+
+# Simulated -----------------------------------------------------------------------------------------------------------
+
+
+class _Theory(NamedTuple):
+    """The filter's schedule, and the true errors of a design that is not the truth."""
+
+    E: Array
+    schedule: kalman.Schedule
+    P: Array
+    actual: sensitivity.Actual | None
+    optimal: Array | None
+
+
+def _simulated(file: ModelFile, other: ModelFile | None, plan: Plan, progress: Any, workers: int | None) -> Outcome:
+    steps, first = plan.steps, plan.first
+    truth = anomalous(file.discrete(steps=steps), plan.anomalies, steps)
+    design = truth if other is None else anomalous(other.discrete(steps=steps), plan.anomalies, steps)
+    E = np.eye(truth.n) if other is None else common.stands_for(truth, design)
+    experiment = Experiment(plan.runs, plan.seed, workers)
+    few = experiment.histories(truth, steps=steps, runs=min(SHOWN, plan.runs), first=first)
+    theory = _theory(truth, None if other is None else design, E, few.schedule, plan)
+    stats = experiment.statistics(
+        truth, None if other is None else design, steps=steps, compare=E, first=first, progress=progress
+    )
+    tried = _tried(design, few.z, plan)
+    assert few.x is not None
+    own = _first(tried)
+    true = np.einsum("di,kir->kdr", theory.E, few.x)
+    k = _kept(steps)
+    return Outcome(
+        kind="simulation",
+        k=k,
+        t=(file.experiment.t0 + few.t)[k],
+        **_labels(other or file),
+        measured=_read_alone(design),
+        z=few.z[k],
+        truth=true[k],
+        **_histories(own, k),
+        estimates={name: f.x_plus[k, :, 0] for name, (f, _, _) in tried.items() if f is not None},
+        P_minus=theory.schedule.P_minus[k],
+        P_plus=theory.schedule.P_plus[k],
+        K=theory.schedule.K[k],
+        statistics=_statistics(stats, theory.P, k),
+        actual_P=None if theory.actual is None else theory.actual.P_plus[k],
+        actual_bias=None if theory.actual is None else theory.actual.bias_plus[k],
+        optimal_sd=None if theory.optimal is None else theory.optimal[k],
+        verdict=_tested(own.innovation[:, :, 0], own.S, own.nis[:, 0], own.used),
+        algorithms=_algorithms(design, few.z[:, :, 0], plan, tried, true),
+        log_likelihood=float(own.log_likelihood[0]),
+        summary=_summary(other or file, stats, theory, float(own.log_likelihood[0])),
+        notes=()
+        if len(k) == steps + 1
+        else (f"{len(k)} of {steps + 1} instants are shown; statistics are over all of them.",),
+    )
+
+
+def _theory(
+    truth: DiscreteModel, design: DiscreteModel | None, E: Array, optimal: kalman.Schedule, plan: Plan
+) -> _Theory:
+    """What is known before any run."""
+    if design is None:
+        return _Theory(E, optimal, optimal.P_plus, None, None)
+    actual = sensitivity.actual(truth, design, plan.steps, compare=E, first=plan.first)
+    return _Theory(E, actual.claimed, actual.P_plus, actual, _sd(E @ optimal.P_plus @ E.T))
+
+
+def _tried(model: DiscreteModel, z: Array, plan: Plan) -> Tried:
+    """A record, or the shown runs, by every algorithm (a single record by the usual one compiled)."""
+    found: Tried = {}
+    for name in plan.algorithms:
+        start = time.perf_counter()
+        try:
+            if name == "joseph" and z.ndim == 2:
+                filtered = records.filter_record(model, z, plan.first)
+            else:
+                filtered = forms.run(model, z, name, plan.first)
+        except (ValueError, ArithmeticError) as error:
+            found[name] = Attempt(None, 0.0, " ".join(str(error).split()))
+        else:
+            found[name] = Attempt(filtered, (time.perf_counter() - start) / (len(z) - 1), "")
+    return found
+
+
+def _first(tried: Tried) -> Filtered:
+    """The result of the first algorithm that works."""
+    for attempt in tried.values():
+        if attempt.filtered is not None:
+            return attempt.filtered
+    raise ValueError(next(iter(tried.values())).failed)
+
+
+def _algorithms(model: DiscreteModel, z: Array, plan: Plan, tried: Tried, true: Array | None) -> tuple[Algorithm, ...]:
+    """The chosen algorithms on the first record: cost, and (if there are several) accuracy against 50 digits."""
+    compared: dict[str, forms.Comparison] = {}
+    sd = np.ones(model.n)
+    if len(tried) > 1:
+        per_step = model.n**3 + model.n**2 * model.m + model.m**3
+        steps = min(len(z) - 1, max(int(PATIENCE / per_step), 2))
+        compared = {
+            each.name: each for each in forms.compare(clock.cut(model, steps), z[: steps + 1], list(tried), plan.first)
+        }
+        sd = _sd(_first(tried).P_plus[: steps + 1]).max(axis=0)
+    rows = []
+    for name, (filtered, seconds, failed) in tried.items():
+        each = compared.get(name)
+        if filtered is None or (each is not None and each.failed):
+            rows.append(
+                Algorithm(name, failed=(failed or each.failed if each else failed).removeprefix(f"form {name}: "))
+            )
+            continue
+        rms = None if true is None else np.sqrt(np.mean((filtered.x_plus[-1] - true[-1]) ** 2, axis=-1))
+        if each is None:
+            rows.append(Algorithm(name, forms.flops(clock.cut(model, 1), name), seconds, rms=rms))
+        else:
+            error_x = None if each.error_x is None else float((each.error_x / np.where(sd > 0, sd, 1.0)).max())
+            rows.append(Algorithm(name, each.flops, each.seconds, each.error_P, error_x, rms))
+    return tuple(rows)
+
+
+def _statistics(stats: montecarlo.Statistics, P: Array, k: Array) -> Statistics:
+    bands = [
+        np.array(band)[:, k] for band in (stats.rms_band(P), stats.bias_band(P), stats.nees_band(), stats.nis_band())
+    ]
+    return Statistics(
+        runs=stats.runs,
+        rms=stats.rms[k],
+        bias=stats.bias[k],
+        rms_band=bands[0],
+        bias_band=bands[1],
+        nees=stats.nees[k],
+        nees_dof=stats.nees_dof[k],
+        nees_band=bands[2],
+        nis=stats.nis[k],
+        nis_dof=stats.nis_dof[k],
+        nis_band=bands[3],
+    )
+
+
+def _summary(
+    file: ModelFile, stats: montecarlo.Statistics, theory: _Theory, log_likelihood: float
+) -> dict[str, tuple[Any, str]]:
+    """The numbers to copy."""
+    found: dict[str, tuple[Any, str]] = {}
+    claimed = theory.schedule.sd_plus[-1]
+    columns = {"sd_theory": claimed, "rms": stats.rms[-1], "rms_se": stats.rms_se[-1], "bias": stats.bias[-1]}
+    if theory.actual is not None and theory.optimal is not None:
+        actual = np.sqrt(np.diag(theory.actual.mse_plus[-1]).clip(0))
+        columns = {"sd_claimed": claimed, "rms_theory": actual, "sd_optimal": theory.optimal[-1]} | {
+            key: columns[key] for key in ("rms", "rms_se", "bias")
+        }
+    for name, values in columns.items():
+        for state, unit, value in zip(file.states, file.units, values, strict=True):
+            found[f"{name}[{state}]"] = float(value), unit
+    for name, average, dof in (("nees", stats.nees, stats.nees_dof), ("nis", stats.nis, stats.nis_dof)):
+        if (dof > 0).any():
+            found[f"{name}_mean"] = float(average[dof > 0].mean()), ""
+            found[f"{name}_expected"] = float(dof[dof > 0].mean()), ""
+    found["log_likelihood_run_1"] = log_likelihood, ""
+    return found
+
+
+# Measured ------------------------------------------------------------------------------------------------------------
+
+
+def _measured(file: ModelFile, other: ModelFile | None, plan: Plan) -> Outcome:
+    assert plan.data is not None
+    used = file if other is None else other
+    record = plan.data.record(used.measurements)
+    model, z, t = clock.timed(used, record)
+    steps = len(z) - 1
+    model = anomalous(model, plan.anomalies, steps)
+    tried = _tried(model, z, plan)
+    own = _first(tried)
+    smooth = smoothing.smooth(model, own)
+    k = _kept(steps)
+    summary: dict[str, tuple[Any, str]] = {"rows": (record.rows, ""), "missing": (record.missing, "")}
+    sd = _sd(own.P_plus)
+    for name, values in (("estimate", own.x_plus[-1]), ("sd", sd[-1])):
+        for state, unit, value in zip(used.states, used.units, values, strict=True):
+            summary[f"{name}[{state}]"] = float(value), unit
+    summary["log_likelihood"] = float(own.log_likelihood), ""
+    if other is not None:
+        truth, own_z, _t = clock.timed(file, plan.data.record(file.measurements))
+        better = records.log_likelihood(anomalous(truth, plan.anomalies, steps), own_z, plan.first)
+        summary["log_likelihood_of_the_other_model"] = better, ""
+    verdict = _diagnosed(model, own, z, plan.first)
+    if verdict is not None:
+        summary |= {
+            "nis_mean": (verdict.nis_mean, ""),
+            "nis_expected": (verdict.nis_expected, ""),
+            "nis_p": (verdict.nis_p, ""),
+        }
+        summary["verdict"] = verdict.verdict, ""
+    many = dataclasses.replace(
+        own, **{n: getattr(own, n)[..., None] for n in ("x_minus", "x_plus", "innovation", "nis")}
+    )
+    return Outcome(
+        kind="data",
+        k=k,
+        t=t[k],
+        **_labels(used),
+        measured=_read_alone(model),
+        z=z[k, :, None],
+        truth=None,
+        **_histories(many, k),
+        estimates={name: f.x_plus[k] for name, (f, _, _) in tried.items() if f is not None},
+        P_minus=own.P_minus[k],
+        P_plus=own.P_plus[k],
+        K=_gains(model, own)[k],
+        verdict=verdict,
+        algorithms=_algorithms(model, z, plan, tried, None),
+        log_likelihood=float(own.log_likelihood),
+        smoothed=smooth.x[k],
+        smoothed_sd=_sd(smooth.P)[k],
+        summary=summary,
+        notes=() if len(k) == steps + 1 else (f"{len(k)} of {steps + 1} instants are shown; all were filtered.",),
+    )
+
+
+def _diagnosed(model: DiscreteModel, own: Filtered, z: Array, first: int) -> Verdict | None:
+    """The tests of the record, of a long one in its first rows, and what would make it more likely."""
+    tested = _tested(own.innovation, own.S, own.nis, own.used)
+    if tested is None:
+        return None
+    length = min(len(z), DIAGNOSED)
+    over_time = ("t", "x_minus", "x_plus", "P_minus", "P_plus", "innovation", "S", "nis", "used")
+    part = dataclasses.replace(own, **{name: getattr(own, name)[:length] for name in over_time})
+    found = diagnosis.diagnose(clock.cut(model, length - 1), part, z[:length], first)
+    return dataclasses.replace(
+        tested, verdict=found.verdict, suggestion=found.suggestion, factor_R=found.factor_R, factor_Q=found.factor_Q
+    )
+
+
+# Both ----------------------------------------------------------------------------------------------------------------
+
+
+def _tested(innovation: Array, S: Array, nis: Array, used: Array) -> Verdict | None:
+    """NIS, mean and whiteness of one record's innovations."""
+    measured = np.isfinite(innovation)
+    if not measured.any():
+        return None
+    variance = np.diagonal(S, axis1=1, axis2=2)
+    e = np.where(measured, innovation / np.sqrt(np.where(measured, variance, 1.0)), np.nan)
+    dof = used.sum(axis=1)
+    total, freedom, instants = float(np.nansum(nis)), int(dof.sum()), int((dof > 0).sum())
+    count = measured.sum(axis=0)
+    mean = np.nansum(e, axis=0) / np.maximum(count, 1)
+    white = [diagnosis.whiteness(column) for column in e.T]
+    lags = np.arange(1, max(len(each.lags) for each in white) + 1)
+    correlation, band = np.full((2, len(white), len(lags)), np.nan)
+    for row, width, each, N in zip(correlation, band, white, count.tolist(), strict=True):
+        row[: len(each.r)] = each.r
+        width[: len(each.r)] = 1.96 * np.sqrt((N - each.lags) / (N * (N + 2.0)))
+    low, high = (float(edge) / instants for edge in chdtri(freedom, [0.975, 0.025]))
+    return Verdict(
+        nis_mean=total / instants,
+        nis_expected=freedom / instants,
+        nis_low=low,
+        nis_high=high,
+        nis_p=min(1.0, 2 * min(float(chdtr(freedom, total)), float(chdtrc(freedom, total)))),
+        mean_p=np.where(count > 0, erfc(np.abs(mean) * np.sqrt(0.5 * count)), np.nan),
+        whiteness_p=np.array([each.p for each in white]),
+        lags=lags,
+        correlation=correlation,
+        band=band,
+    )
+
+
+def _histories(found: Filtered, k: Array) -> dict[str, Any]:
+    """Estimates and innovations of the shown runs at the kept instants."""
+    with np.errstate(invalid="ignore"):
+        sd = np.sqrt(np.diagonal(found.S, axis1=1, axis2=2))
+    dof = found.used.sum(axis=1).astype(float)
+    band = np.where(dof > 0, np.array([chdtri(np.maximum(dof, 1), p) for p in (0.975, 0.025)]), np.nan)
+    return {
+        "x_minus": found.x_minus[k],
+        "x_plus": found.x_plus[k],
+        "innovation": found.innovation[k],
+        "innovation_sd": np.where(found.used & np.isfinite(sd), sd, np.nan)[k],
+        "nis": found.nis[k],
+        "nis_dof": dof[k],
+        "nis_band": band[:, k],
+    }
+
+
+def _gains(model: DiscreteModel, found: Filtered) -> Array:
+    """K = P⁻HᵀS⁻¹ on the elements used, (steps+1, n, m)."""
+    H = np.broadcast_to(model.H, (len(found.t), model.m, model.n))
+    pairs = found.used[:, :, None] & found.used[:, None, :]
+    S = np.where(pairs, found.S, np.eye(model.m))
+    PH = np.where(found.used[:, None, :], found.P_minus @ np.swapaxes(H, 1, 2), 0.0)
+    return np.swapaxes(np.linalg.solve(S, np.swapaxes(PH, 1, 2)), 1, 2)
+
+
+def _labels(file: ModelFile) -> dict[str, Any]:
+    names = ("states", "units", "measurements", "measurement_units")
+    return {name: getattr(file, name) for name in names}
+
+
+def _read_alone(model: DiscreteModel) -> tuple[int, ...]:
+    """Which measurement reads each state alone, −1 if none does."""
+    found = (common.measured(model, i) for i in range(model.n))
+    return tuple(-1 if j is None else j for j in found)
+
+
+def _kept(steps: int) -> Array:
+    """The instants that are shown."""
+    if steps < POINTS:
+        return np.arange(steps + 1)
+    return np.unique(np.linspace(0, steps, POINTS).round().astype(np.int64))
+
+
+def _sd(P: Array) -> Array:
+    return np.sqrt(np.diagonal(P, axis1=-2, axis2=-1).clip(0))

@@ -1,0 +1,97 @@
+"""A model in the other time: a continuous one as its samples, a discrete one as what it may be the samples of."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+
+from ctlabs import _check
+from ctlabs._check import Array
+from ctlabs.discretise import interval
+from ctlabs.modelfile import ModelFile, from_model
+from ctlabs.modelfile.errors import shown
+from ctlabs.models import ContinuousModel
+
+
+def converted(file: ModelFile, kind: str) -> ModelFile:
+    """The model of another kind, its matrices as numbers; ``ValueError`` where there is none."""
+    if kind not in {"continuous", "discrete"}:
+        msg = f"kind: expected continuous or discrete, received {shown(kind)}"
+        raise ValueError(msg)
+    if file.kind == kind:
+        return file
+    if file.varying:
+        msg = f"kind: expected matrices that do not vary with time, received {', '.join(file.varying)}"
+        raise ValueError(msg)
+    made = _sampled(file) if kind == "discrete" else _resolved(file)
+    return _labelled(made, file)
+
+
+def _sampled(file: ModelFile) -> ModelFile:
+    return from_model(file.discrete(), file.title or "Model")
+
+
+def _resolved(file: ModelFile) -> ModelFile:
+    """The continuous model with these samples."""
+    model = file.discrete()
+    if model.N is not None or model.offset is not None:
+        msg = "kind: expected a model without N, offset and u, received one with them"
+        raise ValueError(msg)
+    F, W = _before_sampling(model.Phi, model.Qd, model.dt)
+    plant = ContinuousModel(F, np.eye(model.n), W, model.H, P0=model.P0, x0=model.x0, states=model.states,
+                            measurements=model.measurements, units=model.units)  # fmt: skip
+    return from_model(plant, file.title or "Model", dt=model.dt, R=model.R)
+
+
+def _before_sampling(Phi: Array, Qd: Array, dt: float) -> tuple[Array, Array]:
+    r"""F and Q with :math:`e^{Fdt} = \Phi` and :math:`\int_0^{dt}e^{Fs}Qe^{F^Ts}ds = Q_d`."""
+    n = len(Phi)
+    if np.abs(np.linalg.det(Phi)) < 1e-12:
+        msg = "Phi: expected the samples of a continuous model (no eigenvalue 0), received a singular matrix"
+        raise ValueError(msg)
+    with np.errstate(all="ignore"):
+        F = np.atleast_2d(scipy.linalg.logm(Phi)) / dt
+    if np.abs(np.imag(F)).max() > 1e-9 * np.abs(F).max(initial=1e-300):
+        msg = "Phi: expected the samples of a continuous model (no negative real eigenvalue), received others"
+        raise ValueError(msg)
+    F = np.where(np.abs(np.real(F)) > 1e-13 * np.abs(F).max(initial=1e-300), np.real(F), 0.0)
+    # Qd is linear in Q: a column for each element of Q.
+    basis = [interval(F, _unit(n, i, j), dt).Qd[np.tril_indices(n)] for i in range(n) for j in range(i + 1)]
+    W = np.zeros((n, n))
+    W[np.tril_indices(n)] = np.linalg.solve(np.array(basis).T, Qd[np.tril_indices(n)])
+    W = W + np.tril(W, -1).T
+    W = np.where(np.abs(W) > 1e-13 * np.abs(W).max(initial=0.0), W, 0.0)
+    try:
+        _check.covariance("Q", W, (n, n))
+    except ValueError:
+        msg = "Qd: expected the samples of a continuous model's noise, received a covariance that no white noise gives"
+        raise ValueError(msg) from None
+    again = interval(F, W, dt)
+    for name, found, wanted in (("Phi", again.Phi, Phi), ("Qd", again.Qd, Qd)):
+        if np.abs(found - wanted).max() > 1e-9 * max(np.abs(wanted).max(), 1e-300):
+            msg = f"{name}: expected the samples of a continuous model, received others"
+            raise ValueError(msg)
+    return F, W
+
+
+def _unit(n: int, i: int, j: int) -> Array:
+    E = np.zeros((n, n))
+    E[i, j] = E[j, i] = 1.0
+    return E
+
+
+def _labelled(made: ModelFile, old: ModelFile) -> ModelFile:
+    """The words and settings of the old file in the new one."""
+    found, model = old.data(), old.data()["model"]
+    for key in ("description", "source"):
+        if key in found:
+            made = made.edit((key,), found[key])
+    for key in ("states", "units", "measurements", "measurement_units"):
+        if key in model:
+            made = made.edit(("model", key), model[key])
+    settings: dict[str, Any] = {**found.get("experiment", {}), "t0": old.experiment.t0}
+    for setting, value in settings.items():
+        made = made.edit(("experiment", setting), value)
+    return made

@@ -1,0 +1,291 @@
+"""What is asked of an experiment (:class:`Plan`) and what comes out (:class:`Outcome`); how it is computed:
+:mod:`ctlabs.workbench.experiments`.
+
+Both have a plain form (numbers, texts, lists, arrays) that travels to another process and into the store.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ctlabs import datafile
+from ctlabs._check import Array
+from ctlabs.modelfile.errors import meant, shown
+from ctlabs.modelfile.schema import ALGORITHMS, RUNS, STEPS
+
+#: Largest measured record that a plan holds, in characters.
+LARGEST = 20_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Anomaly:
+    """Another variance of a measurement (index ``measurement``) from instant ``k`` to ``last`` (``k`` alone, if None):
+    ``R`` = inf (it fails, and the filter knows) or 0 (it is exact for once); any other variance is allowed.
+    """
+
+    k: int
+    measurement: int = 0
+    R: float = math.inf
+    last: int | None = None
+
+    def check(self) -> None:
+        """Refuse in one line what no anomaly can be."""
+        for name, value in (("k", self.k), ("last", self.last), ("measurement", self.measurement)):
+            if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 0):
+                msg = f"anomaly.{name}: expected a whole number >= 0, received {shown(value)}"
+                raise ValueError(msg)
+        if self.last is not None and self.last < self.k:
+            msg = f"anomaly.last: expected an instant from {self.k} on, received {self.last}"
+            raise ValueError(msg)
+        if not self.R >= 0:
+            msg = f"anomaly.R: expected a variance >= 0 (or inf: not measured), received {self.R!r}"
+            raise ValueError(msg)
+
+
+@dataclass(frozen=True, slots=True)
+class Data:
+    """A measured record: the file's ``name`` and its text."""
+
+    name: str
+    text: str
+
+    @classmethod
+    def of(cls, content: bytes, name: str) -> Data:
+        """The data of an uploaded file."""
+        if len(content) > LARGEST:
+            msg = f"{name}: expected at most {LARGEST // 10**6} MB, received more"
+            raise ValueError(msg)
+        return cls(name, datafile._decoded(content, name))
+
+    def record(self, measurements: tuple[str, ...]) -> datafile.Record:
+        """The record, its columns in the order of the measurements."""
+        return datafile.parse(self.text.encode(), measurements, self.name)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is asked.
+
+    ``algorithms`` : one or more names of :data:`ctlabs.forms.FORMS`; with several, each is compared with 50 digits ·
+    ``design`` : text of the filter's model, where it is not the truth · ``anomalies`` · ``data`` : a measured record instead of
+    simulated runs (``steps``, ``runs`` and ``seed`` then mean nothing)
+    """
+
+    steps: int = 200
+    runs: int = 1000
+    seed: int = 1
+    first: int = 1
+    algorithms: tuple[str, ...] = ("joseph",)
+    design: str | None = None
+    anomalies: tuple[Anomaly, ...] = ()
+    data: Data | None = None
+
+    def check(self) -> None:
+        """Refuse in one line what no experiment can be; the rest is found when it runs."""
+        for name, least, most in (("steps", 1, STEPS), ("runs", 1, RUNS), ("seed", 0, 2**63 - 1), ("first", 0, 1)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
+                msg = f"{name}: expected a whole number from {least} to {most}, received {shown(value)}"
+                raise ValueError(msg)
+        if not self.algorithms:
+            msg = "algorithms: expected at least one, received none"
+            raise ValueError(msg)
+        for name in self.algorithms:
+            if name not in ALGORITHMS:
+                msg = f"algorithms: unknown algorithm {shown(name)}{meant(name, ALGORITHMS, len(ALGORITHMS))}"
+                raise ValueError(msg)
+        for anomaly in self.anomalies:
+            anomaly.check()
+
+    def plain(self) -> dict[str, Any]:
+        """The plan as JSON holds it (an infinite variance is "inf")."""
+        found = dataclasses.asdict(self)
+        found["algorithms"] = list(self.algorithms)
+        found["anomalies"] = [{**dataclasses.asdict(a), "R": "inf" if math.isinf(a.R) else a.R} for a in self.anomalies]
+        return found
+
+    @classmethod
+    def of(cls, plain: Mapping[str, Any]) -> Plan:
+        """The plan of :meth:`plain`'s answer; what is not there has its default."""
+        known = {each.name for each in dataclasses.fields(cls)}
+        given = {key: value for key, value in plain.items() if key in known}
+        given["algorithms"] = tuple(given.get("algorithms", ("joseph",)))
+        given["anomalies"] = tuple(Anomaly(**{**a, "R": float(a["R"])}) for a in given.get("anomalies", ()))
+        if given.get("data") is not None:
+            given["data"] = Data(**given["data"])
+        return cls(**given)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Algorithm:
+    """One form of the filter on the first record.
+
+    ``flops`` and ``seconds`` per step · ``error_P``, ``error_x``: the largest relative error of P⁺ and the largest error of an
+    estimate in units of its σ, against 50 digits (``None`` with one algorithm, or where it refused) · ``rms`` (n,), RMS error of
+    the shown runs' last estimates (simulated runs only) · ``failed``, why it refused or gave up; empty otherwise
+    """
+
+    name: str
+    flops: int | None = None
+    seconds: float | None = None
+    error_P: float | None = None
+    error_x: float | None = None
+    rms: Array | None = None
+    failed: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Verdict:
+    """Tests of the innovations of one record.
+
+    ``nis_mean`` per instant, ``nis_expected``, its 95 % band ``nis_low``, ``nis_high`` and two-sided ``nis_p`` · per measurement
+    ``mean_p`` (of a zero mean), ``whiteness_p`` (NaN: too few innovations), autocorrelations ``correlation`` (m, L) at ``lags`` (L,) and
+    the half-width ``band`` (m, L) within which 95 % of white ones lie · ``verdict`` and ``suggestion`` as
+    :class:`ctlabs.diagnosis.Diagnosis` has them ("" for simulated runs, whose model is known), with ``factor_R``, ``factor_Q``
+    """
+
+    nis_mean: float
+    nis_expected: float
+    nis_low: float
+    nis_high: float
+    nis_p: float
+    mean_p: Array
+    whiteness_p: Array
+    lags: Array
+    correlation: Array
+    band: Array
+    verdict: str = ""
+    suggestion: str = ""
+    factor_R: float | None = None
+    factor_Q: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Statistics:
+    """Errors x̂ − x over ``runs`` runs.
+
+    ``rms``, ``bias`` (K, n) with the band of 95 % of ensembles around theory, ``rms_band``,
+    ``bias_band`` (2, K, n) · ``nees``, ``nis`` (K,), averages over runs, their expectations ``…_dof`` and bands ``…_band`` (2, K)
+    """
+
+    runs: int
+    rms: Array
+    bias: Array
+    rms_band: Array
+    bias_band: Array
+    nees: Array
+    nees_dof: Array
+    nees_band: Array
+    nis: Array
+    nis_dof: Array
+    nis_band: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """What came out, for plots and tables. K = number of instants kept, n states of the filter, m measurements, r shown runs.
+
+    ``kind`` "simulation" or "data" · ``k`` (K,), ``t`` (K,) s · ``states``, ``units``, ``measurements``, ``measurement_units`` ·
+    ``z`` (K, m, r), NaN where nothing was measured · ``truth`` (K, n, r) or None · ``measured`` (n,), which measurement reads a
+    state alone, −1 if none · ``x_minus``, ``x_plus`` (K, n, r) by the first algorithm · ``estimates``, x_plus of run 0 by every
+    algorithm · ``P_minus``, ``P_plus`` (K, n, n), as the filter claims · ``K`` (K, n, m) · ``innovation`` (K, m, r),
+    ``innovation_sd`` (K, m) · ``nis`` (K, r), ``nis_dof`` (K,), ``nis_band`` (2, K) of 95 % · ``smoothed``, ``smoothed_sd``
+    (K, n) of data · ``statistics`` : over all runs, see :class:`Statistics`, or None · ``actual_P``, ``actual_bias`` : the theory of
+    the true errors where the design is not the truth · ``verdict`` : tests of the innovations of run 0 ·
+    ``algorithms`` · ``summary`` : numbers to copy, name → (value, unit) · ``seconds`` it took
+    """
+
+    kind: str
+    k: Array
+    t: Array
+    states: tuple[str, ...]
+    units: tuple[str, ...]
+    measurements: tuple[str, ...]
+    measurement_units: tuple[str, ...]
+    z: Array
+    truth: Array | None
+    measured: tuple[int, ...]
+    x_minus: Array
+    x_plus: Array
+    estimates: dict[str, Array]
+    P_minus: Array
+    P_plus: Array
+    K: Array
+    innovation: Array
+    innovation_sd: Array
+    nis: Array
+    nis_dof: Array
+    nis_band: Array
+    algorithms: tuple[Algorithm, ...]
+    verdict: Verdict | None
+    summary: dict[str, tuple[Any, str]]
+    statistics: Statistics | None = None
+    actual_P: Array | None = None
+    actual_bias: Array | None = None
+    optimal_sd: Array | None = None
+    smoothed: Array | None = None
+    smoothed_sd: Array | None = None
+    log_likelihood: float | None = None
+    seconds: float = 0.0
+    notes: tuple[str, ...] = ()
+
+    @property
+    def sd_minus(self) -> Array:
+        """Standard deviations that the filter claims before an update, (K, n)."""
+        return _sd(self.P_minus)
+
+    @property
+    def sd_plus(self) -> Array:
+        """Standard deviations that the filter claims after an update, (K, n)."""
+        return _sd(self.P_plus)
+
+    @property
+    def actual_rms(self) -> Array | None:
+        """RMS error by the theory of a wrong filter, bias included, (K, n)."""
+        if self.actual_P is None or self.actual_bias is None:
+            return None
+        return np.sqrt(np.diagonal(self.actual_P, axis1=1, axis2=2).clip(0) + self.actual_bias**2)
+
+    @property
+    def errors(self) -> Array | None:
+        """Estimate − truth of the shown runs, (K, n, r)."""
+        return None if self.truth is None else self.x_plus - self.truth
+
+
+def packed(found: Outcome) -> dict[str, Any]:
+    """An outcome as texts, numbers, lists, dicts and arrays."""
+    return {each.name: _plain(getattr(found, each.name)) for each in dataclasses.fields(found)}
+
+
+def outcome(result: Mapping[str, Any]) -> Outcome:
+    """The outcome of what a run returned, or the store keeps."""
+    known = {each.name for each in dataclasses.fields(Outcome)}
+    given: dict[str, Any] = {key: value for key, value in result.items() if key in known}
+    for key in ("states", "units", "measurements", "measurement_units", "measured", "notes"):
+        given[key] = tuple(given.get(key, ()))
+    given["algorithms"] = tuple(Algorithm(**each) for each in given["algorithms"])
+    given["summary"] = {key: (value, unit) for key, (value, unit) in given["summary"].items()}
+    for key, kind in (("statistics", Statistics), ("verdict", Verdict)):
+        if given.get(key) is not None:
+            given[key] = kind(**given[key])
+    return Outcome(**given)
+
+
+def _plain(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {each.name: _plain(getattr(value, each.name)) for each in dataclasses.fields(value)}
+    if isinstance(value, tuple):
+        return [_plain(each) for each in value]
+    if isinstance(value, dict):
+        return {key: _plain(each) for key, each in value.items()}
+    return value
+
+
+def _sd(P: Array) -> Array:
+    return np.sqrt(np.diagonal(P, axis1=1, axis2=2).clip(0))

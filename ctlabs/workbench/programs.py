@@ -1,0 +1,132 @@
+"""The Python lines that give an experiment's numbers again: a program that needs nothing but the library."""
+
+from __future__ import annotations
+
+from pprint import pformat
+
+import ctlabs
+from ctlabs.modelfile import ModelFile
+from ctlabs.workbench.experiments import prepared
+from ctlabs.workbench.outcomes import Outcome, Plan
+
+
+def python(name: str, model: str, plan: Plan, _found: Outcome) -> str:
+    """A program that needs nothing but the library and prints the experiment's summary as JSON."""
+    file, design = files(model, plan)
+    simulated = plan.data is None
+    imports = ["import json", "import numpy as np"]
+    imports += ["from ctlabs.modelfile import loads"]
+    lines = [f"MODEL = {_literal(file.dumps())}", "model = loads(MODEL)"]
+    if design is not None:
+        lines += [f"DESIGN = {_literal(design.dumps())}", "design = loads(DESIGN)  # what the filter believes"]
+    changes = [(a.k, a.k if a.last is None else a.last, a.measurement, a.R) for a in plan.anomalies]
+    if changes:
+        imports.append("import dataclasses")
+        lines += [
+            "",
+            "",
+            "def anomalous(found, steps):",
+            '    """Other variances at some instants: from k to last, of a measurement."""',
+            "    R = np.array(np.broadcast_to(found.R, (steps + 1, found.m, found.m)))",
+            f"    for k, last, i, variance in {pformat(changes, width=100)}:".replace(" inf)", " np.inf)"),
+            "        R[k : last + 1, i, :] = R[k : last + 1, :, i] = 0",
+            "        R[k : last + 1, i, i] = variance",
+            "    return dataclasses.replace(found, R=R)",
+            "",
+            "",
+        ]
+    more, body = (_simulation if simulated else _record)(plan, design is not None, bool(changes))
+    imports += more
+    ordered = [line for line in imports if line.startswith("import ") and "numpy" not in line]
+    others = [line for line in imports if line not in ordered and "numpy" not in line]
+    head = ['"""' + name.replace("\\", "").replace('"', "'") + f'; ctlabs {ctlabs.__version__}."""', ""]
+    top = [*head, *sorted(ordered), "", "import numpy as np", "", *sorted(set(others)), ""]
+    return "\n".join([*top, *lines, *body, "print(json.dumps(numbers, indent=1))", ""])
+
+
+def _simulation(plan: Plan, other: bool, changed: bool) -> tuple[list[str], list[str]]:
+    imports = ["from ctlabs import forms", "from ctlabs.experiment import Experiment"]
+    build = "anomalous({}.discrete(steps=steps), steps)" if changed else "{}.discrete(steps=steps)"
+    lines = [f"steps, first = {plan.steps}, {plan.first}", f"truth = {build.format('model')}"]
+    lines += [f"experiment = Experiment(runs={plan.runs}, seed={plan.seed})"]
+    lines += ["some = experiment.histories(truth, steps=steps, runs=1, first=first)"]
+    if other:
+        imports += ["from ctlabs import forms, sensitivity", "from ctlabs.studies.common import stands_for"]
+        imports.remove("from ctlabs import forms")
+        lines += [
+            f"wrong = {build.format('design')}",
+            "E = stands_for(truth, wrong)  # which states of the truth the filter estimates",
+            "statistics = experiment.statistics(truth, wrong, steps=steps, compare=E, first=first)",
+            "actual = sensitivity.actual(truth, wrong, steps, compare=E, first=first)",
+            "columns = {",
+            '    "sd_claimed": actual.claimed.sd_plus[-1],',
+            '    "rms_theory": np.sqrt(np.diag(actual.mse_plus[-1])),',
+            '    "sd_optimal": np.sqrt(np.diag(E @ some.schedule.P_plus[-1] @ E.T)),',
+        ]
+    else:
+        lines += [
+            "statistics = experiment.statistics(truth, steps=steps, first=first)",
+            "columns = {",
+            '    "sd_theory": some.schedule.sd_plus[-1],',
+        ]
+    lines += [
+        '    "rms": statistics.rms[-1],',
+        '    "rms_se": statistics.rms_se[-1],',
+        '    "bias": statistics.bias[-1],',
+        "}",
+        f"states = {'design' if other else 'model'}.states",
+        'numbers = {f"{name}[{state}]": float(x) for name, values in columns.items() for state, x in zip(states, values)}',
+        'for name, average, dof in (("nees", statistics.nees, statistics.nees_dof), ("nis", statistics.nis, statistics.nis_dof)):',
+        "    if (dof > 0).any():",
+        '        numbers[f"{name}_mean"] = float(average[dof > 0].mean())',
+        '        numbers[f"{name}_expected"] = float(dof[dof > 0].mean())',
+        f"run = forms.run({'wrong' if other else 'truth'}, some.z[:, :, 0], {plan.algorithms[0]!r}, first)",
+        'numbers["log_likelihood_run_1"] = run.log_likelihood',
+    ]
+    return imports, lines
+
+
+def _record(plan: Plan, other: bool, changed: bool) -> tuple[list[str], list[str]]:
+    assert plan.data is not None
+    imports = ["from ctlabs import datafile, diagnosis, forms", "from ctlabs.studies.clock import timed"]
+    used = "design" if other else "model"
+    lines = [
+        f"DATA = {_literal(plan.data.text)}",
+        f"first = {plan.first}",
+        f"record = datafile.parse(DATA.encode(), {used}.measurements, {plan.data.name!r})",
+        f"discrete, z, t = timed({used}, record)",
+        *(["discrete = anomalous(discrete, len(z) - 1)"] if changed else []),
+        f"found = forms.run(discrete, z, {plan.algorithms[0]!r}, first)",
+        'numbers = {"rows": record.rows, "missing": record.missing}',
+        'for name, values in (("estimate", found.x_plus[-1]), ("sd", np.sqrt(np.diag(found.P_plus[-1])))):',
+        f"    for state, x in zip({used}.states, values):",
+        '        numbers[f"{name}[{state}]"] = float(x)',
+        'numbers["log_likelihood"] = found.log_likelihood',
+    ]
+    if other:
+        imports.append("from ctlabs import records")
+        lines += [
+            "truth, z_truth, t = timed(model, datafile.parse(DATA.encode(), model.measurements))",
+            *(["truth = anomalous(truth, len(z) - 1)"] if changed else []),
+            'numbers["log_likelihood_of_the_other_model"] = records.log_likelihood(truth, z_truth, first)',
+        ]
+    lines += [
+        "if np.isfinite(found.innovation).any():",
+        "    verdict = diagnosis.diagnose(discrete, found, z, first)",
+        '    numbers |= {"nis_mean": verdict.nis_mean, "nis_expected": verdict.nis_expected}',
+        '    numbers |= {"nis_p": verdict.nis_p, "verdict": verdict.verdict}',
+    ]
+    return imports, lines
+
+
+def _literal(text: str) -> str:
+    """A text as Python writes it: as it stands where that is possible."""
+    plain = text.replace("\n", "").isprintable() and "\\" not in text and '"""' not in text and not text.endswith('"')
+    if plain:
+        return f'"""\\\n{text}"""'
+    return "(\n" + "".join(f"    {line!r}\n" for line in text.splitlines(keepends=True)) + ")"
+
+
+def files(model: str, plan: Plan) -> tuple[ModelFile, ModelFile | None]:
+    """Truth and design, with the plan's first measurement."""
+    return prepared(model, "", plan), None if plan.design is None else prepared(plan.design, "", plan)

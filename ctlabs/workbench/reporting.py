@@ -1,0 +1,151 @@
+"""An experiment as a report."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ctlabs import forms
+from ctlabs.modelfile import ModelFile
+from ctlabs.report import Report
+from ctlabs.studies import clock, common
+from ctlabs.workbench.drawings import drawings
+from ctlabs.workbench.experiments import anomalous
+from ctlabs.workbench.outcomes import Outcome, Plan
+from ctlabs.workbench.programs import files, python
+
+#: A covariance of a larger condition number is not the same by two forms of the filter.
+SINGULAR = 1e7
+#: The second route of a report's check goes over so many steps.
+CHECKED = 1000
+
+
+def report(name: str, model: str, plan: Plan, found: Outcome) -> Report:
+    """The experiment as a report: model, estimates, errors, innovations, algorithms, and the lines that give it again."""
+    file, design = files(model, plan)
+    simulated = plan.data is None
+    own: list[tuple[str, Any, str, str]] = [("algorithm", plan.algorithms[0], "", "form of the filter")]
+    own += (
+        [("steps", plan.steps, "1", "steps of each run")]
+        if simulated
+        else [("data", _data_name(plan), "", "the measured record")]
+    )
+    own += [("first", plan.first, "1", "index of the first measurement")]
+    given = common.settings(file, *own)
+    made = common.begin(
+        "workbench", name, file, "abcde", given, runs=plan.runs if simulated else 0, seed=plan.seed if simulated else 0
+    )
+    made.meta = {**made.meta, "title": " ".join(name.split()), "source": "ctlabs workbench"}
+    made.section("a", "The model")
+    common.show(made, file.discrete(steps=1))
+    if design is not None:
+        made.says("The filter believes in another model:")
+        common.show(made, design.discrete(steps=1))
+    for anomaly in plan.anomalies:
+        where = f"k = {anomaly.k}" + (f" to {anomaly.last}" if anomaly.last is not None else "")
+        made.says(
+            "The variance of {name} is {R} at {where}.",
+            name=found.measurements[anomaly.measurement],
+            R=anomaly.R,
+            where=where,
+        )
+    for note in found.notes:
+        made.says("{note}", note=note)
+    drawn = drawings(found)
+    sections = {"b": ("Estimates", "estimates_", "gain"), "c": ("Errors", "errors_", "nees"),
+                "d": ("Innovations", "innovations", "autocorrelation"), "e": ("Algorithms", "algorithms", "-")}  # fmt: skip
+    for part, (title, first, second) in sections.items():
+        if part == "c" and not simulated:
+            continue
+        made.section(part, title)
+        for key, (draw, caption) in drawn.items():
+            if key.startswith((first, second)):
+                made.figure(key, draw(), caption)
+        {"b": _numbers, "c": _second_route, "d": _tests, "e": _costs}[part](
+            made, file if design is None else design, plan, found
+        )
+    if not simulated:
+        _second_route(made, file if design is None else design, plan, found)
+    made.says("The Python lines that give these numbers again:")
+    made.says("{lines}", lines=f"```python\n{python(name, model, plan, found)}```")
+    return made
+
+
+def _data_name(plan: Plan) -> str:
+    return "" if plan.data is None else plan.data.name
+
+
+def _numbers(made: Report, _file: ModelFile, _plan: Plan, found: Outcome) -> None:
+    for key, (value, unit) in found.summary.items():
+        known = not isinstance(value, float) or not math.isnan(value)
+        made.value(key, value if known else None, unit or "1", reason="" if known else "there is none")
+
+
+def _second_route(made: Report, file: ModelFile, plan: Plan, found: Outcome) -> None:
+    """The covariances by a square-root form, where rounding lets two forms agree."""
+    steps = min(int(found.k[-1]), CHECKED)
+    at = found.k[found.k <= steps]
+    wanted = found.P_plus[: len(at)]
+    if not max(common.condition(P) for P in wanted) < SINGULAR:
+        made.says("The error covariance is nearly singular: forms of the filter differ by their rounding.")
+        return
+    if plan.data is None:
+        whole = anomalous(file.discrete(steps=plan.steps), plan.anomalies, plan.steps)
+        z = np.zeros((steps + 1, whole.m))
+    else:
+        whole, z, _t = clock.timed(file, plan.data.record(file.measurements))
+        whole, z = anomalous(whole, plan.anomalies, len(z) - 1), z[: steps + 1]
+    if plan.data is None:  # where the truth is not measured, its filter has nothing
+        absent = np.isnan(found.z[: len(at), :, 0])
+        if len(at) != steps + 1 and absent[plan.first :].any():
+            return
+        z[at] = np.where(absent, np.nan, 0.0)
+    other = forms.run(clock.cut(whole, steps), z, "array", plan.first).P_plus[at]
+    made.check("error covariances", wanted, other, ("covariance", "square root of it"))
+
+
+def _tests(made: Report, _file: ModelFile, _plan: Plan, found: Outcome) -> None:
+    own = found.verdict
+    if own is None:
+        made.says("No element was measured, so the innovations say nothing.")
+        return
+    rows = [
+        [name, *(None if math.isnan(p) else float(p) for p in pair)]
+        for name, *pair in zip(found.measurements, own.mean_p, own.whiteness_p, strict=True)
+    ]
+    made.table(
+        "tests",
+        ["measurement", "p of a zero mean", "p of whiteness"],
+        rows,
+        "Tests of the first record's innovations: a small p speaks against the model.",
+    )
+    made.says(
+        "The NIS of the first record averages {mean} per instant; a right model's lies between {low} and {high} in 95 % "
+        "of records (p = {p}).",
+        mean=own.nis_mean, low=own.nis_low, high=own.nis_high, p=own.nis_p,
+    )  # fmt: skip
+    if own.suggestion:
+        made.says("**Verdict:** {suggestion}.", suggestion=own.suggestion.rstrip("."))
+
+
+def _costs(made: Report, _file: ModelFile, _plan: Plan, found: Outcome) -> None:
+    rows = [
+        [
+            each.name,
+            each.flops,
+            None if each.seconds is None else round(1e6 * each.seconds, 1),
+            each.error_P,
+            each.error_x,
+            each.failed,
+        ]
+        for each in found.algorithms
+    ]
+    columns = ["algorithm", "operations a step", "µs a step", "error of P", "error of x, σ", "remark"]
+    made.table(
+        "costs",
+        columns,
+        rows,
+        "The algorithms on the first record; errors against 50 digits, where several were compared.",
+    )

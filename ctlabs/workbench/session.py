@@ -1,0 +1,417 @@
+"""A session: one draft of a model with its history, its experiments, and what is kept; everything but the page.
+
+    session = Session(draft, store=store, runner=runner)
+    session.do(EditCell(("model", "F", 0, 1), "-w^2"))      # saved when it returns
+    session.undo()
+    session.sheet.grids["F"].rows[0][1].problem             # 'unknown name "w"; …'
+    session.understand().limit                              # a result, or the reason why there is none
+    outcome = await session.run(progress=show, cancel=event)
+
+Every edit is a revision in the store before :meth:`Session.do` returns; a session can be made again from its draft at any
+time and is then the same. Errors are ``ValueError`` in one line and change nothing.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import re
+import unicodedata
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from ctlabs.datafile import Record, parse
+from ctlabs.modelfile import ModelFile, loads, new
+from ctlabs.modelfile.errors import Path
+from ctlabs.workbench import applying, commands, comparing
+from ctlabs.workbench.commands import Command
+from ctlabs.workbench.comparing import Difference
+from ctlabs.workbench.experiments import REGISTERED
+from ctlabs.workbench.outcomes import Data, Outcome, Plan, outcome
+from ctlabs.workbench.sheet import Cell, Sheet
+from ctlabs.workbench.understanding import Understanding, understand, warm
+
+if TYPE_CHECKING:
+    from ctlabs.workbench.store import Draft, Experiment, Store
+    from ctlabs.workbench.worker import Cancel, Progress, Runner
+
+#: Longest name of an experiment.
+LONGEST = 120
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One entry of the history: what was done, and whether the model is at it or behind it (``done``)."""
+
+    number: int
+    label: str
+    done: bool
+
+
+class Session:
+    """One draft on the desk.
+
+    Parameters
+    ----------
+    draft : of the store; its text may be empty (a small model to begin with is then shown)
+    store : where everything is saved
+    runner : processes for long runs; without one :meth:`run` computes in a thread
+    """
+
+    def __init__(self, draft: Draft, *, store: Store, runner: Runner | None = None) -> None:
+        self.draft, self.store, self.runner = draft, store, runner
+        self._revisions = [(each.number, each.label) for each in store.history(draft.id)]
+        self._sheet: Sheet | None = None
+        self._understanding: Understanding | None = None
+        self._at = next(i for i, (number, _) in enumerate(self._revisions) if number == draft.number)
+        self._set(_file(draft.text), draft.text)
+        self.plan = _plan(draft.notes, self.file)
+        #: What came of the last run; ``None`` before the first, and after a restart.
+        self.result: Outcome | None = None
+        #: The number of the experiment that :attr:`result` is kept as.
+        self.result_id: int | None = None
+
+    @classmethod
+    def begin(cls, store: Store, owner: str = "local", text: str = "", *, runner: Runner | None = None) -> Session:
+        """A session with a new draft."""
+        return cls(store.new_draft(owner, owner, text), store=store, runner=runner)
+
+    @classmethod
+    def resume(cls, store: Store, draft: str, *, runner: Runner | None = None) -> Session:
+        """The session of a draft, as it was left."""
+        found = store.draft(draft)
+        if found is None:
+            msg = f"draft {draft}: expected one that is kept, received an unknown id"
+            raise ValueError(msg)
+        return cls(found, store=store, runner=runner)
+
+    def warm(self) -> None:
+        """Load what :meth:`understand` needs; takes about a second, once, and is best called in a thread."""
+        warm()
+
+    def close(self) -> None:
+        """Nothing to do: all is saved."""
+
+    # The model -------------------------------------------------------------------------------------------------------
+
+    @property
+    def text(self) -> str:
+        """The text of the model file."""
+        return self.file.dumps()
+
+    @property
+    def untouched(self) -> bool:
+        """Whether nothing has been opened, begun or typed yet."""
+        return self._text == ""
+
+    @property
+    def title(self) -> str:
+        """The model's title, or what stands for it."""
+        return self.sheet.title or "Untitled model"
+
+    @property
+    def filename(self) -> str:
+        """A name for the model file: the title in plain letters."""
+        plain = unicodedata.normalize("NFKD", self.sheet.title).encode("ascii", "ignore").decode()
+        word = re.sub(r"[^a-z0-9]+", "_", plain.lower()).strip("_")[:60].strip("_")
+        return f"{word or 'model'}.toml"
+
+    @property
+    def sheet(self) -> Sheet:
+        """The model as grids of cells, constants and equations."""
+        if self._sheet is None:
+            self._sheet = Sheet(self.file)
+        return self._sheet
+
+    def do(self, command: Command) -> None:
+        """Carry out a command and save the result.
+
+        Raises
+        ------
+        ValueError
+            The command is impossible: one line, and nothing has changed.
+        """
+        file, label = applying.apply(self.file, command)
+        text = file.dumps()
+        if not text:
+            msg = "model: expected a model file, received an empty text"
+            raise ValueError(msg)
+        if text == self._text or (text == self.text and not isinstance(command, commands.New | commands.Open)):
+            return
+        number = self.store.edit(self.draft.id, text, label)
+        self._revisions = [each for each in self._revisions[: self._at + 1] if each[0] > number - _remembered()]
+        self._revisions.append((number, label))
+        self._at = len(self._revisions) - 1
+        self._set(file, text)
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is something to take back."""
+        return self._at > 0
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether something has been taken back."""
+        return self._at < len(self._revisions) - 1
+
+    def undo(self) -> str:
+        """Take the last edit back; what it was. ``ValueError`` if there is none."""
+        if not self.can_undo:
+            msg = "undo: expected an edit to take back, received none"
+            raise ValueError(msg)
+        label = self._revisions[self._at][1]
+        self._move(self._at - 1)
+        return label
+
+    def redo(self) -> str:
+        """Do again what was taken back; what it was. ``ValueError`` if there is nothing."""
+        if not self.can_redo:
+            msg = "redo: expected an edit that was taken back, received none"
+            raise ValueError(msg)
+        self._move(self._at + 1)
+        return self._revisions[self._at][1]
+
+    def go(self, number: int) -> None:
+        """Make any step of the history the present one."""
+        found = [i for i, (each, _) in enumerate(self._revisions) if each == number]
+        if not found:
+            msg = f"history: expected one of its steps, received number {number}"
+            raise ValueError(msg)
+        self._move(found[0])
+
+    @property
+    def history(self) -> tuple[Step, ...]:
+        """All steps in order; the last ``done`` one is the present."""
+        return tuple(Step(number, label, i <= self._at) for i, (number, label) in enumerate(self._revisions))
+
+    def problems(self) -> dict[str, str]:
+        """What is wrong with the model, by place ("model.F[0][1]", "constants.q", "" for the whole)."""
+        return self.sheet.problems
+
+    def shown(self, path: Path) -> Cell:
+        """A cell: its text, value and problem."""
+        return self.sheet.shown(path)
+
+    def equations(self) -> list[str]:
+        """The model in LaTeX, with its numbers in."""
+        return self.sheet.equations()
+
+    def statement(self) -> list[str]:
+        """The model in LaTeX, as typed."""
+        return self.sheet.statement()
+
+    def understand(self) -> Understanding:
+        """What can be said of the model; computed once for every text."""
+        if self._understanding is None:
+            self._understanding = understand(self.file)
+        return self._understanding
+
+    # Experiments -----------------------------------------------------------------------------------------------------
+
+    def set_plan(self, **changes: Any) -> None:
+        """Change settings of the next experiment (fields of :class:`Plan`); saved with the draft."""
+        try:
+            plan = replace(self.plan, **changes)
+        except TypeError:
+            known = ", ".join(Plan.__dataclass_fields__)
+            msg = f"plan: expected settings among {known}, received {', '.join(changes)}"
+            raise ValueError(msg) from None
+        plan.check()
+        self.store.note(self.draft.id, plan=plan.plain())
+        self.plan = plan
+
+    def upload(self, content: bytes, name: str) -> Record:
+        """Take a CSV file as the next experiment's data; the record in it."""
+        record = parse(content, self.sheet.measurements, name)
+        self.set_plan(data=Data.of(content, name))
+        return record
+
+    def set_design(self, text: str | None) -> None:
+        """Let another model be the filter's (a model file's text, read and checked), or the truth itself (None)."""
+        if text is not None:
+            loads(text, "design")
+        self.set_plan(design=text)
+
+    def design_differs(self) -> Difference | None:
+        """How the design's model file differs from the truth's; ``None`` without a design."""
+        return None if self.plan.design is None else comparing.models(self.text, self.plan.design)
+
+    def job(self, plan: Plan | None = None) -> tuple[str, dict[str, Any]]:
+        """Name and arguments of the run for the worker: ``await runner.run(*session.job(), …)``."""
+        plan = self.plan if plan is None else plan
+        plan.check()
+        return REGISTERED, {"model": self.file.checked().dumps(), "plan": plan.plain()}
+
+    async def run(
+        self,
+        *,
+        progress: Callable[[Progress], object] | None = None,
+        cancel: Cancel | None = None,
+        name: str = "",
+    ) -> Outcome:
+        """Carry out the plan in another process, keep the result, and show it: :attr:`result`, :attr:`result_id`.
+
+        Raises
+        ------
+        ValueError, ctlabs.workbench.worker.RunFailed
+            The plan or the model cannot be run; it was cancelled, too large or too long. One line.
+        """
+        job, text, plan = self.job(), self.text, self.plan
+        found = await self._ran(job, progress, cancel)
+        self._show(found, self._keep(found, text, plan, name))
+        return found
+
+    async def rerun(
+        self,
+        number: int,
+        *,
+        progress: Callable[[Progress], object] | None = None,
+        cancel: Cancel | None = None,
+    ) -> Outcome:
+        """Carry out a kept experiment again, with its model, settings and seed; the new one is kept too."""
+        old = self._kept(number)
+        plan = Plan.of(old.settings)
+        found = await self._ran((REGISTERED, {"model": old.model, "plan": plan.plain()}), progress, cancel)
+        self._show(found, self._keep(found, old.model, plan, f"{old.name} (again)"))
+        return found
+
+    # What is kept ----------------------------------------------------------------------------------------------------
+
+    def keep(self, found: Outcome, name: str = "") -> int:
+        """Keep an outcome with the present model and plan; its number."""
+        return self._keep(found, self.text, self.plan, name)
+
+    def kept(self, *, deleted: bool = False) -> list[Experiment]:
+        """The owner's experiments, the latest first; ``deleted``: those that can be put back."""
+        return self.store.experiments(self.draft.owner, deleted=deleted)
+
+    def outcome(self, number: int) -> Outcome:
+        """What came out of a kept experiment."""
+        self._kept(number)
+        return outcome(self.store.results(number))
+
+    def reopen(self, number: int) -> Outcome:
+        """Put a kept experiment on the desk: its model (which can be undone), its settings, its result."""
+        old = self._kept(number)
+        found = outcome(self.store.results(number))
+        self.do(commands.Open(old.model, old.name))
+        plan = Plan.of(old.settings)
+        self.store.note(self.draft.id, plan=plan.plain())
+        self.plan = plan
+        self._show(found, number)
+        return found
+
+    def rename(self, number: int, name: str) -> None:
+        """Give a kept experiment another name."""
+        self._kept(number)
+        self.store.rename(number, _line(name) or f"Experiment {number}")
+
+    def delete(self, number: int) -> None:
+        """Take a kept experiment out of the list."""
+        self._kept(number)
+        self.store.delete(number)
+
+    def restore(self, number: int) -> None:
+        """Put a deleted experiment back."""
+        self._kept(number, deleted=True)
+        self.store.delete(number, undo=True)
+
+    def compare(self, a: int, b: int) -> Difference:
+        """How two kept experiments differ: models line by line, settings, results."""
+        first, second = self._kept(a), self._kept(b)
+        return comparing.experiments((first, self.outcome(a)), (second, self.outcome(b)))
+
+    def export(self, number: int, kind: str, figure: str = "") -> bytes:
+        """A kept experiment as a file: "html", "csv", "json", "png", "svg", "python" or "toml" (its model).
+
+        ``figure`` : which picture, one of :meth:`figures`; the first one where not given.
+
+        "html", "png" and "svg" take about a second: call it in a thread (``asyncio.to_thread``).
+        """
+        from ctlabs.workbench import exports
+
+        old = self._kept(number)
+        return exports.export(old.name, old.model, Plan.of(old.settings), self.outcome(number), kind, figure)
+
+    def figures(self, number: int) -> dict[str, str]:
+        """The pictures of a kept experiment, and what each shows."""
+        from ctlabs.workbench import drawings
+
+        return drawings.figures(self.outcome(number))
+
+    def export_name(self, number: int, kind: str) -> str:
+        """A name for an exported file."""
+        from ctlabs.workbench import exports
+
+        return exports.filename(self._kept(number).name, number, kind)
+
+    # Within ----------------------------------------------------------------------------------------------------------
+
+    def _set(self, file: ModelFile, text: str) -> None:
+        self.file, self._text = file, text
+        self._sheet = self._understanding = None
+
+    def _move(self, at: int) -> None:
+        try:
+            text = self.store.move(self.draft.id, self._revisions[at][0])
+        except LookupError as error:
+            raise ValueError(str(error)) from None
+        self._at = at
+        self._set(_file(text), text)
+
+    async def _ran(
+        self,
+        job: tuple[str, dict[str, Any]],
+        progress: Callable[[Progress], object] | None,
+        cancel: Cancel | None,
+    ) -> Outcome:
+        name, arguments = job
+        if self.runner is None:
+            from ctlabs.workbench import experiments
+
+            return outcome(await asyncio.to_thread(experiments.run, **arguments))
+        result = await self.runner.run(name, arguments, session=self.draft.id, progress=progress, cancel=cancel)
+        return outcome(result)
+
+    def _show(self, found: Outcome, number: int) -> None:
+        self.result, self.result_id = found, number
+
+    def _keep(self, found: Outcome, text: str, plan: Plan, name: str) -> int:
+        from ctlabs.workbench.outcomes import packed
+
+        title = Sheet(loads(text, "", check=False)).title or "Untitled model"
+        words = _line(name) or f"{title}: " + (plan.data.name if plan.data else f"{plan.runs} runs, seed {plan.seed}")
+        return self.store.keep(self.draft.owner, words, text, plan.plain(), plan.seed, packed(found))
+
+    def _kept(self, number: int, *, deleted: bool = False) -> Experiment:
+        found = self.store.experiment(number, self.draft.owner)
+        if found is None or (found.deleted is not None) is not deleted:
+            what = "deleted" if deleted else "kept"
+            msg = f"experiment {number}: expected one that is {what}, received {'another' if found else 'an unknown number'}"
+            raise ValueError(msg)
+        return found
+
+
+def _file(text: str) -> ModelFile:
+    return loads(text, "", check=False) if text else loads(new().dumps(), "", check=False)
+
+
+def _plan(notes: dict[str, Any], file: ModelFile) -> Plan:
+    """The plan that was noted, or the one of the model file."""
+    if "plan" in notes:
+        return Plan.of(notes["plan"])
+    try:
+        told = file.experiment
+    except ValueError:
+        return Plan()
+    return Plan(told.steps, told.runs, told.seed, told.first, told.algorithms)
+
+
+def _line(text: str) -> str:
+    return " ".join(text.split())[:LONGEST]
+
+
+def _remembered() -> int:
+    from ctlabs.workbench.store import REVISIONS
+
+    return REVISIONS

@@ -1,0 +1,496 @@
+"""The workbench's experiments: what is run, kept, compared and exported; no page, no browser."""
+
+from __future__ import annotations
+
+import asyncio
+import csv
+import io
+import json
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from ctlabs import diagnosis, forms, kalman, montecarlo, records, sensitivity, smoothing
+from ctlabs.experiment import Experiment
+from ctlabs.modelfile import ready
+from ctlabs.models import DiscreteModel
+from ctlabs.workbench import commands as c
+from ctlabs.workbench import experiments
+from ctlabs.workbench.outcomes import Anomaly, Data, Outcome, Plan, outcome, packed
+from ctlabs.workbench.packing import pack, unpack
+from ctlabs.workbench.reporting import report
+from ctlabs.workbench.session import Session
+from ctlabs.workbench.store import Store
+from ctlabs.workbench.worker import Progress, RunFailed, Runner
+from tests.reference import EXACT, SOLVER
+
+MODEL = ready("constant_velocity").dumps()
+PLAN = Plan(steps=40, runs=60, seed=3)
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Iterator[Store]:
+    made = Store(tmp_path)
+    yield made
+    made.close()
+
+
+@pytest.fixture
+def session(store: Store) -> Session:
+    made = Session.begin(store, text=MODEL)
+    made.set_plan(steps=40, runs=60, seed=3)
+    return made
+
+
+def run(plan: Plan, model: str = MODEL) -> Outcome:
+    """An experiment, in place."""
+    return outcome(experiments.run(model, plan.plain()))
+
+
+def equal(a: Any, b: Any) -> bool:
+    """Whether two outcomes are the same to the bit, but for the time they took."""
+    if is_dataclass(a):
+        return type(a) is type(b) and all(
+            equal(getattr(a, f.name), getattr(b, f.name)) for f in fields(a) if f.name != "seconds"
+        )
+    if isinstance(a, np.ndarray):
+        return isinstance(b, np.ndarray) and np.array_equal(a, b, equal_nan=a.dtype.kind == "f")
+    if isinstance(a, tuple | list):
+        return len(a) == len(b) and all(equal(x, y) for x, y in zip(a, b, strict=True))
+    if isinstance(a, dict):
+        return list(a) == list(b) and all(equal(a[key], b[key]) for key in a)
+    return bool(a == b or (a != a and b != b))
+
+
+# Simulated -----------------------------------------------------------------------------------------------------------
+
+
+def test_an_experiment_is_the_librarys_ensemble() -> None:
+    """Statistics, histories and theory are those of the library's own verbs with the same seed."""
+    found, model = run(PLAN), ready("constant_velocity").discrete()
+    experiment = Experiment(60, 3)
+    stats, some = experiment.statistics(model, steps=40), experiment.histories(model, steps=40, runs=3)
+    assert found.statistics is not None
+    assert found.truth is not None
+    assert some.x is not None
+    np.testing.assert_array_equal(found.statistics.rms, stats.rms)
+    np.testing.assert_array_equal(found.statistics.nees_band, np.array(stats.nees_band()))
+    np.testing.assert_array_equal(found.truth, some.x)
+    np.testing.assert_array_equal(found.z, some.z)
+    np.testing.assert_allclose(found.x_plus, some.x_plus, rtol=0, atol=SOLVER)
+    np.testing.assert_array_equal(found.P_plus, kalman.schedule(model, 40).P_plus)
+    np.testing.assert_array_equal(found.K, kalman.schedule(model, 40).K)
+    assert found.summary["rms[x]"][0] == stats.rms[-1, 0]
+    assert found.errors is not None
+    np.testing.assert_array_equal(found.errors, found.x_plus - found.truth)
+
+
+def test_the_same_seed_gives_the_same_numbers_and_another_seed_others() -> None:
+    """An experiment is determined by its model, settings and seed."""
+    one = run(PLAN)
+    again, other = run(PLAN), run(replace(PLAN, seed=4))
+    assert one.summary == again.summary
+    assert one.summary["rms[x]"] != other.summary["rms[x]"]
+    assert one.summary["sd_theory[x]"] == other.summary["sd_theory[x]"]
+
+
+def test_anomalies_are_other_variances_at_their_instants() -> None:
+    """R = inf leaves the prediction as it is, R = 0 makes the measured state known, all else is the filter of that R."""
+    plan = replace(PLAN, anomalies=(Anomaly(10, 0, last=12), Anomaly(20, 0, 0.0)))
+    found, model = run(plan), ready("constant_velocity").discrete()
+    R = np.repeat(model.R[None], 41, axis=0)
+    R[10:13], R[20] = np.inf, 0.0
+    wanted = kalman.schedule(replace(model, R=R), 40)
+    np.testing.assert_array_equal(found.P_plus, wanted.P_plus)
+    np.testing.assert_array_equal(found.P_plus[10:13], found.P_minus[10:13])
+    assert np.isnan(found.z[10:13, 0]).all()
+    assert found.sd_plus[20, 0] == pytest.approx(0, abs=EXACT)
+    assert found.truth is not None
+    np.testing.assert_allclose(found.x_plus[20, 0], found.truth[20, 0], rtol=SOLVER)
+
+
+@pytest.mark.parametrize("anomaly", [Anomaly(41), Anomaly(3, 1), Anomaly(3, last=50)])
+def test_an_anomaly_outside_the_experiment_is_refused(anomaly: Anomaly) -> None:
+    """Instant and measurement must be there; one line says which are."""
+    with pytest.raises(ValueError, match=r"^anomaly\.(k|measurement): expected a whole number from 0 to \d+, received"):
+        run(replace(PLAN, anomalies=(anomaly,)))
+
+
+@pytest.mark.parametrize("wrong", [Anomaly(-1), Anomaly(5, R=-1.0), Anomaly(5, last=4), Anomaly(5, R=float("nan"))])
+def test_an_anomaly_that_makes_no_sense_is_refused(session: Session, wrong: Anomaly) -> None:
+    """Before anything runs, in one line."""
+    with pytest.raises(ValueError, match=r"^anomaly\.\w+: expected [^\n]+$"):
+        session.set_plan(anomalies=(wrong,))
+
+
+def test_a_design_that_is_not_the_truth_is_judged_by_the_true_errors() -> None:
+    """Claimed, true and optimal errors are the library's; the ensemble follows the true ones, not what the filter claims."""
+    wrong = ready("constant_velocity").replace({"sigma": 50})
+    found = run(replace(PLAN, runs=2000, design=wrong.dumps()))
+    truth, design = ready("constant_velocity").discrete(), wrong.discrete()
+    actual = sensitivity.actual(truth, design, 40)
+    assert found.actual_P is not None
+    assert found.actual_rms is not None
+    assert found.optimal_sd is not None
+    assert found.statistics is not None
+    np.testing.assert_array_equal(found.actual_P, actual.P_plus)
+    np.testing.assert_array_equal(found.P_plus, actual.claimed.P_plus)
+    np.testing.assert_allclose(found.optimal_sd, kalman.schedule(truth, 40).sd_plus, rtol=EXACT)
+    low, high = found.statistics.rms_band
+    inside = (found.statistics.rms >= low) & (found.statistics.rms <= high)
+    assert inside.mean() > 0.8
+    assert np.median(found.sd_plus[-1] / found.statistics.rms[-1]) > 1.5
+
+
+def test_several_algorithms_are_compared_with_50_digits() -> None:
+    """Accuracy and operations are those of ctlabs.forms; one that refuses stays in the table and says why."""
+    plan = replace(PLAN, algorithms=("joseph", "ud", "steady"), anomalies=(Anomaly(5),))
+    found = run(plan)
+    assert [each.name for each in found.algorithms] == ["joseph", "ud", "steady"]
+    assert "constant" in found.algorithms[2].failed
+    assert set(found.estimates) == {"joseph", "ud"}
+    model = experiments.anomalous(ready("constant_velocity").discrete(), plan.anomalies, 40)
+    wanted = forms.compare(model, found.z[:, :, 0], ["ud"])[0]
+    assert (found.algorithms[1].flops, found.algorithms[1].error_P) == (wanted.flops, wanted.error_P)
+    np.testing.assert_allclose(found.estimates["ud"], found.estimates["joseph"], rtol=SOLVER)
+
+
+def test_a_plan_whose_every_algorithm_refuses_is_refused() -> None:
+    """The reason is the form's own."""
+    with pytest.raises(ValueError, match="form steady: "):
+        run(replace(PLAN, algorithms=("steady",), anomalies=(Anomaly(5),)))
+
+
+def test_long_histories_are_thinned_and_statistics_are_not() -> None:
+    """No more instants than a plot shows; the last one is there, the numbers are those of all instants."""
+    found = run(replace(PLAN, steps=2500, runs=4))
+    assert len(found.k) == len(found.t) == len(found.z) == experiments.POINTS
+    assert (found.k[0], found.k[-1]) == (0, 2500)
+    stats = Experiment(4, 3).statistics(ready("constant_velocity").discrete(), steps=2500)
+    assert found.statistics is not None
+    np.testing.assert_array_equal(found.statistics.rms, stats.rms[found.k])
+    assert found.summary["nis_mean"][0] == stats.nis[stats.nis_dof > 0].mean()
+    assert "instants are shown" in found.notes[0]
+
+
+def test_the_first_measurement_may_be_at_t0() -> None:
+    """A plan's ``first`` is the filter's, whatever the file says."""
+    found = run(replace(PLAN, first=0))
+    np.testing.assert_array_equal(found.P_plus, kalman.schedule(ready("constant_velocity").discrete(), 40, 0).P_plus)
+    assert np.isfinite(found.z[0]).all()
+
+
+# Measured ------------------------------------------------------------------------------------------------------------
+
+
+def recorded(seed: int = 5, factor: float = 1.0) -> bytes:
+    """A record of the model whose measurement noise is ``factor`` times as large, with a gap."""
+    model = ready("constant_velocity").discrete()
+    z = montecarlo.simulate(replace(model, R=factor**2 * model.R), 80, 1, seed).z[1:, 0, 0]
+    names = ready("constant_velocity").measurements
+    return ("\n".join([names[0], *("" if i == 7 else repr(x) for i, x in enumerate(z.tolist()))]) + "\n").encode()
+
+
+def test_a_measured_record_is_filtered_smoothed_and_judged(session: Session) -> None:
+    """Estimates, smoother, likelihood and verdict are the library's on the same record."""
+    record = session.upload(recorded(factor=4.0), "track.csv")
+    assert record.missing == 1
+    found = run(session.plan)
+    model = ready("constant_velocity").discrete()
+    z = np.vstack([[np.nan], record.z])
+    own = records.filter_record(model, z)
+    np.testing.assert_array_equal(found.x_plus[:, :, 0], own.x_plus)
+    np.testing.assert_array_equal(found.innovation[:, :, 0], own.innovation)
+    assert found.smoothed is not None
+    np.testing.assert_array_equal(found.smoothed, smoothing.smooth(model, own).x)
+    verdict = diagnosis.diagnose(model, own, z)
+    assert found.verdict is not None
+    assert (found.verdict.verdict, found.verdict.factor_R) == (verdict.verdict, verdict.factor_R)
+    assert verdict.verdict != "consistent"
+    np.testing.assert_allclose(found.verdict.whiteness_p, verdict.whiteness_p, rtol=EXACT)
+    np.testing.assert_allclose(found.verdict.mean_p, verdict.mean_p, rtol=EXACT)
+    assert found.verdict.nis_p == pytest.approx(verdict.nis_p, rel=SOLVER, abs=1e-300)
+    assert found.summary["log_likelihood"][0] == own.log_likelihood
+    filtered = forms.run(model, z, "joseph")
+    gain = (own.x_plus - own.x_minus) / np.where(np.isnan(own.innovation), np.inf, own.innovation)
+    used = own.used[:, 0]
+    np.testing.assert_allclose(found.K[used, :, 0], gain[used], rtol=1e-6)
+    np.testing.assert_array_equal(found.K[~used], 0)
+    np.testing.assert_allclose(filtered.x_plus, own.x_plus, rtol=SOLVER)
+
+
+def test_data_that_do_not_fit_the_model_are_refused_and_change_nothing(session: Session) -> None:
+    """A wrong header, no text, too much of it: one line, and the plan is what it was."""
+    before = session.plan
+    for content in (b"flow\n1\n2\n", b"\x00\x01", b"", b"x" * 20_000_001):
+        with pytest.raises(ValueError, match=r"^a\.csv: [^\n]+$"):
+            session.upload(content, "a.csv")
+    assert session.plan == before
+
+
+def test_two_models_are_compared_on_one_record(session: Session) -> None:
+    """With a design the record's likelihood is given under both."""
+    session.upload(recorded(), "track.csv")
+    session.set_design(ready("constant_velocity").replace({"sigma": 50}).dumps())
+    found = run(session.plan)
+    assert session.plan.data is not None
+    z = np.vstack([[np.nan], session.plan.data.record(ready("constant_velocity").measurements).z])
+    wanted = records.log_likelihood(ready("constant_velocity").discrete(), z)
+    assert found.summary["log_likelihood_of_the_other_model"][0] == wanted
+    assert found.summary["log_likelihood"][0] != found.summary["log_likelihood_of_the_other_model"][0]
+    assert session.design_differs() is not None
+
+
+# Forms that travel ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("data", [False, True])
+def test_an_outcome_survives_the_store_to_the_bit(data: bool) -> None:
+    """Packed, written as text, read and unpacked it is the same."""
+    plan = replace(PLAN, algorithms=("joseph", "ud"), data=Data("track.csv", recorded().decode()) if data else None)
+    found = run(plan)
+    assert equal(outcome(unpack(pack(packed(found)))), found)
+    other = replace(found, P_plus=1.05 * found.P_plus)
+    assert not equal(other, found)
+
+
+def test_a_plan_survives_json() -> None:
+    """With an infinite variance, a design and data."""
+    plan = replace(PLAN, anomalies=(Anomaly(3), Anomaly(5, 0, 0.0, 7)), design=MODEL, data=Data("a", "z\n1\n"))
+    assert Plan.of(json.loads(json.dumps(plan.plain()))) == plan
+
+
+# A session's experiments ---------------------------------------------------------------------------------------------
+
+
+def test_an_experiment_is_kept_and_can_be_reopened_after_a_kill(session: Session, store: Store) -> None:
+    """Model, settings and results are there again; opening it is an edit that can be undone."""
+    found = asyncio.run(session.run(name="First try"))
+    number = session.result_id
+    assert number is not None
+    session.do(c.SetTitle("Something else"))
+    session.set_plan(steps=7)
+    again = Session.resume(store, session.draft.id)
+    assert [each.name for each in again.kept()] == ["First try"]
+    assert equal(again.reopen(number), found)
+    assert again.text == MODEL
+    assert again.plan == PLAN
+    again.undo()
+    assert again.title == "Something else"
+
+
+def test_a_rerun_gives_the_same_numbers(session: Session) -> None:
+    """Whatever has been edited since, a kept experiment runs again with its own model and settings."""
+    first = asyncio.run(session.run())
+    number = session.result_id or 0
+    session.do(c.SetDt("7"))
+    session.set_plan(seed=9)
+    second = asyncio.run(session.rerun(number))
+    assert second.summary == first.summary
+    assert session.kept()[0].name.endswith("(again)")
+    difference = session.compare(number, session.result_id or 0)
+    assert difference.same_model
+    assert all(row.same for row in (*difference.settings, *difference.results))
+
+
+def test_two_experiments_are_compared_line_by_line_and_number_by_number(session: Session) -> None:
+    """The changed line of the model, the changed setting, the changed results, and nothing else."""
+    asyncio.run(session.run())
+    one = session.result_id or 0
+    session.do(c.SetConstant("sigma", "77"))
+    session.set_plan(runs=70)
+    asyncio.run(session.run())
+    found = session.compare(one, session.result_id or 0)
+    assert [line.mark for line in found.lines if line.mark != " "] == ["-", "+"]
+    assert "77" in next(line.text for line in found.lines if line.mark == "+")
+    assert [row.name for row in found.settings if not row.same] == ["runs"]
+    assert not next(row for row in found.results if row.name == "rms[x]").same
+    assert next(row for row in found.results if row.name == "nees_expected").same
+    assert len(found.changes(0)) < len(found.lines)
+
+
+def test_deleting_can_be_taken_back_and_others_see_nothing(session: Session, store: Store) -> None:
+    """A deleted experiment is out of the list until it is restored; another owner's is unknown."""
+    asyncio.run(session.run())
+    number = session.result_id or 0
+    session.delete(number)
+    assert session.kept() == []
+    with pytest.raises(ValueError, match="expected one that is kept"):
+        session.outcome(number)
+    session.restore(number)
+    session.rename(number, "  Better\nname ")
+    assert [each.name for each in session.kept()] == ["Better name"]
+    stranger = Session.begin(store, "somebody")
+    assert stranger.kept() == []
+    for act in (stranger.outcome, stranger.reopen, stranger.delete, stranger.restore):
+        with pytest.raises(ValueError, match="expected one that is"):
+            act(number)
+
+
+def test_a_model_with_problems_is_not_run(session: Session) -> None:
+    """The first problem is the message."""
+    session.do(c.EditCell(("model", "P0", 0, 0), "-1"))
+    with pytest.raises(ValueError, match=r"^model\.P0: "):
+        session.job()
+
+
+def test_a_runner_gives_the_same_numbers_with_progress_and_can_be_cancelled(session: Session) -> None:
+    """In a process of its own: equal to the bit; cancelled, it keeps nothing."""
+    runner = Runner(size=1)
+    try:
+        seen: list[Progress] = []
+        session.runner = runner
+        found = asyncio.run(session.run(progress=seen.append))
+        assert equal(replace(found, algorithms=()), replace(run(PLAN), algorithms=()))
+        assert seen[-1].fraction == 1.0
+        session.set_plan(runs=10_000_000)
+
+        async def cancelled() -> None:
+            stop = asyncio.Event()
+            asyncio.get_running_loop().call_later(0.3, stop.set)
+            await session.run(cancel=stop)
+
+        with pytest.raises(RunFailed) as failed:
+            asyncio.run(cancelled())
+        assert failed.value.kind == "cancelled"
+        assert len(session.kept()) == 1
+    finally:
+        runner.close()
+
+
+# Exports -------------------------------------------------------------------------------------------------------------
+
+WRONG = ready("constant_velocity").replace({"sigma": 50}).dumps()
+PLANS = {
+    "simulated": PLAN,
+    "anomalies": replace(
+        PLAN, anomalies=(Anomaly(5, last=7), Anomaly(20, 0, 0.0)), algorithms=("ud", "array"), first=0
+    ),
+    "design": replace(PLAN, design=WRONG, anomalies=(Anomaly(5),)),
+    "data": replace(PLAN, data=Data("tr'ack.csv", recorded().decode())),
+    "data_design": replace(PLAN, data=Data("track.csv", recorded().decode()), design=WRONG, anomalies=(Anomaly(9),)),
+}
+
+
+Kept = dict[str, tuple[Session, int]]
+
+
+@pytest.fixture(scope="module")
+def shelf(tmp_path_factory: Any) -> Iterator[Kept]:
+    """An experiment of each kind, kept, its title no plain text."""
+    store = Store(tmp_path_factory.mktemp("kept"))
+    found: Kept = {}
+    for name, plan in PLANS.items():
+        made = Session.begin(store, text=MODEL)
+        made.do(c.SetTitle('A "title" with \\ and ’ in it'))
+        made.set_plan(**{each.name: getattr(plan, each.name) for each in fields(Plan)})
+        asyncio.run(made.run(name=f'{name}: "hello" \\n'))
+        found[name] = made, made.result_id or 0
+    yield found
+    store.close()
+
+
+@pytest.fixture(params=PLANS)
+def kept(request: Any, shelf: Kept) -> tuple[Session, int]:
+    """One kind after the other."""
+    return shelf[request.param]
+
+
+def test_the_python_lines_reproduce_the_numbers(shelf: Kept, tmp_path: Path) -> None:
+    """Run by a plain interpreter, warnings being errors, they print every number of the summary again."""
+    scripts = []
+    for session, number in shelf.values():
+        scripts.append(tmp_path / session.export_name(number, "python"))
+        scripts[-1].write_bytes(session.export(number, "python"))
+    one_by_one = "import runpy, sys; [runpy.run_path(path, run_name='__main__') for path in sys.argv[1:]]"
+    command = [sys.executable, "-W", "error", "-c", one_by_one, *map(str, scripts)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    rest = done.stdout
+    for session, number in shelf.values():
+        found, end = json.JSONDecoder().raw_decode(rest)
+        rest = rest[end:].lstrip()
+        wanted = {name: value for name, (value, _) in session.outcome(number).summary.items()}
+        assert list(found) == list(wanted)
+        for name, value in wanted.items():
+            assert found[name] == (value if isinstance(value, str) else pytest.approx(value, rel=SOLVER)), name
+    assert not rest
+
+
+def test_the_table_holds_the_first_run(kept: tuple[Session, int]) -> None:
+    """CSV that any program reads, numbers in full, an empty cell where there is none."""
+    session, number = kept
+    found = session.outcome(number)
+    rows = list(csv.DictReader(io.StringIO(session.export(number, "csv").decode())))
+    assert [int(row["k"]) for row in rows] == found.k.tolist()
+    np.testing.assert_array_equal([float(row[found.states[0]]) for row in rows], found.x_plus[:, 0, 0])
+    column = [row[f"{found.measurements[0]}_measured"] for row in rows]
+    np.testing.assert_array_equal([float(cell or "nan") for cell in column], found.z[:, 0, 0])
+
+
+def test_json_holds_everything_and_is_json(kept: tuple[Session, int]) -> None:
+    """Model, settings, summary and results, without NaN."""
+    session, number = kept
+
+    def refuse(word: str) -> None:
+        raise ValueError(word)
+
+    found = json.loads(session.export(number, "json"), parse_constant=refuse)
+    own = session.outcome(number)
+    assert found["model"] == session.text
+    assert Plan.of(found["settings"]) == session.plan
+    assert np.array(found["results"]["P_plus"], dtype=float).tolist() == own.P_plus.tolist()
+    assert {name: each["value"] for name, each in found["summary"].items()} == {
+        k: v for k, (v, _) in own.summary.items()
+    }
+
+
+@pytest.mark.parametrize("kind", PLANS)
+def test_the_report_has_the_numbers_and_its_checks_pass(shelf: Kept, kind: str) -> None:
+    """Every number of the summary; the covariances agree with another form of the filter, and not with wrong ones."""
+    session, number = shelf[kind]
+    found = session.outcome(number)
+    made = report("x", session.text, session.plan, found)
+    assert made.checks
+    assert made.passed
+    for name, (value, _) in found.summary.items():
+        assert made.values[name].value == value
+    if kind == "data":
+        assert not report("x", session.text, session.plan, replace(found, P_plus=1.05 * found.P_plus)).passed
+
+
+@pytest.mark.parametrize("kind", ["anomalies", "data"])
+def test_the_report_is_one_page_and_pictures_are_pictures(shelf: Kept, kind: str) -> None:
+    """No request to any server; every figure as SVG that parses; one as PNG; an unknown one is refused."""
+    session, number = shelf[kind]
+    page = session.export(number, "html").decode()
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    assert "<script" not in page
+    for name in session.figures(number):
+        assert ET.fromstring(session.export(number, "svg", name)).tag.endswith("svg")
+    assert session.export(number, "png").startswith(b"\x89PNG")
+    with pytest.raises(ValueError, match="figure: expected one of estimates_1"):
+        session.export(number, "png", "nothing")
+    with pytest.raises(ValueError, match="export: expected one of html, csv"):
+        session.export(number, "doc")
+
+
+def test_the_model_is_exported_as_it_was(kept: tuple[Session, int]) -> None:
+    """The text of the file, to the letter."""
+    session, number = kept
+    assert session.export(number, "toml").decode() == session.text
+
+
+def test_anomalies_of_correlated_measurements_leave_no_correlation_behind() -> None:
+    """Row and column of the element are zero at the instant, so that R stays a covariance."""
+    model = DiscreteModel([[1]], [[1]], [[1], [1]], [[2, 1], [1, 2]], x0=[0], P0=[[1]])
+    found = experiments.anomalous(model, [Anomaly(1, 0), Anomaly(2, 1, 0.0)], 2)
+    np.testing.assert_array_equal(found.R[1], [[np.inf, 0], [0, 2]])
+    np.testing.assert_array_equal(found.R[2], [[2, 0], [0, 0]])
