@@ -1,0 +1,526 @@
+"""The labs for a page: statement, fields, checks of what is typed, the run in a process of its own, and its files.
+
+Nothing here needs a page. What a person typed goes to a lab's own parameters, so that the page and the command line say the
+same of it. Reports lie in the data folder, apart for every draft: ``labs/DRAFT/LAB``.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import io
+import json
+import re
+import shutil
+import time
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from ctlabs import labs
+
+if TYPE_CHECKING:
+    from ctlabs.experiment import Experiment
+    from ctlabs.modelfile import Entry
+
+#: A matrix, a list and a single value, as they are typed.
+Typed = str | Sequence[Sequence[str]]
+
+#: Most runs that a page asks for; the command line has no limit.
+RUNS = 10_000_000
+#: Which values a field takes; "list" is one text with commas, "matrix" a grid of cells.
+KINDS = ("number", "flag", "list", "matrix")
+#: How the paragraph of a statement begins that gives the answer away.
+ANSWER = "Expected answer"
+#: The folder of the reports in the data folder.
+FOLDER = "labs"
+#: How often a run tells how far it is, in seconds.
+TELL = 0.05
+_NAME = re.compile(r"[a-z][a-z0-9_]*")
+_DRAFT = re.compile(r"[0-9a-f]{16}")
+
+
+class Models(NamedTuple):
+    """A ready model of a lab: its name in the gallery, and its title."""
+
+    name: str
+    title: str
+
+
+@dataclass(frozen=True, slots=True)
+class Sheet:
+    """What is told of a lab before it is run.
+
+    ``name``, ``short`` ("7") and ``title`` · ``source`` · ``parts`` · ``runs`` · ``statement``, in paragraphs ·
+    ``answer``, what is to be expected · ``variants``, such as "a" and "b*" (a star: of the control sessions) · ``models`` of the gallery
+    """
+
+    name: str
+    short: str
+    title: str
+    source: str
+    parts: tuple[str, ...]
+    runs: int
+    statement: tuple[str, ...]
+    answer: str
+    variants: tuple[str, ...]
+    models: tuple[Models, ...]
+
+    @property
+    def heading(self) -> str:
+        """The title with the lab's number, if it has one."""
+        return f"Lab {self.short}: {self.title}" if self.short.isdigit() else self.title
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A parameter as a field of a form.
+
+    ``kind`` one of :data:`KINDS` · ``allowed``, its range in words ("a number >= 0") · ``default`` as text, a grid of
+    texts for a matrix
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    kind: str
+    allowed: str
+    default: Typed
+
+
+class Checked(NamedTuple):
+    """What is typed: the values if all is well (for :func:`run_lab`), else a line for each field that is wrong.
+
+    A problem under "" concerns several fields together.
+    """
+
+    values: dict[str, Any] | None
+    problems: dict[str, str]
+
+
+class Outcome(NamedTuple):
+    """A report that has been written: what the page shows of it without opening it.
+
+    ``checks`` as in results.json · ``parameters``, ``runs``, ``seed`` it was made with · ``seconds`` it took ·
+    ``ensembles``, how many computational experiments it has · ``tables``, how many CSV tables
+    """
+
+    lab: str
+    title: str
+    checks: tuple[dict[str, Any], ...]
+    parameters: dict[str, Any]
+    runs: int
+    seed: int
+    seconds: float
+    ensembles: int
+    tables: int
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """Names of the checks that failed."""
+        return tuple(check["name"] for check in self.checks if not check["passed"])
+
+    @property
+    def verdict(self) -> str:
+        """In words."""
+        if self.failed:
+            return f"{len(self.failed)} of {len(self.checks)} checks failed"
+        return f"all {len(self.checks)} checks passed" if self.checks else "no checks"
+
+
+# The catalogue ----------------------------------------------------------------------------------------------------------
+
+
+@cache
+def sheets() -> tuple[Sheet, ...]:
+    """All labs, the practicum's first; no lab is imported."""
+    return tuple(_sheet(lab) for lab in labs.catalogue().values())
+
+
+def sheet(name: str) -> Sheet:
+    """The lab that is called task07, 7 or 07.
+
+    Raises
+    ------
+    ValueError
+        An unknown name.
+    """
+    wanted = labs.find([name])
+    if len(wanted) != 1:
+        msg = f"lab {name}: expected the name of one lab, received one of {len(wanted)}"
+        raise ValueError(msg)
+    return next(each for each in sheets() if each.name == wanted[0].name)
+
+
+def search(words: str = "", variant: str = "") -> tuple[Sheet, ...]:
+    """The labs in which every one of ``words`` occurs; a number is that lab's. ``variant``: a letter, of that column only.
+
+    >>> [found.short for found in search("oscillator sampling")]
+    ['10']
+    """
+    wanted = words.lower().split()
+    if len(wanted) == 1 and wanted[0].isdigit():
+        number = str(int(wanted[0]))
+        return tuple(each for each in sheets() if each.short == number)
+    return tuple(
+        each
+        for each in sheets()
+        if all(word in _searched(each) for word in wanted)
+        and (not variant or variant in {found[0] for found in each.variants})
+    )
+
+
+@cache
+def _searched(each: Sheet) -> str:
+    models = " ".join(f"{model.name} {model.title}" for model in each.models)
+    return f"{each.name} {each.heading} {each.source} {' '.join(each.statement)} {each.answer} {models}".lower()
+
+
+def _sheet(lab: labs.Lab) -> Sheet:
+    found = importlib.util.find_spec(lab.module)  # finds the file and does not run it
+    text = Path(found.origin).read_text(encoding="utf-8") if found is not None and found.origin else ""
+    tree = ast.parse(text)
+    paragraphs = [" ".join(part.split()) for part in (ast.get_docstring(tree) or "").split("\n\n")[1:]]
+    statement = [part.removeprefix(f"Source: {lab.source}. ") for part in paragraphs]
+    answer = [part.removeprefix(ANSWER).lstrip(":, ") for part in statement if part.startswith(ANSWER)]
+    starred = {letter: dict(labs.variant(letter)) for letter in labs.VARIANTS}
+    variants = tuple(f"{letter}{'*' if own[lab.name] else ''}" for letter, own in starred.items() if lab.name in own)
+    models = tuple(Models(entry.name, entry.title) for entry in _gallery() if entry.lab == lab.name)
+    return Sheet(
+        lab.name,
+        lab.short,
+        lab.title,
+        lab.source,
+        lab.parts,
+        lab.runs,
+        tuple(part for part in statement if not part.startswith(ANSWER)),
+        " ".join(answer),
+        variants,
+        models,
+    )
+
+
+def _gallery() -> tuple[Entry, ...]:
+    from ctlabs.modelfile import gallery
+
+    return gallery()
+
+
+# What is typed ----------------------------------------------------------------------------------------------------------
+
+
+@cache
+def fields(name: str) -> tuple[Field, ...]:
+    """The fields of a lab, in its order; its module is imported here."""
+    parameters = labs.load(labs.catalogue()[name]).Parameters
+    told, defaults = parameters.model_fields, parameters()
+    return tuple(
+        _field(field, unit, meaning, told[field], getattr(defaults, field))
+        for field, unit, meaning in defaults.described()
+    )
+
+
+def _field(name: str, unit: str, meaning: str, info: Any, default: Any) -> Field:
+    allowed = _allowed(info, default)
+    if isinstance(default, bool):
+        return Field(name, unit, meaning, "flag", allowed, _text(default))
+    if isinstance(default, tuple) and default and isinstance(default[0], tuple):
+        return Field(name, unit, meaning, "matrix", allowed, tuple(tuple(_text(x) for x in row) for row in default))
+    if isinstance(default, tuple):
+        return Field(name, unit, meaning, "list", allowed, ", ".join(map(_text, default)))
+    return Field(name, unit, meaning, "number", allowed, _text(default))
+
+
+def _allowed(info: Any, default: Any) -> str:
+    """The range in the words of the field's own check: what it says of something that is no value at all."""
+    found = _expected(info, object())
+    if isinstance(default, tuple) and not (default and isinstance(default[0], tuple)):
+        each = _expected(info, [object()] * len(default))
+        return found if each in {found, ""} else f"{found}, each {each}"
+    return found
+
+
+def _expected(info: Any, value: Any) -> str:
+    """What the field's check expected in place of a value."""
+    for check in info.metadata:
+        try:
+            check.func(value)
+        except ValueError as error:
+            return str(error).partition(", received")[0].removeprefix("expected ").strip()
+    return ""
+
+
+def _text(value: Any) -> str:
+    """A value as it is typed: 1000000 and not 1e+06, inf, true, nothing where it follows others."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    number = float(value)
+    return str(int(number)) if number.is_integer() and abs(number) < 1e16 else repr(number)
+
+
+def check(name: str, typed: Mapping[str, Typed]) -> Checked:
+    """Check all fields of a lab; what is left out has its default.
+
+    A number may be typed as an expression: "pi/2", "1/3", "1e-4^2". An empty field has its default.
+
+    >>> check("task07", {"Q": "0.3^2", "R": "-1", "K_star": "half"}).problems
+    {'R': 'expected a number > 0, received -1', 'K_star': 'expected a number from 0 to 1, received "half"'}
+    """
+    from pydantic import ValidationError
+
+    known = {field.name: field for field in fields(name)}
+    unknown = [key for key in typed if key not in known]
+    if unknown:
+        return Checked(None, {unknown[0]: f"expected one of {', '.join(known)}, received an unknown name"})
+    raw = {key: _value(known[key], text) for key, text in typed.items()}
+    parameters = labs.load(labs.catalogue()[name]).Parameters
+    try:
+        found = parameters(**{key: value for key, value in raw.items() if value is not None})
+    except ValidationError as error:
+        problems: dict[str, str] = {}
+        for each in error.errors(include_url=False):
+            line = " ".join(each["msg"].removeprefix("Value error, ").split())
+            name_first, _, rest = line.partition(": ")
+            key = str(each["loc"][0]) if each["loc"] else name_first if name_first in known else ""
+            problems.setdefault(key, rest if not each["loc"] and key else line)
+        return Checked(None, problems)
+    return Checked(found.plain(), {})
+
+
+def whole(text: str, least: int, most: int) -> int:
+    """A whole number that was typed, for runs and seed.
+
+    Raises
+    ------
+    ValueError
+        One line.
+    """
+    plain = text.strip().replace(" ", "").replace("_", "")
+    if not re.fullmatch(r"[0-9]{1,20}", plain) or not least <= int(plain) <= most:
+        msg = f"expected a whole number from {least} to {most}, received {_quoted(text)}"
+        raise ValueError(msg)
+    return int(plain)
+
+
+def _value(field: Field, text: Typed) -> Any:
+    """What was typed as the parameters take it; the text itself where it is no number, so that they say so."""
+    if not isinstance(text, str):
+        return [[_number(cell) for cell in row] for row in text]
+    stripped = text.strip()
+    if not stripped:
+        return None
+    if field.kind == "flag":
+        return {"true": True, "false": False}.get(stripped.lower(), stripped)
+    if field.kind == "list":
+        parts = (
+            stripped.strip("[]()").replace(";", ",").split(",")
+            if "," in stripped or ";" in stripped
+            else (stripped.strip("[]()").split())
+        )
+        # A number alone is allowed where a list is; the parameter knows.
+        return [_number(part) for part in parts] if len(parts) > 1 or stripped[0] in "[(" else _single(field, parts)
+    return _number(stripped)
+
+
+def _single(field: Field, parts: Sequence[str]) -> Any:
+    value = _number(parts[0])
+    return value if field.allowed.startswith(("a number", "a variance")) else [value]
+
+
+def _number(text: str) -> Any:
+    """The number that a text is, also as an expression; the text where it is none."""
+    from ctlabs.modelfile.expressions import ExpressionError, parse
+
+    stripped = text.strip()
+    if re.fullmatch(r"[+-]?[0-9]{1,300}", stripped):
+        return int(stripped)
+    try:
+        value = parse(stripped).value({})
+    except ExpressionError:
+        return stripped
+    if value == float("inf"):
+        return "inf"
+    return int(value) if value.is_integer() and abs(value) < 1e15 else value
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text if len(text) <= 40 else f"{text[:39]}…", ensure_ascii=False)
+
+
+# The run ---------------------------------------------------------------------------------------------------------------
+
+
+def run_lab(
+    name: str,
+    values: Mapping[str, Any],
+    runs: int,
+    seed: int,
+    folder: str,
+    workers: int = 1,
+    expected: int = 0,
+    progress: Callable[[int, int], object] | None = None,
+) -> int:
+    """Run a lab and write its report into a folder; how many computational experiments it has.
+
+    Parameters
+    ----------
+    name, values : the lab, and its parameters as :func:`check` gives them
+    runs, seed, workers : of its experiments
+    folder : the report's place, replaced as a whole when the run is complete
+    expected : how many experiments it will have, if that is known; without it ``progress`` is told no total
+    progress : function of (runs done, runs in all or 0)
+
+    Raises
+    ------
+    ValueError
+        Parameters out of range.
+    ArithmeticError
+        They are allowed, but the numbers leave the range of double precision.
+    """
+    from ctlabs import render
+
+    start = time.perf_counter()
+    lab = labs.catalogue()[name]
+    experiment, meter = _metered(runs, seed, workers, expected, progress)
+    report = labs.run(lab, labs.load(lab).Parameters.parse(name, values), experiment)
+    meter.tell()  # the last chance to be cancelled: what follows is written
+    told = {"seconds": time.perf_counter() - start, "ensembles": meter.ensembles}
+    report.files["run.json"] = json.dumps(told).encode()
+    render.write(report, Path(folder))
+    return meter.ensembles
+
+
+class _Meter:
+    """Counts the runs of all experiments of a lab, and tells."""
+
+    def __init__(self, runs: int, expected: int, tell: Callable[[int, int], object] | None) -> None:
+        self.runs, self.expected, self._tell = runs, expected, tell
+        self.ensembles, self._done, self._last = 0, 0, 0.0
+
+    def begin(self) -> None:
+        """One more experiment."""
+        self.ensembles += 1
+        self._done = 0
+        self.tell()
+
+    def __call__(self, done: int) -> None:
+        """So many runs of the present experiment are done."""
+        self._done = done
+        self.tell()
+
+    def tell(self) -> None:
+        """Say how far it is, unless that was said a moment ago."""
+        now = time.monotonic()
+        if self._tell is not None and now - self._last >= TELL:
+            self._last = now
+            before = max(0, self.ensembles - 1) * self.runs
+            self._tell(before + self._done, max(self.expected, self.ensembles) * self.runs if self.expected else 0)
+
+
+def _metered(
+    runs: int, seed: int, workers: int, expected: int, tell: Callable[[int, int], object] | None
+) -> tuple[Experiment, _Meter]:
+    """An experiment that counts its runs."""
+    from ctlabs.experiment import Experiment as Plain
+
+    meter = _Meter(runs, expected, tell)
+
+    class Metered(Plain):
+        """The same experiment, told of as it goes."""
+
+        def statistics(self, *models: Any, **more: Any) -> Any:
+            meter.begin()
+            return super().statistics(*models, progress=lambda done, _: meter(done), **more)
+
+        def histories(self, *models: Any, **more: Any) -> Any:
+            meter.tell()
+            return super().histories(*models, **more)
+
+    return Metered(runs, seed, workers), meter
+
+
+# The files -------------------------------------------------------------------------------------------------------------
+
+
+def place(data: Path, draft: str, name: str) -> Path:
+    """The folder of a draft's report on a lab.
+
+    Raises
+    ------
+    ValueError
+        What is no draft's id or no lab's name: a path is made of nothing else.
+    """
+    if not _DRAFT.fullmatch(draft) or not _NAME.fullmatch(name) or name not in labs.catalogue():
+        msg = f"report: expected a draft and a lab, received {_quoted(draft)} and {_quoted(name)}"
+        raise ValueError(msg)
+    return data / FOLDER / draft / name
+
+
+def outcome(folder: Path) -> Outcome | None:
+    """What came of the run whose report lies in a folder; ``None`` if there is none."""
+    try:
+        told = json.loads((folder / "results.json").read_text(encoding="utf-8"))
+        took = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+        return Outcome(
+            told["lab"],
+            told["title"],
+            tuple(told["checks"]),
+            told["parameters"],
+            told["runs"],
+            told["seed"],
+            took["seconds"],
+            took["ensembles"],
+            len(list((folder / "tables").glob("*.csv"))),
+        )
+    except (OSError, ValueError, KeyError, TypeError):  # none, or one that is just being replaced
+        return None
+
+
+def typed_again(name: str, parameters: Mapping[str, Any]) -> dict[str, Typed]:
+    """The parameters of a report as they are typed, for the form."""
+    found: dict[str, Typed] = {}
+    for field in fields(name):
+        value = parameters.get(field.name)
+        if isinstance(value, list) and value and isinstance(value[0], list):
+            found[field.name] = tuple(tuple(_word(x) for x in row) for row in value)
+        elif isinstance(value, list):
+            found[field.name] = ", ".join(map(_word, value))
+        else:
+            found[field.name] = _word(value)
+    return found
+
+
+def _word(value: Any) -> str:
+    return value if isinstance(value, str) else _text(value)
+
+
+def tables(folder: Path) -> bytes:
+    """The report's CSV tables in one ZIP file, without dates: the same tables give the same bytes."""
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for path in sorted((folder / "tables").glob("*.csv")):
+            archive.writestr(zipfile.ZipInfo(path.name, (1980, 1, 1, 0, 0, 0)), path.read_bytes(), zipfile.ZIP_DEFLATED)
+    return packed.getvalue()
+
+
+def page(folder: Path, theme: str = "auto") -> str:
+    """The report's HTML in the page's colours: "light", "dark", or the browser's own ("auto")."""
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    condition = {"light": "not all", "dark": "all"}.get(theme, "(prefers-color-scheme: dark)")
+    scheme = {"light": "light", "dark": "dark"}.get(theme, "light dark")
+    text = text.replace("@media (prefers-color-scheme: dark)", f"@media {condition}", 1)
+    return text.replace("color-scheme: light dark", f"color-scheme: {scheme}", 1)
+
+
+def tidy(data: Path, known: Callable[[str], bool]) -> None:
+    """Remove the reports of drafts that are no more (``known`` says which are)."""
+    root = data / FOLDER
+    if root.is_dir():
+        for folder in root.iterdir():
+            if _DRAFT.fullmatch(folder.name) and not known(folder.name):
+                shutil.rmtree(folder, ignore_errors=True)

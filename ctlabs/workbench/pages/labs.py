@@ -1,0 +1,567 @@
+"""The labs: the catalogue, a lab's statement and parameters, its run, and its report inside the page."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import weakref
+from collections.abc import Callable, Sequence
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from nicegui import app, ui
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
+
+from ctlabs.text import number
+from ctlabs.workbench import catalogue
+from ctlabs.workbench.bench import Bench, said
+from ctlabs.workbench.catalogue import Field, Outcome, Sheet, Typed
+from ctlabs.workbench.help import help_for
+from ctlabs.workbench.pages.help import resume_tour
+
+if TYPE_CHECKING:
+    from ctlabs.workbench.pages.shell import Shell
+    from ctlabs.workbench.server import Desk
+    from ctlabs.workbench.session import Session
+
+#: Where the files of reports are, by draft, lab and name.
+FILES = "/lab-files/{draft}/{lab}/{name}"
+#: What a report may do in the page: nothing but be read.
+POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+#: How often a run is looked at, in seconds.
+LOOK = 0.15
+
+_STYLE = """
+.lab-page { width: 100%; display: grid; grid-template-columns: 19rem minmax(0, 1fr); gap: 1.25rem; align-items: start; }
+.lab-catalogue { position: sticky; top: 4.5rem; display: flex; flex-direction: column; gap: .5rem; }
+.lab-list { max-height: calc(100vh - 15rem); overflow-y: auto; display: flex; flex-direction: column; gap: 2px; padding: 3px; }
+.lab-item {
+  display: grid; grid-template-columns: 2rem 1fr auto; gap: .4rem; align-items: baseline; text-align: left; width: 100%;
+  padding: .45rem .5rem; border: 0; border-radius: 8px; background: none; color: inherit; font: inherit; line-height: 1.3;
+  cursor: pointer;
+}
+.lab-item:hover { background: color-mix(in srgb, currentColor 8%, transparent); }
+.lab-item[aria-current=true] { background: color-mix(in srgb, var(--q-primary) 18%, transparent); font-weight: 600; }
+.lab-number { text-align: right; font-variant-numeric: tabular-nums; opacity: .75; }
+.lab-variants { font-size: .8rem; opacity: .8; white-space: nowrap; }
+.lab-detail { display: flex; flex-direction: column; gap: .75rem; min-width: 0; }
+.lab-detail h2 { font-size: 1.45rem; line-height: 1.25; font-weight: 600; margin: 0; outline: none; }
+.lab-detail h3 { font-size: 1.1rem; line-height: 1.3; font-weight: 600; margin: .75rem 0 0; }
+.lab-source { opacity: .8; }
+.lab-statement { max-width: 52rem; line-height: 1.55; }
+.lab-form { display: grid; grid-template-columns: repeat(auto-fill, minmax(15rem, 1fr)); gap: .75rem 1rem; }
+.lab-field { min-width: 0; }
+.lab-wide { grid-column: 1 / -1; }
+.lab-hint { font-size: .8rem; opacity: .8; line-height: 1.3; padding: .15rem .1rem 0; overflow-wrap: anywhere; }
+.lab-error { font-size: .85rem; font-weight: 600; color: #b00020; line-height: 1.3; overflow-wrap: anywhere; }
+.lab-error:empty { display: none; }
+body.body--dark .lab-error { color: #ff9c94; }
+.lab-matrix { display: grid; gap: .35rem; max-width: 44rem; }
+.lab-verdict { font-weight: 600; }
+.lab-verdict[data-passed=true] { color: #00664a; }
+.lab-verdict[data-passed=false] { color: #b00020; }
+body.body--dark .lab-verdict[data-passed=true] { color: #58d3a5; }
+body.body--dark .lab-verdict[data-passed=false] { color: #ff9c94; }
+.lab-links { display: flex; flex-wrap: wrap; gap: .35rem 1rem; }
+.lab-links a { color: var(--q-primary); }
+.lab-report { width: 100%; height: 82vh; border: 1px solid color-mix(in srgb, currentColor 25%, transparent); border-radius: 8px; }
+.lab-checks { overflow-x: auto; }
+.lab-checks table { border-collapse: collapse; font-size: .85rem; }
+.lab-checks th, .lab-checks td { padding: .2rem .6rem .2rem 0; text-align: left; vertical-align: top; }
+.lab-checks tbody tr { border-top: 1px solid color-mix(in srgb, currentColor 18%, transparent); }
+.lab-checks td.n { font-variant-numeric: tabular-nums; white-space: nowrap; }
+@media (max-width: 899px) {
+  .lab-page { grid-template-columns: minmax(0, 1fr); }
+  .lab-catalogue { position: static; }
+  .lab-list { max-height: none; }
+  .lab-page[data-open=true] .lab-catalogue { display: none; }
+  .lab-page[data-open=false] .lab-detail { display: none; }
+  .lab-form { grid-template-columns: minmax(0, 1fr); }
+}
+"""
+
+_benches: weakref.WeakKeyDictionary[Session, Bench] = weakref.WeakKeyDictionary()
+
+
+def page(session: Session, shell: Shell) -> None:
+    """Draw the page."""
+    _Labs(session, shell).draw()
+    resume_tour(session, shell)
+
+
+class _Labs:
+    """The page in one tab."""
+
+    def __init__(self, session: Session, shell: Shell) -> None:
+        self.session, self.shell, self.draft = session, shell, session.draft.id
+        if session not in _benches:
+            _benches[session] = Bench(shell.desk.runner, shell.desk.store.folder, self.draft)
+        self.bench = _benches[session]
+        _serve_files(shell.desk)
+        found = shell.desk.store.draft(self.draft)
+        notes = {} if found is None else found.notes.get("labs", {})
+        self.lab: str = notes.get("lab", "")
+        self.typed: dict[str, dict[str, Any]] = notes.get("typed", {})
+        self.form: _Form | None = None
+        self._selecting = 0
+
+    # The catalogue -----------------------------------------------------------------------------------------------------
+
+    def draw(self) -> None:
+        ui.html(f"<style>{_STYLE}</style>", sanitize=False).classes("hidden")
+        with ui.element("div").classes("lab-page") as self.frame:
+            with ui.element("section").classes("lab-catalogue").props('aria-label="Catalogue of labs"'):
+                self._draw_search()
+                self.list = ui.element("div").classes("lab-list")
+            self.detail = ui.element("section").classes("lab-detail").props('aria-label="Lab"')
+        self._list()
+        self.shell.shortcut("/", "Search the labs", lambda: self.search.run_method("focus"))
+        self.shell.shortcut("mod+enter", "Run the lab", self.run)
+        ui.timer(LOOK, self._look)
+        if self.lab:
+            ui.timer(0, lambda: self.select(self.lab, move=False), once=True)
+        else:
+            self._welcome()
+
+    def _draw_search(self) -> None:
+        self.search = ui.input("Search labs", placeholder="oscillator, 7, autopilot …", on_change=self._list)
+        self.search.props("outlined dense clearable debounce=150 type=search").classes("w-full")
+        with ui.row().classes("items-center gap-2"):
+            ui.label("Variant").props("aria-hidden=true")
+            choices = {"": "all", **{letter: letter for letter in "abc"}}
+            self.variant = ui.toggle(choices, value="", on_change=self._list)
+            self.variant.props('dense no-caps unelevated toggle-color=primary aria-label="Variant"')
+            self.variant.tooltip(help_for("labs.variant").what)
+        self.count = ui.label().classes("lab-hint").props("role=status aria-live=polite")
+
+    def _list(self) -> None:
+        found = catalogue.search(self.search.value or "", self.variant.value or "")
+        self.list.clear()
+        with self.list:
+            self.items = {sheet.name: self._item(sheet) for sheet in found}
+        star = "; * = control lab" if self.variant.value else ""
+        self.count.text = f"{len(found)} labs{star}" if len(found) != 1 else f"1 lab{star}"
+        if not found:
+            self.count.text = "No lab has all these words."
+
+    def _item(self, sheet: Sheet) -> ui.element:
+        item = ui.element("button").classes("lab-item").props("type=button")
+        item.props(f'aria-current={"true" if sheet.name == self.lab else "false"} data-lab="{sheet.name}"')
+        with item:
+            ui.label(sheet.short if sheet.short.isdigit() else "·").classes("lab-number")
+            ui.label(sheet.title)
+            ui.label(" ".join(sheet.variants)).classes("lab-variants").props(
+                f'title="Variants {", ".join(sheet.variants)}"' if sheet.variants else ""
+            )
+        item.on("click", lambda: self.select(sheet.name))
+        return item
+
+    def _point(self) -> None:
+        """Say in the list which lab is shown; the list stays where it is scrolled to."""
+        for name, item in self.items.items():
+            item.props(f"aria-current={'true' if name == self.lab else 'false'}")
+
+    def _welcome(self) -> None:
+        self.frame.props("data-open=false")
+        with self.detail:
+            ui.html("<h2>Labs</h2>", sanitize=False)
+            ui.label(
+                f"{len(catalogue.sheets())} labs, each from its statement to a report whose numbers are all computed twice. "
+                "Choose one; change its numbers; run it."
+            ).classes("lab-statement")
+
+    # One lab -----------------------------------------------------------------------------------------------------------
+
+    async def select(self, name: str, *, move: bool = True) -> None:
+        """Show a lab."""
+        try:
+            sheet = catalogue.sheet(name)
+        except ValueError:
+            self._welcome()
+            return
+        self.lab, self.form = sheet.name, None
+        self._selecting += 1
+        mine = self._selecting
+        self.frame.props("data-open=true")
+        self._point()
+        self.detail.clear()
+        with self.detail:
+            heading = self._head(sheet)
+            waiting = ui.spinner(size="md")
+        if move:
+            heading.run_method("focus")
+            self._note()
+        fields = await asyncio.to_thread(catalogue.fields, sheet.name)  # the lab's module is loaded here
+        if mine != self._selecting or self.detail.is_deleted:
+            return
+        waiting.delete()
+        with self.detail:
+            self._draw_form(sheet, fields)
+            self.results = ui.element("div").classes("lab-detail")
+        self._draw_results()
+        self._look()
+
+    def _head(self, sheet: Sheet) -> ui.element:
+        with ui.row().classes("ctl-narrow"):
+            ui.button("All labs", icon="arrow_back", on_click=self._close).props("flat dense no-caps")
+        with ui.element("h2").props("tabindex=-1") as heading:
+            ui.label(sheet.heading)
+        variants = f" · variants {', '.join(sheet.variants)}" if sheet.variants else ""
+        ui.label(f"{sheet.source}{variants}").classes("lab-source")
+        for paragraph in sheet.statement:
+            ui.label(paragraph).classes("lab-statement")
+        if sheet.answer:
+            with ui.expansion("Expected answer").classes("lab-statement").props("dense"):
+                ui.label(sheet.answer)
+        with ui.row().classes("gap-2"):
+            for model in sheet.models:
+                button = ui.button(f"Open “{model.title}” in the workbench", icon="grid_on")
+                button.props("flat dense no-caps").on_click(lambda _, name=model.name: self._open(name))
+        return heading
+
+    def _close(self) -> None:
+        self.lab, self.form = "", None
+        self.detail.clear()
+        self._welcome()
+        self._point()
+        self._note()
+
+    def _open(self, name: str) -> None:
+        from ctlabs.modelfile import ready
+        from ctlabs.workbench.commands import Open
+
+        self.shell.saving()
+        self.session.do(Open(ready(name).dumps(), f"{name}.toml"))
+        self.shell.saved()
+        self.shell.name_draft(self.session.title)
+        self.shell.tell("The lab's model is on the desk; undo brings the one before back.")
+        self.shell.go("model")
+
+    def _draw_form(self, sheet: Sheet, fields: Sequence[Field]) -> None:
+        before = self.bench.outcome(sheet.name)
+        typed = dict(self.typed.get(sheet.name, {}))
+        if not typed and before is not None:
+            typed = {**catalogue.typed_again(sheet.name, before.parameters)}
+            typed |= {"": [str(before.runs), str(before.seed)]}
+        self.form = _Form(sheet, fields, typed, self._typed)
+        with ui.row().classes("items-center gap-3 w-full"):
+            self.start = ui.button("Run", icon="play_arrow", on_click=self.run).props('no-caps title="Ctrl+Enter"')
+            self.reset = ui.button("Defaults", icon="restart_alt", on_click=self.form.reset).props("flat no-caps")
+            self.stop = ui.button("Cancel", icon="stop", on_click=self.bench.cancel).props("outline no-caps")
+        with ui.column().classes("w-full gap-1") as self.going:
+            self.bar = ui.linear_progress(0.0, show_value=False, size="8px").props('aria-label="Progress of the run"')
+            self.words = ui.label().props("role=status aria-live=off")
+        self.problem = ui.label("").classes("lab-error").props("role=alert")
+
+    def _typed(self) -> None:
+        if self.form is not None:
+            self.typed[self.lab] = self.form.plain()
+            self._note()
+            self._say_stale()
+
+    def _note(self) -> None:
+        self.shell.desk.store.note(self.draft, labs={"lab": self.lab, "typed": self.typed})
+
+    # The run -----------------------------------------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Start the lab's run, or go to the field that is in the way."""
+        if self.form is None or self.bench.running:
+            return
+        values, runs, seed = self.form.check()
+        if values is None or runs is None or seed is None:
+            self.form.focus_problem()
+            return
+        self.bench.start(self.lab, values, runs, seed)
+        self.problem.text = ""
+        self._look()
+        ui.run_javascript(f"getHtmlElement({self.going.id})?.scrollIntoView({{block: 'nearest'}})")
+
+    def _look(self) -> None:
+        """Show how far the run is, and its report when there is a new one."""
+        if self.form is None:
+            return
+        running = self.bench.running
+        mine = self.bench.lab == self.lab
+        self.start.set_enabled(not running)
+        self.stop.set_visibility(running and mine)
+        self.going.set_visibility(running)
+        if running:
+            progress = self.bench.progress
+            known = progress is not None and progress.total > 0 and progress.done > 0
+            self.bar.props("indeterminate" if not known else "", remove="" if not known else "indeterminate")
+            self.bar.value = progress.fraction if progress is not None and known else 0.0
+            other = "" if mine else f"{catalogue.sheet(self.bench.lab).heading} is running: "
+            self.words.text = other + said(progress)
+        self.problem.text = self.bench.problem if mine and not running else ""
+        if self._shown != self.bench.finished and not running:
+            self._draw_results()
+        elif self.report is not None:
+            self._show_theme()
+
+    def _draw_results(self) -> None:
+        self._shown = self.bench.finished
+        self.results.clear()
+        self.report: ui.element | None = None
+        self.stale: ui.label | None = None
+        found = self.bench.outcome(self.lab)
+        if found is None:
+            return
+        with self.results:
+            ui.html("<h3>Report</h3>", sanitize=False)
+            with ui.row().classes("items-center gap-2"):
+                icon = "error" if found.failed else "check_circle"
+                with (
+                    ui.row()
+                    .classes("items-center gap-1 lab-verdict")
+                    .props(f"role=status data-passed={'false' if found.failed else 'true'}")
+                ):
+                    ui.icon(icon, size="sm").props("aria-hidden=true")
+                    ui.label(_sentence(found.verdict))
+                ui.label(f"{found.runs} runs, seed {found.seed}, {found.seconds:.1f} s").classes("lab-source")
+            self.stale = ui.label().classes("lab-hint")
+            self._say_stale(found)
+            self._draw_links(found)
+            title = f"{len(found.checks)} checks"
+            with ui.expansion(title, value=bool(found.failed)).props("dense").classes("w-full"):
+                ui.label(f"{help_for('labs.checks').what} {help_for('labs.checks').note}").classes("lab-hint")
+                ui.html(_checks(found), sanitize=False).classes("lab-checks").props(
+                    'tabindex=0 role=region aria-label="Checks"'
+                )
+            self.report = ui.element("iframe").classes("lab-report")
+            self.report.props["title"] = f"Report: {found.title}"
+            self.report.props["sandbox"] = ""  # no scripts, no forms, nothing
+            self._theme = ""
+            self._show_theme()
+
+    def _show_theme(self) -> None:
+        """The report in the page's colours."""
+        if self.report is not None and self._theme != self.shell.theme:
+            self._theme = self.shell.theme
+            self.report.props(f'src="{self._address("report.html")}&theme={self._theme}"')
+
+    def _draw_links(self, found: Outcome) -> None:
+        with ui.element("div").classes("lab-links"):
+            links = [
+                ("Open in a new tab", "report.html", "target=_blank rel=noopener"),
+                ("Download report.html", "report.html", f'download="{found.lab}.html"'),
+                (f"Download {found.tables} tables (CSV, ZIP)", "tables.zip", f'download="{found.lab}-tables.zip"'),
+                ("Download results.json", "results.json", f'download="{found.lab}.json"'),
+            ]
+            for text, name, props in links:
+                with ui.element("a").props(f'href="{self._address(name)}" {props}'):
+                    ui.label(text)
+
+    def _say_stale(self, found: Outcome | None = None) -> None:
+        if getattr(self, "stale", None) is None or self.form is None:
+            return
+        found = self.bench.outcome(self.lab) if found is None else found
+        values, runs, seed = self.form.check()
+        same = found is not None and (values, runs, seed) == (found.parameters, found.runs, found.seed)
+        if self.stale is not None:
+            self.stale.text = "" if same else "This report was made with other values than those above."
+
+    def _address(self, name: str) -> str:
+        """Where a file of the report is; another address for every report, so that none is taken from the browser's memory."""
+        folder = catalogue.place(self.bench.data, self.draft, self.lab)
+        stamp = (folder / "report.html").stat().st_mtime_ns
+        return FILES.format(draft=self.draft, lab=self.lab, name=name) + f"?v={stamp}"
+
+
+class _Form:
+    """The fields of a lab."""
+
+    def __init__(
+        self, sheet: Sheet, fields: Sequence[Field], typed: dict[str, Any], changed: Callable[[], object]
+    ) -> None:
+        self.sheet, self.fields, self._changed = sheet, fields, changed
+        self._inputs: dict[str, list[list[Any]]] = {}
+        self._errors: dict[str, ui.label] = {}
+        self._quiet = False
+        runs, seed = typed.pop("", [str(sheet.runs), "1"])
+        ui.html("<h3>Parameters</h3>", sanitize=False)
+        with ui.element("div").classes("lab-form"):
+            for field in fields:
+                self._draw(field, typed.get(field.name, field.default))
+        self._errors[""] = ui.label("").classes("lab-error").props("role=alert")
+        ui.html("<h3>Experiment</h3>", sanitize=False)
+        with ui.element("div").classes("lab-form"):
+            tip = help_for("labs.runs")
+            self._draw(
+                Field(
+                    ".runs",
+                    "",
+                    tip.what,
+                    "number",
+                    f"a whole number from 1 to {catalogue.RUNS:,}".replace(",", " "),
+                    "",
+                ),
+                runs,
+            )
+            self._draw(Field(".seed", "", help_for("labs.seed").what, "number", "a whole number", ""), seed)
+        self.check()
+
+    def _draw(self, field: Field, value: Typed) -> None:
+        wide = field.kind == "matrix" or len(field.default) > 24
+        with ui.element("div").classes("lab-field" + (" lab-wide" if wide else "")):
+            if field.kind == "matrix":
+                unit = "" if field.unit == "1" else f", {field.unit}"
+                ui.label(f"{field.name}{unit}")
+            cells = self._cells(field, value)
+            words = f"{field.meaning} · {field.allowed}".replace(">=", "≥").replace("null", "empty")
+            hint = ui.label(words).classes("lab-hint")
+            error = ui.label("").classes("lab-error").props("role=alert")
+        for cell in (cell for row in cells for cell in row):
+            cell.props(f'aria-describedby="{hint.html_id} {error.html_id}"')
+        self._inputs[field.name], self._errors[field.name] = cells, error
+
+    def _cells(self, field: Field, value: Typed) -> list[list[Any]]:
+        label = field.name.removeprefix(".").capitalize() if field.name.startswith(".") else field.name
+        if field.kind == "flag":
+            return [[ui.checkbox(label, value=value == "true", on_change=self._edited)]]
+        if isinstance(value, str):
+            cell = ui.input(label, value=value, on_change=self._edited).classes("w-full")
+            cell.props("outlined dense hide-bottom-space no-error-icon autocomplete=off spellcheck=false")
+            if field.unit not in {"1", ""}:
+                cell.props["suffix"] = field.unit
+            return [[cell]]
+        cells: list[list[Any]] = []
+        width = len(value[0])
+        with (
+            ui.element("div").classes("lab-matrix").style(f"grid-template-columns: repeat({width}, minmax(3rem, 1fr))")
+        ):
+            for i, row in enumerate(value):
+                cells.append([])
+                for j, text in enumerate(row):
+                    cell = ui.input(value=text, on_change=self._edited).props("outlined dense hide-bottom-space")
+                    cell.props(f'no-error-icon autocomplete=off aria-label="{label}, row {i + 1}, column {j + 1}"')
+                    cells[-1].append(cell)
+        return cells
+
+    def _edited(self) -> None:
+        if not self._quiet:
+            self.check()
+            self._changed()
+
+    def reset(self) -> None:
+        """Put the defaults back."""
+        self._quiet = True
+        defaults = {field.name: field.default for field in self.fields}
+        for name, value in {**defaults, ".runs": str(self.sheet.runs), ".seed": "1"}.items():
+            for i, row in enumerate(self._inputs[name]):
+                for j, cell in enumerate(row):
+                    text = value if isinstance(value, str) else value[i][j]
+                    cell.value = text == "true" if isinstance(cell, ui.checkbox) else text
+        self._quiet = False
+        self._edited()
+
+    def _typed(self, name: str) -> Typed:
+        cells = [[_typed(cell) for cell in row] for row in self._inputs[name]]
+        field = next((each for each in self.fields if each.name == name), None)
+        return cells if field is not None and field.kind == "matrix" else cells[0][0]
+
+    def plain(self) -> dict[str, Any]:
+        """What is typed, as it is kept."""
+        found: dict[str, Any] = {field.name: self._typed(field.name) for field in self.fields}
+        return found | {"": [self._typed(".runs"), self._typed(".seed")]}
+
+    def check(self) -> tuple[dict[str, Any] | None, int | None, int | None]:
+        """Say at the fields what is wrong with them; parameters, runs and seed, None where they are wrong."""
+        checked = catalogue.check(self.sheet.name, {field.name: self._typed(field.name) for field in self.fields})
+        problems, whole = dict(checked.problems), {}
+        for name, least, most in ((".runs", 1, catalogue.RUNS), (".seed", 0, 2**63 - 1)):
+            try:
+                whole[name] = catalogue.whole(str(self._typed(name)), least, most)
+            except ValueError as error:
+                problems[name] = str(error)
+        for name, label in self._errors.items():
+            self._mark(name, label, problems.get(name, ""))
+        return checked.values, whole.get(".runs"), whole.get(".seed")
+
+    def _mark(self, name: str, label: ui.label, problem: str) -> None:
+        if label.text == problem:
+            return
+        label.text = problem
+        for cell in (cell for row in self._inputs.get(name, ()) for cell in row):
+            if problem:
+                cell.props("error aria-invalid=true")
+            else:
+                cell.props(remove="error aria-invalid")
+
+    def focus_problem(self) -> None:
+        """Go to the first field that is wrong."""
+        for name, label in self._errors.items():
+            if label.text and name in self._inputs:
+                self._inputs[name][0][0].run_method("focus")
+                return
+
+
+def _typed(cell: Any) -> str:
+    """What a field holds, as text."""
+    if isinstance(cell, ui.checkbox):
+        return "true" if cell.value else "false"
+    return "" if cell.value is None else str(cell.value)
+
+
+def _sentence(words: str) -> str:
+    return f"{words[:1].upper()}{words[1:]}"
+
+
+def _checks(found: Outcome) -> str:
+    """The checks as a table, those that failed first."""
+    heads = ("", "check", "part", "one way", "another way", "value", "expected", "tolerance")
+    rows = []
+    for check in sorted(found.checks, key=lambda each: each["passed"]):
+        mark = '<span aria-label="passed">✓</span>' if check["passed"] else '<strong class="lab-error">failed</strong>'
+        words = [check["name"], check["part"], *check["route"]]
+        numbers = [
+            number(check["value"]),
+            number(check["expected"]),
+            f"{check['kind']} {number(check['tolerance'], 2)}",
+        ]
+        cells = [f"<td>{mark}</td>", *(f"<td>{escape(str(word))}</td>" for word in words)]
+        rows.append("<tr>" + "".join([*cells, *(f'<td class="n">{escape(text)}</td>' for text in numbers)]) + "</tr>")
+    head = "".join(f"<th scope=col>{text}</th>" for text in heads)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
+
+
+# The files ---------------------------------------------------------------------------------------------------------------
+
+
+def _serve_files(desk: Desk) -> None:
+    """Let the application serve the reports of a draft to its owner; once."""
+    app.state.ctlabs_desk = desk
+    if not any(getattr(route, "path", "") == FILES for route in app.routes):
+        app.get(FILES, include_in_schema=False)(_file)
+        data, known = desk.store.folder, desk.store.draft
+        threading.Thread(
+            target=catalogue.tidy, args=(data, lambda draft: known(draft) is not None), daemon=True
+        ).start()
+
+
+def _file(request: Request, draft: str, lab: str, name: str) -> Response:
+    """A file of a report."""
+    desk: Desk = app.state.ctlabs_desk
+    missing = PlainTextResponse("ctlabs workbench: no such report\n", 404)
+    if desk.store.draft(draft, desk.owner(request.scope["ctlabs.session"])) is None:
+        return missing
+    try:
+        folder = catalogue.place(desk.store.folder, draft, lab)
+        content, kind = _content(folder, name, request.query_params.get("theme", "auto"))
+    except (ValueError, OSError):
+        return missing
+    headers = {"content-security-policy": POLICY, "cache-control": "private, no-store"}
+    return Response(content, media_type=kind, headers=headers)
+
+
+def _content(folder: Path, name: str, theme: str) -> tuple[bytes, str]:
+    if name == "report.html":
+        return catalogue.page(folder, theme).encode(), "text/html"
+    if name == "results.json":
+        return (folder / "results.json").read_bytes(), "application/json"
+    if name == "tables.zip":
+        return catalogue.tables(folder), "application/zip"
+    msg = f"report: expected report.html, results.json or tables.zip, received {name!r}"
+    raise ValueError(msg)
