@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from functools import cache
 from html import escape
+
+from ctlabs.workbench.mathml import mathml
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,19 +64,3 @@ class Help:
         if rows:
             parts.append("<dl>" + "".join(f"<dt>{word}</dt><dd>{text}</dd>" for word, text in rows) + "</dl>")
         return "".join(parts)
-
-
-@cache
-def mathml(latex: str, *, block: bool = False) -> str:
-    r"""LaTeX as MathML, as in the reports.
-
-    >>> mathml(r"\Phi")
-    '<math xmlns="http://www.w3.org/1998/Math/MathML" display="inline"><mrow><mi>&#x003A6;</mi></mrow></math>'
-    """
-    from latex2mathml.converter import convert
-
-    shown: str = convert(latex, display="block" if block else "inline")
-    # A bar is a fence (|Φ|) in every formula here, never a relation: no space around it.
-    return shown.replace(
-        '<mo stretchy="false">&#x0007C;</mo>', '<mo stretchy="false" lspace="0" rspace="0">&#x0007C;</mo>'
-    )

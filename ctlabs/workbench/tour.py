@@ -37,7 +37,7 @@ STEPS = (
         "Open a ready model",
         "model",
         "On the page Model choose Open, and of the ready models “Constant velocity” (any other will do).",
-        "The equations above the cells have the numbers in; the page Understand says what a filter can do with it.",
+        "The equations beside the cells have the numbers in; the page Understand says what a filter can do with it.",
     ),
     Step(
         "change",

@@ -104,6 +104,10 @@ body.body--dark { --q-primary: #8cc0f5 !important; }
 @media (max-width: 899px) { .ctl-wide { display: none !important; } .ctl-main { padding: .5rem; } }
 @media (min-width: 900px) { .ctl-narrow { display: none !important; } }
 @media (prefers-reduced-motion: reduce) { * { transition: none !important; animation-duration: .01s !important; } }
+mtable.ctl-matrix { margin: 0 .15em; --stroke: linear-gradient(currentColor, currentColor); background:
+  var(--stroke) left top / 1.3px 100%, var(--stroke) right top / 1.3px 100%, var(--stroke) left top / .35em 1.3px,
+  var(--stroke) left bottom / .35em 1.3px, var(--stroke) right top / .35em 1.3px, var(--stroke) right bottom / .35em 1.3px;
+  background-repeat: no-repeat; }
 """
 
 # The letter that is written on the key if it is a Latin one, else the one at its place on a keyboard with Latin letters.
@@ -273,9 +277,16 @@ class Shell:
         self.shortcut("?", "Keyboard shortcuts", self.show_shortcuts, in_fields=False, lasting=True)
         ui.navigate.history.replace(self._url(name))
         self.show(name)
-        asyncio.get_running_loop().call_later(CALM, self.desk.runner.warm)  # not before the page is seen
+        asyncio.get_running_loop().call_later(CALM, self._prepare)  # not before the page is seen
         if self.place.notice:
             self.complain(self.place.notice)
+
+    def _prepare(self) -> None:
+        """Load what the other pages will need: here, and in a process for runs."""
+        self.desk.runner.warm()
+        warm = getattr(self.place.session, "warm", None)
+        if warm is not None:
+            asyncio.get_running_loop().run_in_executor(None, warm)
 
     def go(self, name: str) -> None:
         """Show a page as if its link had been followed."""
@@ -386,7 +397,8 @@ class Shell:
             self._pending = asyncio.get_running_loop().call_later(CALM, self.refresh)
 
     def _failed(self, why: Exception) -> None:
-        self.complain(_line(why))
+        if not isinstance(why, TimeoutError):  # a browser that answered late about its width; nothing has failed
+            self.complain(_line(why))
 
     # Keys ----------------------------------------------------------------------------------------------------------------
 

@@ -1,0 +1,602 @@
+"""The page Model: matrices as grids of text cells, constants with sliders, equations with the numbers in, the file as text.
+
+What is typed is a command to the session at once (after 150 ms), and only what it changes is drawn again. A cell that is typed
+into for a while is one edit to undo.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from functools import partial
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+from nicegui import ui
+
+from ctlabs.modelfile.errors import ModelFileError
+from ctlabs.modelfile.toml import LARGEST, decoded
+from ctlabs.workbench import commands
+from ctlabs.workbench.mathml import mathml
+from ctlabs.workbench.pages import grid, math, model_dialogs
+from ctlabs.workbench.pages import model_parts as parts
+from ctlabs.workbench.pages.cells import Label
+from ctlabs.workbench.pages.grid import Field, Grid
+from ctlabs.workbench.pages.math import Equations
+from ctlabs.workbench.pages.model_constants import Constants
+from ctlabs.workbench.pages.model_edits import (
+    Section,
+    Typing,
+    block_command,
+    cell_command,
+    line_of,
+    sections,
+    unknown_name,
+)
+
+if TYPE_CHECKING:
+    from nicegui.events import UploadEventArguments
+
+    from ctlabs.workbench.pages.shell import Shell
+    from ctlabs.workbench.session import Session
+    from ctlabs.workbench.sheet import Cell, Sheet
+
+#: How many problems are listed above the cells.
+LISTED = 4
+KEYS = (
+    "Arrows, Enter and Tab go from cell to cell, Ctrl+Home and Ctrl+End to the first and last of a matrix; Esc takes back what was "
+    "typed. A block copied from a spreadsheet can be pasted into the cells."
+)
+
+
+def page(session: Session, shell: Shell) -> None:
+    """Draw the page."""
+    ModelPage(session, shell).draw()
+
+
+class ModelPage:
+    """The page in one tab."""
+
+    def __init__(self, session: Session, shell: Shell) -> None:
+        self.session, self.shell = session, shell
+        self.grids: dict[str, Grid] = {}
+        self._layout: tuple[Any, ...] = ()
+        self._view = "cells"
+        self._title = ""
+        self._unfinished = str(_notes(session).get("unfinished", ""))
+        self.typing = Typing(session)
+        self._told: dict[str, str] | None = None
+        self._times: dict[str, Field] = {}
+
+    # Commands ----------------------------------------------------------------------------------------------------------
+
+    def do(self, command: commands.Command) -> bool:
+        """Carry out a command that a button stands for; whether it was possible."""
+        line = self.once(command)
+        if line:
+            self.shell.complain(line)
+        return not line
+
+    def once(self, command: commands.Command) -> str:
+        """Carry out a command that is an edit of its own; why not, or empty."""
+        return self._do(command, "")
+
+    def type(self, key: str, command: commands.Command) -> str:
+        """Carry out what was typed into a cell; why not, or empty."""
+        return self._do(command, key)
+
+    def _do(self, command: commands.Command, key: str) -> str:
+        try:
+            self.typing.do(key, command)
+        except ValueError as why:
+            return _line(why)
+        except (RuntimeError, LookupError) as why:  # the store says why it cannot write
+            self.shell.not_saved(_line(why))
+            return _line(why)
+        self.shell.saved()
+        if key != "text":
+            self._remember("")
+        self.show()
+        return ""
+
+    def undo(self) -> None:
+        """Take the last edit back."""
+        self._move(self.session.can_undo, self.session.undo)
+
+    def redo(self) -> None:
+        """Do again what was taken back."""
+        self._move(self.session.can_redo, self.session.redo)
+
+    def _move(self, possible: bool, move: Callable[[], str]) -> None:
+        self.typing.stop()
+        if possible:
+            move()
+            self.shell.saved()
+            self._remember("")
+            self.show()
+
+    def done(self) -> None:
+        """A cell is left: what is typed there later is another edit."""
+        self.typing.stop()
+
+    def _remember(self, text: str) -> None:
+        """Keep a text that is no file yet, so that nothing typed is lost."""
+        if text != self._unfinished:
+            self._unfinished = text
+            if not text:
+                self._text.forget()
+            self.session.store.note(self.session.draft.id, unfinished=text)
+
+    # Drawing -------------------------------------------------------------------------------------------------------------
+
+    def draw(self) -> None:
+        """Draw everything."""
+        ui.run_javascript(parts.DROP)
+        with ui.element("div").classes("ctl-model") as root:
+            with ui.element("div").style("display: none"):
+                ui.html(f"<style>{grid.STYLE}{math.STYLE}{parts.STYLE}</style>", sanitize=False)
+                self._uploader = ui.upload(
+                    auto_upload=True, max_file_size=LARGEST, on_upload=self._uploaded, on_rejected=self._rejected
+                ).props('accept=".toml,text/plain"')
+            root.props(f"data-uploader={self._uploader.id}")
+            parts.text("div", "Drop a model file to open it").classes("ctl-drop").props("aria-hidden=true")
+            self._begin = ui.element("section").props('aria-label="Begin"').classes("ctl-column")
+            with self._begin:
+                self._draw_begin()
+            self._work = ui.element("div").classes("ctl-column")
+            with self._work:
+                self._draw_head()
+                self._problems = (
+                    ui.element("div").classes("ctl-problems").props("role=status aria-live=polite data-test=problems")
+                )
+                self._cells = ui.element("div").classes("ctl-columns")
+                self._text_place = ui.element("div").classes("ctl-card")
+            with self._cells:
+                self._matrices = ui.element("div").classes("ctl-column")
+                with ui.element("div").classes("ctl-column ctl-side"):
+                    self._draw_equations()
+                    self._constants = Constants(self)
+            with self._text_place:
+                self._draw_text()
+        for keys, label, action in (
+            ("mod+z", "Undo", self.undo),
+            ("mod+shift+z", "Redo", self.redo),
+            ("mod+y", "Redo", self.redo),
+            ("mod+o", "Open a model", self.open_dialog),
+            ("mod+s", "Download the model file", self.download),
+            ("mod+e", "Cells or text", self._other_view),
+        ):
+            self.shell.shortcut(keys, label, action)
+        if self._unfinished:
+            self._view = "text"
+        self.show()
+        if self._unfinished:
+            self._text.write(self._unfinished, self._text_typed(self._unfinished))
+
+    def _draw_begin(self) -> None:
+        parts.text("h2", "Begin with a model")
+        with ui.element("div").classes("ctl-begin"):
+            for test, title, what, action in (
+                (
+                    "begin-ready",
+                    "A ready model",
+                    "From the gallery or one of the labs, to try and to change.",
+                    self.open_dialog,
+                ),
+                (
+                    "begin-new",
+                    "A new model",
+                    "Say how many states, noises and measurements it has, and type.",
+                    self.new_dialog,
+                ),
+            ):
+                with ui.element("button").props(f"type=button data-test={test}").on("click", action):
+                    ui.html(f"<b>{title}</b><br>{what}", sanitize=False)
+            with ui.element("button").props("type=button data-test=begin-file") as button:
+                ui.html(
+                    "<b>A file of your own</b><br>A model file (.toml); you can also drop it on this page.",
+                    sanitize=False,
+                )
+            button.on("click", js_handler=self._pick)
+        with ui.row().classes("items-center"):
+            ui.label("For the first time here?")
+            tour = parts.text("button", "Take the guided tour (about five minutes)").classes("ctl-link")
+            tour.props("type=button data-test=begin-tour")
+            tour.on("click", lambda: self.shell.go("help"))
+
+    @property
+    def _pick(self) -> str:
+        """The browser's own dialog may be opened by a click only, so this does not go by the server."""
+        return f"() => getElement({self._uploader.id}).$refs.qRef.pickFiles()"
+
+    def _draw_head(self) -> None:
+        with ui.element("div").classes("ctl-bar"):
+            self._title_field = Field(
+                "Title", lambda text: self.type("title", commands.SetTitle(text)), self.done, test="title", show_label=False,
+                placeholder="Title of the model",
+            )  # fmt: skip
+            self._title_field.classes("ctl-titlefield")
+            options = {"continuous": "Continuous", "discrete": "Discrete"}
+            self._kind = ui.toggle(options, on_change=lambda event: self._set_kind(event.value))
+            self._kind.classes("ctl-toggle").props('dense no-caps unelevated data-test=kind aria-label="Kind of model"')
+            parts.help_button("model.kind")
+        with ui.element("div").classes("ctl-bar").props('role=toolbar aria-label="Model"'):
+            parts.tool("New", "add", "new", self.new_dialog)
+            parts.tool("Open", "folder_open", "open", self.open_dialog, keys="Ctrl+O")
+            parts.tool("Download", "download", "save", self.download, keys="Ctrl+S")
+            ui.element("span").style("width: .5rem")
+            self._undo = parts.tool("Undo", "undo", "undo", self.undo, keys="Ctrl+Z")
+            self._redo = parts.tool("Redo", "redo", "redo", self.redo, keys="Ctrl+Shift+Z")
+            ui.element("span").classes("ctl-gap")
+            self._block = parts.tool("Coloured noise", "graphic_eq", "block", self.block_dialog)
+            self._view_button = parts.tool("Text", "code", "view-text", self._other_view, keys="Ctrl+E")
+        self._about = ui.element("p").classes("ctl-about")
+        with self._about:
+            self._about_text = ui.html("", sanitize=False)
+
+    def _draw_equations(self) -> None:
+        with ui.element("section").classes("ctl-card").props('aria-label="Equations"'):
+            with ui.element("div").classes("ctl-bar"):
+                parts.text("h2", "Equations")
+                ui.element("span").classes("ctl-gap")
+                self._inside = ui.toggle(
+                    {"numbers": "Numbers", "names": "As typed"}, value="numbers", on_change=self._show_equations
+                )
+                self._inside.classes("ctl-toggle").props(
+                    'dense no-caps unelevated size=sm data-test=equations-inside aria-label="What stands in the equations"'
+                )
+            self._equations = Equations("The model's equations")
+            self._equations.props("data-test=equations")
+
+    def _draw_text(self) -> None:
+        with ui.element("div").classes("ctl-bar"):
+            parts.text("h2", "The model file")
+            ui.element("span").classes("ctl-gap")
+            self._goto = ui.button("Go to the line", on_click=self._go_to_line).props(
+                "flat dense no-caps data-test=go-to-line"
+            )
+        self._text = Field(
+            "The model file, TOML", self._text_typed, self.done, test="text", area=True, show_label=False
+        )
+        self._wrong_line = 0
+
+    # Showing -------------------------------------------------------------------------------------------------------------
+
+    def show(self) -> None:
+        """Show what the session has; only what has changed travels to the browser."""
+        session, sheet = self.session, self.session.sheet
+        self._begin.set_visibility(session.untouched)
+        self._work.set_visibility(not session.untouched)
+        title = "" if session.untouched else session.title
+        if title != self._title:
+            self._title = title
+            self.shell.name_draft(title)
+        self._title_field.show(sheet.shown(("title",)))
+        about = escape(
+            " ".join(part for part in (sheet.description, f"({sheet.source})" if sheet.source else "") if part)
+        )
+        if self._about_text.content != about:
+            self._about_text.content = about
+            self._about.set_visibility(bool(about))
+        if self._kind.value != (sheet.kind or None):
+            self._kind.set_value(sheet.kind or None)
+        for button, word, able, label in (
+            (self._undo, "Undo", session.can_undo, _label(session, 0)),
+            (self._redo, "Redo", session.can_redo, _label(session, 1)),
+        ):
+            parts.tell(button, word, able, label)
+        parts.tell(
+            self._block,
+            "Coloured noise",
+            sheet.kind == "continuous",
+            "" if sheet.kind == "continuous" else "of a continuous model only",
+        )
+        self._show_view()
+        layout = (sheet.kind, tuple(sheet.grids), sheet.missing_parts)
+        if layout != self._layout:
+            self._layout = layout
+            self._draw_matrices()
+        self._show_matrices()
+        self._constants.show(sheet.constants)
+        self._show_equations()
+        self._show_problems()
+        self._show_text()
+
+    def _show_text(self) -> None:
+        """The text is sent only where it is seen."""
+        if self._view == "text" and not self._unfinished:
+            self._text.write(self.session.text)
+
+    def _show_view(self) -> None:
+        if not self.session.sheet.kind:
+            self._view = "text"  # there is nothing to show in cells
+        cells = self._view == "cells"
+        self._cells.set_visibility(cells)
+        self._text_place.set_visibility(not cells)
+        self._goto.set_visibility(self._wrong_line > 0)
+        word = "Text" if cells else "Cells"
+        self._view_button.props(f'aria-label="{word}" icon={"code" if cells else "grid_on"}')
+        self._view_word.text = word
+
+    @property
+    def _view_word(self) -> ui.label:
+        return parts.word_of(self._view_button)
+
+    def _other_view(self) -> None:
+        self._view = "text" if self._view == "cells" else "cells"
+        self._show_view()
+        self._show_text()
+        (self._text if self._view == "text" else self._title_field).run_method("enter", "")
+
+    def _draw_matrices(self) -> None:
+        """The cards; they are made anew only when a matrix comes or goes."""
+        sheet = self.session.sheet
+        self._matrices.clear()
+        self.grids = {}
+        with self._matrices:
+            for section in sections(sheet.kind, sheet.grids) if sheet.kind else ():
+                with ui.element("section").classes("ctl-card").props(f'aria-label="{section.title}"'):
+                    with ui.element("div").classes("ctl-bar"):
+                        parts.text("h2", section.title)
+                        ui.element("span").classes("ctl-gap")
+                        ui.html(mathml(section.equation, block=True), sanitize=False)
+                    with ui.element("div").classes("ctl-sections"):
+                        for name in section.parts:
+                            self._draw_part(name)
+                        if section.title == "The beginning":
+                            self._draw_times()
+                    self._draw_additions(section)
+            if sheet.kind:
+                ui.label(KEYS).classes("ctl-meaning")
+
+    def _draw_part(self, name: str) -> None:
+        with ui.element("div").classes("ctl-part"):
+            with ui.element("div").classes("ctl-caption"):
+                ui.html(mathml(parts.LATEX.get(name, name), block=True), sanitize=False)
+                parts.text("h3", parts.TITLES[name])
+                parts.help_button(f"model.{name}")
+                if name in {"u", "N", "offset"}:
+                    remove = ui.button(icon="close", on_click=partial(self.do, commands.RemovePart(name)))  # type: ignore[arg-type]
+                    remove.props(
+                        f'flat round dense size=xs aria-label="Remove {parts.TITLES[name]}" data-test=remove-{name}'
+                    )
+            self.grids[name] = Grid(
+                name,
+                partial(self._typed, name),
+                on_block=partial(self._pasted, name),
+                on_remove=self._remove,
+                on_done=self.done,
+                row_kind={"F": "state", "Phi": "state", "H": "measurement"}.get(name, ""),
+                column_kind="noise" if name == "G" else "",
+            )
+
+    def _draw_times(self) -> None:
+        with ui.element("div").classes("ctl-part ctl-small"):
+            for name, label in (("dt", "Period dt"), ("t0", "Beginning t0")):
+                with ui.element("div").classes("ctl-caption"):
+                    parts.text("h3", label)
+                    parts.help_button(f"model.{name}")
+                self._times[name] = Field(
+                    label, partial(self._time_typed, name), self.done, test=name, show_label=False, suffix="s"
+                )
+
+    def _draw_additions(self, section: Section) -> None:
+        sheet = self.session.sheet
+        with ui.element("div").classes("ctl-bar"):
+            if section.title == "The system":
+                parts.add("State", "add-state", partial(self._add, commands.AddState(), "state"))
+                if sheet.kind == "continuous":
+                    parts.add("Noise", "add-noise", partial(self._add, commands.AddNoise(), ""))
+                optional: tuple[str, ...] = ("u", "offset")
+            elif section.title == "The measurement":
+                parts.add(
+                    "Measurement", "add-measurement", partial(self._add, commands.AddMeasurement(), "measurement")
+                )
+                optional = ("N", "R", "Rc")
+            else:
+                optional = ()
+            for part in optional:
+                if part in sheet.missing_parts:
+                    parts.add(parts.PARTS[part], f"add-{part}", partial(self.do, commands.AddPart(part)))  # type: ignore[arg-type]
+
+    def _show_matrices(self) -> None:
+        sheet = self.session.sheet
+        for name, element in self.grids.items():
+            labels: list[Label] = []
+            if name in {"F", "Phi"}:
+                labels = self._labels("states", sheet.states, sheet.units)
+            elif name == "H":
+                labels = self._labels("measurements", sheet.measurements, sheet.measurement_units)
+            element.show(sheet.grids[name], f"{name}, {parts.TITLES[name]}", labels)
+        if self.grids:
+            self._times["dt"].show(sheet.dt)
+            self._times["t0"].show(sheet.shown(("experiment", "t0")) if "t0" in _experiment(sheet) else _default_t0())
+
+    def _labels(self, key: str, names: tuple[str, ...], units: tuple[str, ...]) -> list[Label]:
+        problems = self.session.sheet.problems
+        whole, last = problems.get(f"model.{key}", ""), len(names) - 1
+        return [
+            Label(name, unit, problems.get(f"model.{key}[{i}]", "") or (whole if i == last else ""))
+            for i, (name, unit) in enumerate(zip(names, units, strict=True))
+        ]
+
+    def _show_equations(self) -> None:
+        sheet = self.session.sheet
+        self._equations.show(sheet.equations() if self._inside.value == "numbers" else sheet.statement())
+
+    def _show_problems(self) -> None:
+        problems = self.session.sheet.problems
+        self._problems.props(f"data-count={len(problems)}")
+        if self._told == problems:
+            return
+        self._told = dict(problems)
+        self._problems.clear()
+        with self._problems:
+            ui.icon("check_circle" if not problems else "error_outline").props("aria-hidden=true size=xs")
+            ui.label(
+                "The model is complete."
+                if not problems
+                else f"{len(problems)} to put right:"
+                if len(problems) > 1
+                else "To put right:"
+            )
+            for where, message in list(problems.items())[:LISTED]:
+                words = f"{where.removeprefix('model.')}: {message}" if where else message
+                link = parts.text("button", words).classes("ctl-link").props("type=button")
+                link.on("click", partial(self._go_to, where))
+                name = unknown_name(message)
+                if name and name not in (row.name for row in self.session.sheet.constants):
+                    parts.add(f"Constant {name}", f"add-constant-{name}", partial(self.do, commands.AddConstant(name)))
+            if len(problems) > LISTED:
+                ui.label(f"and {len(problems) - LISTED} more")
+
+    def _go_to(self, where: str) -> None:
+        """Put the caret where a problem is."""
+        if self._view == "text":
+            self._text.run_method("line", line_of(self.session.text, where))
+            return
+        part = where.removeprefix("model.").partition("[")[0]
+        element = self.grids.get(part)
+        if element is not None:
+            element.run_method("enter", where if where.count("[") else "")
+        elif part in self._times:
+            self._times[part].run_method("enter", "")
+        else:
+            self._constants.enter(where)
+
+    # What is typed and pressed ---------------------------------------------------------------------------------------------
+
+    def _typed(self, name: str, key: str, text: str) -> str:
+        try:
+            command = cell_command(self.session.sheet, name, key, text)
+        except (LookupError, ValueError):
+            return ""  # the cell is gone by now
+        return self.type(f"{name},{key}", command)
+
+    def _pasted(self, name: str, row: int, column: int, text: str) -> None:
+        self.do(block_command(self.session.sheet, name, row, column, text))
+
+    def _remove(self, what: str, index: int) -> None:
+        made: dict[str, Callable[[int], commands.Command]] = {
+            "state": commands.RemoveState,
+            "noise": commands.RemoveNoise,
+            "measurement": commands.RemoveMeasurement,
+        }
+        if self.do(made[what](index)) and what != "noise":
+            self._enter_row(what, index)
+
+    def _add(self, command: commands.Command, what: str) -> None:
+        if self.do(command) and what:
+            self._enter_row(what, 10**6)
+
+    def _enter_row(self, what: str, index: int) -> None:
+        """Put the caret into the name of a state or measurement, or of the last."""
+        name = "H" if what == "measurement" else "F" if "F" in self.grids else "Phi"
+        last = len(self.session.sheet.grids[name].rows) - 1
+        self.grids[name].run_method("nameRow", min(index, last))
+
+    def _time_typed(self, name: str, text: str) -> str:
+        return self.type(name, commands.SetDt(text) if name == "dt" else commands.SetExperiment("t0", text))
+
+    def _set_kind(self, kind: str | None) -> None:
+        sheet = self.session.sheet
+        if not kind or kind == sheet.kind:
+            return
+        if self.do(commands.SetKind(kind)):
+            self.shell.tell("The matrices are numbers now; Undo brings the expressions back.")
+        else:
+            self._kind.set_value(sheet.kind or None)
+
+    def _text_typed(self, text: str) -> str:
+        line = self.type("text", commands.Rewrite(text))
+        found = re.match(r"line (\d+)", line)
+        self._wrong_line = int(found[1]) if found else 0
+        self._remember(text if line else "")
+        self._show_view()
+        if not line:
+            self._text.write(self.session.text)
+        return line
+
+    def _go_to_line(self) -> None:
+        self._text.run_method("line", self._wrong_line)
+
+    # Files and dialogs -------------------------------------------------------------------------------------------------------
+
+    def download(self) -> None:
+        """The model file, to be kept elsewhere."""
+        ui.download.content(self.session.text, self.session.filename, "application/toml")
+
+    def open(self, text: str, name: str) -> bool:
+        """Put another model here."""
+        self._remember("")
+        self._view = "cells"
+        done = self.do(commands.Open(text, name))
+        if done:  # what had the focus may be gone
+            ui.run_javascript('document.querySelector(".ctl-main").focus({ preventScroll: true })')
+        return done
+
+    async def _uploaded(self, event: UploadEventArguments) -> None:
+        content = await event.file.read()
+        self._uploader.reset()
+        try:
+            text = decoded(content, event.file.name)
+        except ModelFileError as why:
+            self.shell.complain(_line(why))
+            return
+        if self.open(text, event.file.name):
+            self.shell.tell(f"{event.file.name} is open; Undo brings the model before it back.")
+
+    def _rejected(self) -> None:
+        self.shell.complain(f"file: expected a model file (.toml) of at most {LARGEST // 2**20} MB, received another")
+
+    def open_dialog(self) -> None:
+        """Ready models, and files."""
+        model_dialogs.ready(self.open, self._pick)
+
+    def new_dialog(self) -> None:
+        """How many of everything."""
+        model_dialogs.new(self._begin_new)
+
+    def _begin_new(self, command: commands.New) -> bool:
+        self._remember("")
+        self._view = "cells"
+        done = self.do(command)
+        if done:
+            next(iter(self.grids.values())).run_method("enter", "")
+        return done
+
+    def block_dialog(self) -> None:
+        """Coloured noise from a transfer function or a spectrum."""
+        if self.session.sheet.kind != "continuous":
+            self.shell.tell("Coloured noise is a differential equation: of a continuous model only.")
+            return
+        model_dialogs.block(self.session, self.do)
+
+
+def _label(session: Session, ahead: int) -> str:
+    """What would be taken back (0) or done again (1)."""
+    history = session.history
+    done = sum(step.done for step in history)
+    if ahead:
+        return history[done].label if done < len(history) else ""
+    return history[done - 1].label if done > 1 else ""
+
+
+def _notes(session: Session) -> dict[str, Any]:
+    found = session.store.draft(session.draft.id)
+    return dict(found.notes) if found else {}
+
+
+def _experiment(sheet: Sheet) -> dict[str, Any]:
+    found = sheet.data.get("experiment")
+    return found if isinstance(found, dict) else {}
+
+
+def _default_t0() -> Cell:
+    from ctlabs.workbench.sheet import Cell
+
+    return Cell(("experiment", "t0"), "0", 0.0)
+
+
+def _line(why: BaseException) -> str:
+    return " ".join(str(why).split())
