@@ -565,26 +565,3 @@ def test_in_a_browser_a_database_that_cannot_be_read_is_said_so(served: Server, 
     served.start()
     seen.tab.goto(seen.address)
     seen.tab.wait_for_selector("text=it was moved to workbench.sqlite3.damaged-")
-
-
-@pytest.mark.slow
-def test_the_first_page_is_seen_within_a_second_and_a_half(served: Server, browser: Any) -> None:
-    """From the start of the process to the frame on a warm machine with nothing else to do: the best of five starts."""
-    tab = Watched(browser, served).tab
-    tab.goto(f"http://127.0.0.1:{served.port}")
-    _shows(tab, "model")
-    frames, loads = [], []
-    for _ in range(5):
-        served.end()
-        start = time.perf_counter()
-        subprocess.run([sys.executable, "-c", "import nicegui.ui"], check=True, cwd=served.folder)
-        loads.append(time.perf_counter() - start)
-        start = time.perf_counter()
-        served.start()
-        tab.goto(f"http://127.0.0.1:{served.port}", wait_until="commit")
-        tab.wait_for_selector("nav a")
-        frames.append(time.perf_counter() - start)
-        _shows(tab, "model")
-    if min(loads) > 0.8:
-        pytest.skip(f"the machine is busy or slow: the framework alone takes {min(loads):.1f} s to load")
-    assert min(frames) < 1.5, frames

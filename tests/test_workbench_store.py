@@ -233,16 +233,6 @@ def test_a_text_without_end_is_refused(store: Store) -> None:
         store.edit(draft, "x" * 1_000_001)
 
 
-def test_an_edit_takes_less_than_five_milliseconds(store: Store) -> None:
-    """Saving at every edit is not felt: median of 200 edits of a text of 5000 characters."""
-    draft, text, times = store.new_draft("me", "s").id, "x" * 5000, []
-    for i in range(200):
-        start = time.perf_counter()
-        store.edit(draft, f"{text}{i}")
-        times.append(time.perf_counter() - start)
-    assert sorted(times)[100] < 0.005
-
-
 def test_many_threads_lose_no_edit(store: Store) -> None:
     """Eight tabs that edit and read at once: every edit is in its draft's history, in order; none waits long."""
     drafts, failures = [store.new_draft("me", str(i)).id for i in range(8)], []
