@@ -1,0 +1,537 @@
+"""Understand: what the model tells before any data, part by part, as its constants are moved."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable, Sequence
+from functools import lru_cache, partial
+from html import escape
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from nicegui import background_tasks, ui
+
+from ctlabs.modelfile import loads
+from ctlabs.text import number
+from ctlabs.workbench import commands, figures
+from ctlabs.workbench.help import mathml
+from ctlabs.workbench.pages.cells import POSITIONS, Slider, slider
+from ctlabs.workbench.pages.showing import Show, matrix, table
+from ctlabs.workbench.understanding import Part, Poles, Understanding, understand
+
+if TYPE_CHECKING:
+    from nicegui.events import GenericEventArguments
+
+    from ctlabs.workbench.pages.shell import Shell
+    from ctlabs.workbench.session import Session
+    from ctlabs.workbench.sheet import ConstantRow
+
+#: States and pairs that are drawn at first.
+SHOWN = 4
+#: How often a slider that is being moved is followed, in seconds.
+FOLLOW = 0.08
+
+_STYLE = """
+.und-constants { width: 100%; display: grid; grid-template-columns: repeat(auto-fill, minmax(15rem, 1fr)); gap: .5rem 1.25rem; }
+.und-constant { min-width: 0; display: flex; flex-direction: column; }
+.und-summary { margin: 0; padding-left: 1.2rem; list-style: disc; line-height: 1.5; max-width: 60rem; }
+.und-summary li { overflow-wrap: anywhere; }
+"""
+
+
+def page(session: Session, shell: Shell) -> None:
+    """Draw the page."""
+    _Understand(session, shell).draw()
+
+
+class _Understand:
+    """The page in one tab."""
+
+    def __init__(self, session: Session, shell: Shell) -> None:
+        self.session, self.shell = session, shell
+        self.show = Show(shell)
+        self.states: list[int] | None = None
+        self.pairs: list[str] | None = None
+        self.found: Understanding | None = None
+        self.wanted: Callable[[], Understanding] | None = None
+        self.tag: tuple[str, float] | None = None
+        self.computing = self.left = False
+        self.constants: dict[str, _Constant] = {}
+
+    # Drawing ---------------------------------------------------------------------------------------------------------
+
+    def draw(self) -> None:
+        ui.html(f"<style>{_STYLE}</style>", sanitize=False).classes("hidden")
+        self.shell.name_draft(self.session.title)
+        with self.show.card("In short", wide=True, test="summary") as card:
+            self.box = card.section
+            self.summary = ui.html("<p>Computing…</p>", sanitize=False).props("role=status aria-live=polite")
+            self.to_model = ui.button("Go to the model", icon="grid_on", on_click=lambda: self.shell.go("model"))
+            self.to_model.props("outline no-caps dense data-test=go-model")
+        with self.show.card("Constants", "model.constants", wide=True, test="constants") as card:
+            self.constants_card = card.section
+            ui.label("Move one and see what it changes; it is saved in the model when you let go.").classes("show-hint")
+            self.strip = ui.element("div").classes("und-constants")
+        self._draw_constants()
+        with ui.element("div").classes("show-grid"):
+            self._draw_observability()
+            self._draw_detectability()
+            self._draw_poles()
+            self._draw_steady()
+            self._draw_transient()
+            self._draw_filter()
+        self.shell.shortcut("mod+z", "Undo", self._undo, in_fields=False)
+        self.shell.shortcut("mod+shift+z", "Redo", self._redo, in_fields=False)
+        self.shell.on_leave(self._leave)
+        self._want(partial(_understood, self.session.text))
+
+    def _draw_observability(self) -> None:
+        with self.show.card("Observability", "understand.observability", test="observability"):
+            self.observability = _Body()
+
+    def _draw_detectability(self) -> None:
+        with self.show.card("Detectability", "understand.detectability", test="detectability"):
+            self.detectability = _Body()
+
+    def _draw_poles(self) -> None:
+        with self.show.card("Poles", "understand.poles", wide=True, test="poles"):
+            self.pole_tables = _Body()
+            with ui.element("div").classes("show-grid"):
+                self.plane_z, self.plane_s = self.show.plot(test="plot-poles-z"), self.show.plot(test="plot-poles-s")
+
+    def _draw_steady(self) -> None:
+        with self.show.card("Steady state", "understand.steady", wide=True, test="steady") as card:
+            with card.head:
+                ui.space()
+                self.copy_steady = self.show.copy(
+                    self._steady_text, "Copy the matrices", test="copy-steady", words="Numbers"
+                )
+            self.steady = _Body()
+
+    def _draw_transient(self) -> None:
+        with self.show.card("Standard deviation over time", "understand.variance", wide=True, test="transient"):
+            self.transient = _Body()
+            self.choose_states = ui.select({}, multiple=True, label="States shown", on_change=self._states_chosen)
+            self.choose_states.props("outlined dense use-chips data-test=understand-states").classes("w-full")
+            self.deviations = self.show.plot(test="plot-transient", title=False)
+
+    def _draw_filter(self) -> None:
+        with self.show.card("Transfer function of the filter", "understand.transfer", wide=True, test="transfer"):
+            self.transfer = _Body()
+        with self.show.card("Bode plot of the filter", "understand.bode", wide=True, test="bode"):
+            self.bode_body = _Body()
+            self.choose_pairs = ui.select(
+                [], multiple=True, label="Estimate ← measurement", on_change=self._pairs_chosen
+            )
+            self.choose_pairs.props("outlined dense use-chips data-test=understand-pairs").classes("w-full")
+            self.bode = self.show.plot(test="plot-bode", title=False)
+
+    def _draw_constants(self) -> None:
+        rows = self.session.sheet.constants
+        self.constants_card.set_visibility(bool(rows))
+        self.strip.clear()
+        with self.strip:
+            self.constants = {row.name: _Constant(self, row) for row in rows}
+
+    # Filling ---------------------------------------------------------------------------------------------------------
+
+    def changed(self, tag: tuple[str, float] | None = None) -> None:
+        """The model has changed; ``tag``, the constant that has been moved and its value."""
+        rows = self.session.sheet.constants
+        if [(row.name, row.min, row.max) for row in rows] == [each.range for each in self.constants.values()]:
+            for row in rows:
+                self.constants[row.name].set(row)
+        else:
+            self._draw_constants()
+        self._want(partial(_understood, self.session.text), tag)
+
+    def preview(self, name: str, value: float) -> None:
+        """What another value of a constant would change; nothing is saved."""
+        try:
+            file = self.session.file.replace({name: value})
+        except ValueError:  # something else is wrong with the model, and is said
+            return
+        self._want(partial(understand, file), (name, value))
+
+    def _want(self, work: Callable[[], Understanding], tag: tuple[str, float] | None = None) -> None:
+        """Understand something, in a thread; of several that are wanted meanwhile only the last one.
+
+        ``tag`` : a constant and its value; what has been understood with the same tag just before is not understood again.
+        """
+        if tag is not None and tag == self.tag:
+            return
+        self.wanted, self.tag = work, tag
+        if not self.computing:
+            self.computing = True
+            background_tasks.create(self._compute(), name="understand")
+
+    async def _compute(self) -> None:
+        try:
+            while self.wanted is not None and not self.left:
+                work, self.wanted = self.wanted, None
+                found = await asyncio.to_thread(work)
+                if self.wanted is None and not self.left and found is not self.found:
+                    self.found = found
+                    with self.box:
+                        self._fill(found)
+        finally:
+            self.computing = False
+
+    def _leave(self) -> None:
+        self.left = True
+
+    def set_constant(self, name: str, text: str, *, moved: bool = False) -> str:
+        """Put a value into the model, typed or ``moved`` there; why not, if not."""
+        self.shell.saving()
+        try:
+            self.session.do(commands.SetConstant(name, text))
+        except ValueError as why:
+            self.shell.saved()
+            return str(why)
+        except Exception as why:
+            self.shell.not_saved(" ".join(str(why).split()))
+            raise
+        self.shell.saved()
+        self.changed((name, float(text)) if moved else None)
+        return self.session.sheet.shown(("constants", name)).problem or ""
+
+    def _undo(self) -> None:
+        self._moved(self.session.undo)
+
+    def _redo(self) -> None:
+        self._moved(self.session.redo)
+
+    def _moved(self, move: Any) -> None:
+        try:
+            label = move()
+        except ValueError as why:
+            self.shell.tell(str(why))
+            return
+        self.shell.saved()
+        self.shell.tell(f"{move.__name__.capitalize()}: {label}")
+        self.changed()
+
+    def _fill(self, found: Understanding) -> None:
+        problems = self.session.problems()
+        self.to_model.set_visibility(bool(problems))
+        lines = found.sentences or (found.discrete.reason,)
+        self.summary.content = f'<ul class="und-summary">{"".join(f"<li>{escape(line)}</li>" for line in lines)}</ul>'
+        self._fill_observability(found)
+        self._fill_poles(found)
+        self._fill_steady(found)
+        self._fill_transient(found)
+        self._fill_transfer(found)
+
+    def _fill_observability(self, found: Understanding) -> None:
+        part = found.observability
+        if not part:
+            self.observability.reason(part)
+            self.detectability.reason(part)
+            return
+        seen = part.value
+        n = len(seen.ranks)
+        verdict = _good(f"Yes: all {n} states are observable.") if seen.ok else _bad(f"No: rank {seen.rank} of {n}.")
+        rows = [
+            [complex(v), f"{rank} of {n}", float(s)]
+            for v, rank, s in zip(seen.eigenvalues, seen.ranks, seen.sigma_min, strict=True)
+        ]
+        content = [verdict, table(["Eigenvalue", "Rank of [λI − Φ; H]", "Smallest singular value, relative"], rows)]
+        if not seen.ok:
+            content.append(f"<p>Never seen: {escape('; '.join(seen.unobservable_modes))}.</p>")
+            names = [f"direction {i + 1}" for i in range(seen.unobservable.shape[1])]
+            content.append(matrix("States that no measurement tells", seen.unobservable, found.states, names))
+        if loss := found.sampling.found:
+            content.append(f'<p class="show-hint">{escape(_sampling(loss))}</p>')
+        self.observability.content("".join(content))
+        if seen.detectable:
+            words = (
+                "every mode that does not die out by itself is measured"
+                if seen.ok
+                else "what is not seen dies out by itself"
+            )
+            self.detectability.content(_good(f"Yes: {words}, so the filter's errors stay bounded."))
+        else:
+            modes = "; ".join(seen.undetectable_modes)
+            self.detectability.content(
+                _bad("No.")
+                + f"<p>{escape(modes)}: it neither dies out nor is measured, so its error grows or stays as it began.</p>"
+            )
+
+    def _fill_poles(self, found: Understanding) -> None:
+        content, z, s = [], found.poles, found.poles_continuous
+        for part, plot, title in (
+            (z, self.plane_z, "Samples, plane of z"),
+            (s, self.plane_s, "Continuous, plane of s"),
+        ):
+            if part:
+                content.append(_pole_table(part.value, title, found))
+                plot.show(figures.poles(part.value))
+            else:
+                plot.hide()
+        if not z:
+            self.pole_tables.reason(z)
+            return
+        if z.value.filter is None:
+            content.append(
+                f'<p class="show-why">No steady filter, so no poles of one: {escape(found.limit.reason)}</p>'
+            )
+        self.pole_tables.content(f'<div class="show-side">{"".join(content)}</div>')
+
+    def _fill_steady(self, found: Understanding) -> None:
+        self.copy_steady.set_visibility(bool(found.limit))
+        if not found.limit:
+            self.steady.reason(found.limit)
+            return
+        limit = found.limit.value
+        names, sensors = found.states, found.measurements
+        rows = [
+            [name, float(minus), float(plus), unit or "1"]
+            for name, minus, plus, unit in zip(names, limit.sd_minus, limit.sd_plus, found.units, strict=True)
+        ]
+        settled = (
+            f"Every variance stays within 1 % of its limit from step {limit.settled} ({number(limit.time, 4)} s) on."
+            if limit.settled is not None
+            else "The variances do not come within 1 % of their limits in the steps that were tried."
+        )
+        content = [f"<p>{escape(settled)}</p>", '<div class="show-side">']
+        content.append(table(["State", "σ⁻", "σ⁺", "Unit"], rows, "Standard deviations"))
+        content += [matrix(name, values, names, columns) for name, values, columns in _matrices(found)]
+        content.append("</div>")
+        if not found.continuous_limit and found.continuous and found.continuous.value.Rc is not None:
+            content.append(
+                f'<p class="show-hint">Of a continuous measurement: {escape(found.continuous_limit.reason)}.</p>'
+            )
+        if bucy := found.continuous_limit.found:
+            content.append('<p>Of the continuous measurement (the Kalman–Bucy filter):</p><div class="show-side">')
+            content.append(matrix("P", bucy.P, names, names) + matrix("Gain Kc", bucy.Kc, names, sensors) + "</div>")
+        self.steady.content("".join(content))
+
+    def _steady_text(self) -> str:
+        found = self.found
+        if found is None or not found.limit:
+            return ""
+        rows: list[Sequence[object]] = []
+        for name, values, columns in _matrices(found):
+            rows += [
+                [name, *columns],
+                *([state, *map(float, row)] for state, row in zip(found.states, values, strict=True)),
+                [],
+            ]
+        return figures.table(rows)
+
+    def _fill_transient(self, found: Understanding) -> None:
+        part = found.transient
+        n = len(found.states)
+        self.choose_states.set_visibility(bool(part) and n > SHOWN)
+        if not part:
+            self.transient.reason(part)
+            self.deviations.hide()
+            return
+        self.transient.content("")
+        if self.states is None or any(i >= n for i in self.states):
+            self.states = list(range(min(n, SHOWN)))
+        options = dict(enumerate(found.states))
+        if self.choose_states.options != options or self.choose_states.value != self.states:
+            self.choose_states.set_options(options, value=self.states)
+        self.deviations.show(figures.deviations(found, self.states))
+
+    def _states_chosen(self) -> None:
+        chosen = sorted(self.choose_states.value or [])
+        if chosen and chosen != self.states and self.found is not None:
+            self.states = chosen
+            self._fill_transient(self.found)
+
+    def _fill_transfer(self, found: Understanding) -> None:
+        if found.transfers:
+            lines = [
+                rf"\frac{{\hat x_{{{_letter(each.state)}}}}}{{{_letter(each.measurement)}}} = {each.latex}"
+                for each in found.transfers.value
+            ]
+            self.transfer.content(
+                "".join(f'<div class="show-equation" tabindex="0">{_mathml(line)}</div>' for line in lines)
+            )
+        else:
+            self.transfer.reason(found.transfers)
+        part = found.bode
+        names = list(part.value.names) if part else []
+        self.choose_pairs.set_visibility(len(names) > SHOWN)
+        if not part:
+            self.bode_body.reason(part)
+            self.bode.hide()
+            return
+        self.bode_body.content("")
+        if self.pairs is None or not set(self.pairs) <= set(names):
+            self.pairs = names[:SHOWN]
+        if self.choose_pairs.options != names or self.choose_pairs.value != self.pairs:
+            self.choose_pairs.set_options(names, value=self.pairs)
+        self.bode.show(figures.bode(part.value, self.pairs))
+
+    def _pairs_chosen(self) -> None:
+        chosen = [name for name in self.choose_pairs.options if name in (self.choose_pairs.value or [])]
+        if chosen and chosen != self.pairs and self.found is not None:
+            self.pairs = chosen
+            self._fill_transfer(self.found)
+
+
+@lru_cache(maxsize=32)
+def _understood(text: str) -> Understanding:
+    """What can be said of a text; a model that one comes back to is there at once."""
+    return understand(loads(text, "", check=False))
+
+
+class _Body:
+    """What stands in a card: a result, or why there is none."""
+
+    def __init__(self) -> None:
+        self._why = ui.label("").classes("show-why").props("data-test=reason")
+        self._html = ui.html("", sanitize=False).classes("w-full")
+        self._why.set_visibility(False)
+
+    def content(self, html: str) -> None:
+        """A result."""
+        self._why.set_visibility(False)
+        self._html.content = html
+
+    def reason(self, part: Part[Any]) -> None:
+        """Why there is none."""
+        self._why.text = f"Not possible: {part.reason}"
+        self._why.set_visibility(True)
+        self._html.content = ""
+
+
+class _Constant:
+    """A constant that can be typed, and moved where it has a range."""
+
+    def __init__(self, page: _Understand, row: ConstantRow) -> None:
+        self.page, self.name = page, row.name
+        self._slider: Slider | None = None
+        with ui.element("div").classes("und-constant").props(f"data-test=constant-{row.name}"):
+            label = f"{row.name}, {row.unit}" if row.unit else row.name
+            self.input = ui.input(label, value=row.cell.text).classes("w-full").props("outlined dense")
+            if row.meaning:
+                self.input.props["hint"] = row.meaning
+                self.input.props("hide-hint")
+            self.input.on("blur", self._typed).on("keydown.enter", self._typed)
+            self._slider = slider(row.min, row.max)
+            self.knob: ui.slider | None = None
+            if self._slider is not None:
+                self.knob = ui.slider(min=0, max=POSITIONS, step=1, value=self._slider.position(row.cell.value or 0.0))
+                self.knob.props(f"data-test=slider-{row.name}")
+                self.knob.props["aria-label"] = f"{label}, slider"
+                self.knob.on("update:model-value", self._sliding, throttle=FOLLOW)
+                self.knob.on("change", self._slid)
+        self.set(row)
+
+    def set(self, row: ConstantRow) -> None:
+        """Show what is in the model."""
+        self.range = (row.name, row.min, row.max)
+        self._text = row.cell.text
+        self.input.value = row.cell.text
+        self.complain(row.cell.problem or "")
+        if self.knob is not None and self._slider is not None:
+            movable = row.cell.value is not None and _is_number(row.cell.text)
+            self.knob.set_enabled(movable)
+            if row.cell.value is not None and not math.isnan(row.cell.value):
+                self.knob.value = self._slider.position(row.cell.value)
+
+    def complain(self, line: str) -> None:
+        """What is wrong with it; nothing, if empty."""
+        self.input.error = line or None
+        if line:
+            self.input.props("aria-invalid=true")
+        else:
+            self.input.props(remove="aria-invalid")
+
+    def _typed(self) -> None:
+        text = str(self.input.value or "").strip()
+        if text != self._text:
+            self.complain(self.page.set_constant(self.name, text))
+
+    def _at(self, event: GenericEventArguments) -> str:
+        assert self._slider is not None
+        position = event.args if isinstance(event.args, int | float) else self.knob.value if self.knob else 0
+        return figures.plain(self._slider.at(round(float(position))))
+
+    def _sliding(self, event: GenericEventArguments) -> None:
+        text = self._at(event)
+        if text != self.input.value:
+            self.input.value = text
+            self.page.preview(self.name, float(text))
+
+    def _slid(self, event: GenericEventArguments) -> None:
+        text = self._at(event)
+        if text != self._text:
+            self.page.set_constant(self.name, text, moved=True)
+
+
+# In HTML -------------------------------------------------------------------------------------------------------------
+
+
+def _good(line: str) -> str:
+    return f'<p class="show-good">{escape(line)}</p>'
+
+
+def _bad(line: str) -> str:
+    return f'<p class="show-bad">{escape(line)}</p>'
+
+
+def _matrices(found: Understanding) -> list[tuple[str, Any, tuple[str, ...]]]:
+    """The matrices of the steady filter with the names of their columns."""
+    state, names, sensors = found.limit.value.state, found.states, found.measurements
+    return [
+        ("P⁻ before an update", state.P_minus, names),
+        ("P⁺ after an update", state.P_plus, names),
+        ("Gain K of the filter", state.K, sensors),
+        ("Gain of the predictor", state.K_pred, sensors),
+    ]
+
+
+def _sampling(loss: Any) -> str:
+    if loss.lost:
+        return f"Sampling every {loss.dt:g} s loses something: a continuous measurement would have rank {loss.rank_continuous}."
+    if not loss.losing_periods or not math.isfinite(loss.distance):
+        return f"Sampling every {loss.dt:g} s loses nothing, and no other period would."
+    nearest = ", ".join(f"{period:.4g}" for period in loss.losing_periods[:3])
+    return (
+        f"Sampling every {loss.dt:g} s loses nothing. Periods at which modes can no longer be told apart: {nearest} s."
+    )
+
+
+def _pole_table(found: Poles, title: str, of: Understanding) -> str:
+    """Poles with what they mean: their size, and how long a deviation lasts."""
+    dt = of.discrete.value.dt if of.discrete else 1.0
+    heads = ["Of the", "Pole", "|z|, 1" if found.plane == "z" else "Frequency, rad/s", "Time constant, s"]
+    rows: list[list[Any]] = []
+    for name, values in (("model", found.model), ("filter", found.filter)):
+        for value in sorted([] if values is None else values, key=lambda v: (-abs(v), v.imag)):
+            decay = -math.log(abs(value)) / dt if found.plane == "z" and abs(value) > 0 else -value.real
+            if found.plane == "z" and abs(value) == 0:
+                lasts = "none: gone in a step"
+            elif abs(decay) <= 1e-9 * max(1.0 / dt if found.plane == "z" else abs(value), 1e-300) or decay == 0:
+                lasts = "∞"
+            else:
+                lasts = number(1 / decay, 4) if decay > 0 else f"grows, {number(-1 / decay, 4)}"
+            size = abs(value)
+            rows.append([name, complex(value), float(size), lasts])
+    return table(heads, rows, title)
+
+
+def _letter(name: str) -> str:
+    """A name inside an equation."""
+    plain = "".join(c for c in name if c.isalnum() or c in " _-").replace("_", r"\_")
+    return rf"\text{{{plain}}}" if plain else r"\square"
+
+
+def _mathml(latex: str) -> str:
+    try:
+        return mathml(latex, block=True)
+    except Exception:  # the converter has no common class of its errors
+        return f"<code>{escape(latex)}</code>"
+
+
+def _is_number(text: str) -> bool:
+    try:
+        return bool(np.isfinite(float(text)))
+    except ValueError:
+        return False
