@@ -126,6 +126,8 @@ def _bytes(path: str | Path, source: str) -> bytes:
     """What the file holds, at most LARGEST."""
     try:
         if str(path) == "-":
+            if sys.stdin is None:  # closed: <&-
+                raise ValueError("stdin: expected values on the standard input, received a closed one")
             content = sys.stdin.buffer.read(LARGEST + 1)
         else:
             with Path(path).open("rb") as file:
@@ -245,7 +247,9 @@ def _numbers(row: _Row, table: _Table, marks: dict[str, str], source: str) -> li
         cells = cells[:wanted]
     if len(cells) != wanted:
         hint = (
-            " (a decimal comma needs ; or a tab between columns)" if len(cells) > wanted and table.mark == "," else ""
+            " (a decimal comma needs ; or a tab between columns)"
+            if wanted < len(cells) <= 2 * wanted and table.mark == ","
+            else ""
         )
         columns = f"{wanted} column{'s' if wanted > 1 else ''} ({', '.join(table.header)})"
         raise ValueError(f"{source}: line {row.line}: expected {columns}, received {len(cells)}{hint}")

@@ -134,7 +134,7 @@ def diagnose(
     suspicious = min(tests.values()) < _share(level, len(tests))
     verdict, words = ("consistent", _("nothing speaks against the model"))
     if suspicious:
-        verdict, words = _explained(model, data, first, level, own)
+        verdict, words = _explained(model, data, first, level, own, scales)
     elif own.dof < FEWEST:
         words += fill(_(" (but so few innovations, {count}, could hardly do so)"), count=own.dof)
     alone = {c.kind: c.size for c in scales}
@@ -308,11 +308,11 @@ def _scales(model: DiscreteModel, z: Array, first: int) -> list[Candidate]:
 
         bounds = {"R": (NOTHING, None), "Qd": (0.0, None)}  # R = 0 itself would take the filter's slow way
         own = {name: bounds[name] for name in names}
-        fitted = fitting.fit(build, z, start, own, first, profiles=False, starts=0)
-        size = tuple(fitted.estimates[name] for name in names)
-        gain = max(2 * (fitted.log_likelihood - here), 0.0)
+        factors, top = fitting.most_likely(build, z, start, own, first)
+        gain = max(2 * (top - here), 0.0)
         p = float(special.chdtrc(len(names), gain))
-        found.append(Candidate(" and ".join(names), 0, size, gain, p, fitted.model, np.zeros(model.m)))
+        size = tuple(factors.values())
+        found.append(Candidate(" and ".join(names), 0, size, gain, p, build(factors), np.zeros(model.m)))
     return found
 
 
@@ -372,13 +372,15 @@ def _best(candidates: Sequence[Candidate], level: float) -> Candidate | None:
     return min(found, key=lambda c: 2 * len(c.size) - c.gain, default=None)
 
 
-def _explained(model: DiscreteModel, z: Array, first: int, level: float, own: _Tests) -> tuple[str, str]:
+def _explained(
+    model: DiscreteModel, z: Array, first: int, level: float, own: _Tests, scales: list[Candidate]
+) -> tuple[str, str]:
     """Verdict and words where a test has failed: up to two changes, and what they leave unexplained."""
     changes: list[Candidate] = []
     words: list[str] = []
     left = own
-    for _again in range(2):
-        candidates = [*_scales(model, z, first), *_constants(model, z, first)]
+    for again in range(2):
+        candidates = [*(_scales(model, z, first) if again else scales), *_constants(model, z, first)]
         best = _best(candidates, level)
         if best is None:
             break

@@ -142,6 +142,25 @@ def fit(
     )
 
 
+def most_likely(
+    build: Build, z: ArrayLike, start: Mapping[str, float], bounds: Bounds | None = None, first: int = 1
+) -> tuple[dict[str, float], float]:
+    """Estimates and log-likelihood of the maximum next to the start, without their accuracy: a third of :func:`fit`'s work.
+
+    Parameters and refusals are those of :func:`fit`.
+
+    >>> def scatter(c):
+    ...     return DiscreteModel([[0]], [[0]], [[1]], [[c["r"]]], x0=[0], P0=[[0]])
+    >>> round(most_likely(scatter, [[np.nan], [1.0], [-2.0], [4.0]], {"r": 1.0}, {"r": (0, None)})[0]["r"], 2)
+    7.0
+    """
+    names, box = _box(start, bounds)
+    likelihood = _Likelihood(build, z, names, first)
+    likelihood.at_start(box.start)
+    top = maximum.nearest(likelihood, box)
+    return _named(names, top), likelihood(top)
+
+
 class _Likelihood:
     """ℓ as a function of the constants' values, −∞ where they make no model; every value is computed once."""
 

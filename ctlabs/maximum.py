@@ -92,13 +92,19 @@ def search(f: Function, box: Box, starts: int = 2) -> Top:
     return finish(f, box, max(found, key=f))
 
 
+def nearest(f: Function, box: Box) -> Array:
+    """The maximum next to the start, without its derivatives: the value to far less than 1, for ratios of likelihoods.
+
+    >>> nearest(lambda x: float(3 * np.log(x[0]) - x[0]), Box(np.array([1.0]), np.array([0.0]), np.array([np.inf]))).round(2)
+    array([3.])
+    """
+    size = np.array([1.0 if box.log[i] else width(f, box, box.start, i, box.size[i]) for i in range(len(box.start))])
+    return _on_bounds(f, box, _climb(f, box, box.start, size, box.log))
+
+
 def finish(f: Function, box: Box, x: Array) -> Top:
     """The maximum next to x, to the last digits, on a bound if it is there."""
-    for i in range(len(x)):
-        for bound in (box.lower[i], box.upper[i]):
-            # A bound may be costly (a perfect measurement): it is tried only if the way there does not lead down.
-            if np.isfinite(bound) and f(_moved(x, i, bound + 1e-6 * (x[i] - bound))) > f(x) - 0.01:
-                x = max((_moved(x, i, bound), x), key=f)
+    x = _on_bounds(f, box, x)
     lengths = _widths(f, box, x, box.size)
     x = _climb(f, box, x, lengths, np.zeros(len(x), dtype=bool))
     lengths = _widths(f, box, x, lengths)
@@ -323,6 +329,18 @@ def _second(f: Function, x: Array, here: float, h: Array, i: int, j: int) -> flo
         return float(sum(values) / h[i] ** 2) if np.isfinite(values).all() else np.nan
     values4 = (at(1, 1), -at(1, -1), -at(-1, 1), at(-1, -1))
     return float(sum(values4) / (4 * h[i] * h[j])) if np.isfinite(values4).all() else np.nan
+
+
+def _on_bounds(f: Function, box: Box, x: Array) -> Array:
+    """x, or the point beside it on a bound where f is larger.
+
+    A bound may be costly (a perfect measurement): it is tried only if the way there does not lead down.
+    """
+    for i in range(len(x)):
+        for bound in (box.lower[i], box.upper[i]):
+            if np.isfinite(bound) and f(_moved(x, i, bound + 1e-6 * (x[i] - bound))) > f(x) - 0.01:
+                x = max((_moved(x, i, bound), x), key=f)
+    return x
 
 
 def _widths(f: Function, box: Box, x: Array, guess: Array) -> Array:

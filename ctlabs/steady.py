@@ -9,6 +9,7 @@ first (P is zero along it) and the equation solved on the rest.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -149,7 +150,10 @@ def _limit(A: Array, H: Array, Q: Array, R: Array) -> Array:
     """Limit of P⁻ for transition A, no cross term, all elements of H measured."""
     T, left = observability.driven(A, Q, continuous=False)
     W = left @ Q @ left.T
-    P = T @ _stabilising(left @ A @ T, H @ T, 0.5 * (W + W.T), R) @ T.T
+    # Every measurement in the unit of its own σ: noises of very different size make no system of equations singular then.
+    sd = np.sqrt(np.diag(R) + np.diag(H @ Q @ H.T))
+    unit = 2.0 ** -np.round(np.log2(np.where(sd > 0, sd, 1.0)))
+    P = T @ _stabilising(left @ A @ T, unit[:, None] * (H @ T), 0.5 * (W + W.T), R * np.outer(unit, unit)) @ T.T
     return 0.5 * (P + P.T)
 
 
@@ -162,7 +166,10 @@ def _stabilising(A: Array, H: Array, Q: Array, R: Array) -> Array:
     import control  # costs 1 s to import
 
     try:
-        with np.errstate(invalid="ignore"):  # scipy casts its scale factors to integers, and uses only those that fit
+        # scipy casts its scale factors to integers, and uses only those that fit; where S is nearly singular it warns of
+        # the gain, which is computed anew below.
+        with np.errstate(invalid="ignore"), warnings.catch_warnings():
+            warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
             P, poles, _ = control.dare(A.T, H.T, 0.5 * (Q + Q.T), R)  # it refuses asymmetry by rounding
     except (ValueError, np.linalg.LinAlgError):  # its ordered Schur form fails for slow filters with double poles
         if np.linalg.cond(R) > 1e12:

@@ -218,6 +218,53 @@ class TestRefusals:
         assert files(tmp_path) == before
         assert ctlabs("analyse", "nile.toml", "--out", "mine") == 0
 
+    def test_results_never_replace_what_they_are_computed_from(self, ctlabs, tmp_path, plain):
+        """Simulated data stand in the model's own folder, where the filter's results would go."""
+        assert ctlabs("simulate", "nile.toml", "--runs", "20", "--csv", "1") == 0
+        before = files(tmp_path)
+        for command in (["filter"], ["fit", "--free", "q"], ["compare"]):
+            assert ctlabs(*command, "nile.toml", "nile/data.csv") == 2
+            assert re.fullmatch(r"ctlabs: --out nile: expected .*, received the one with data\.csv: .*\n", ctlabs.err)
+        assert ctlabs("filter", "nile.toml", "flow.csv", "--export", "nile/gains.h") == 2
+        assert ctlabs.err.startswith("ctlabs: --export nile/gains.h: expected a file outside the folder of the results")
+        assert files(tmp_path) == before
+        assert ctlabs("filter", "nile.toml", "nile/data.csv", "--out", "other") == 0
+
+    def test_a_replaced_folder_is_told_beside_json_too(self, ctlabs, plain):
+        """On the standard error, as the standard output holds JSON alone."""
+        assert ctlabs("filter", "nile.toml", "flow.csv", "--json") == 0
+        assert ctlabs.err == ""
+        assert ctlabs("filter", "nile.toml", "flow.csv", "--json") == 0
+        assert ctlabs.err == f"{Path('nile/report.html')} (replaces the results that stood there)\n"
+
+    @pytest.mark.parametrize("arguments", [["-", "flow.csv"], ["nile.toml", "-"]])
+    def test_a_closed_standard_input_is_refused(self, ctlabs, monkeypatch, arguments):
+        """As a shell closes it with <&-."""
+        monkeypatch.setattr(sys, "stdin", None)
+        assert ctlabs("filter", *arguments) == 2
+        assert re.fullmatch(r"ctlabs: stdin: expected .* on the standard input, received a closed one\n", ctlabs.err)
+
+    @pytest.mark.parametrize(
+        ("error", "line"),
+        [
+            (
+                OSError(28, "No space left on device"),
+                r"--out nile: expected a folder that can be written, received: No space .*",
+            ),
+            (MemoryError(), r"expected a task that fits into the memory, .*"),
+        ],
+    )
+    def test_a_machine_that_is_full_is_told_in_one_line(self, ctlabs, tmp_path, monkeypatch, error, line):
+        """The disk while the report is written, or the memory; nothing is left behind."""
+
+        def full(*_arguments):
+            raise error
+
+        monkeypatch.setattr(render, "_fill", full)
+        assert ctlabs("filter", "nile.toml", "flow.csv") == 2
+        assert re.fullmatch(f"ctlabs: {line}\n", ctlabs.err)
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["flow.csv", "nile.toml"]
+
     def test_an_interrupt_leaves_the_previous_results(self, ctlabs, tmp_path, plain, monkeypatch):
         """Ctrl-C while a report is computed or written."""
         assert ctlabs("analyse", "nile.toml") == 0

@@ -327,3 +327,15 @@ class TestRefusals:
         z = record(level(), 30, np.random.default_rng(0))
         with pytest.raises(ValueError, match="level: expected a probability between 0 and 1"):
             diagnosis.diagnose(level(), records.filter_record(level(), z), z, level=probability)
+
+
+@pytest.mark.parametrize(("a", "b"), [(1.0, 1.0), (5.0, 1.0), (9.0, 9.0)])
+def test_a_verdict_takes_few_likelihoods(a, b, monkeypatch):
+    """It filters the record some hundred times, so that long records can be judged."""
+    model, calls = tracked(), []
+    z = record(diagnosis._scaled(model, a, b), 400, np.random.default_rng(0))
+    own = records.log_likelihood
+    monkeypatch.setattr(records, "log_likelihood", lambda *given: calls.append(0) or own(*given))
+    found = diagnosis.diagnose(model, records.filter_record(model, z), z)
+    assert found.factors == pytest.approx((a, b), rel=0.5)
+    assert 20 < len(calls) < 200

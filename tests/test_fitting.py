@@ -383,3 +383,15 @@ def test_the_start_is_reported_as_given():
         reference.log_likelihood(level(flow().start), nile.FLOW[:, None], 0), rel=EXACT * 1e3
     )
     assert flow().start_log_likelihood < flow().log_likelihood
+
+
+@pytest.mark.parametrize("start", [{"q": 1000.0, "r": 10000.0}, {"q": 30.0, "r": 3e5}])
+def test_the_estimates_alone_are_those_of_the_whole_fit(start):
+    """To the accuracy of the record, from far off too; a bound is reached where it is the best."""
+    found, top = fitting.most_likely(level, nile.FLOW[:, None], start, POSITIVE, 0)
+    whole = flow()
+    assert top == pytest.approx(whole.log_likelihood, abs=1e-4)
+    assert all(abs(found[name] - whole.estimates[name]) < 0.01 * whole.standard_errors[name] for name in found)
+    z = np.random.default_rng(3).normal(size=(200, 1))
+    on_bound, _top = fitting.most_likely(lambda c: level({"q": c["q"], "r": 1.0}), z, {"q": 1.0}, {"q": (0, None)})
+    assert 0.0 <= on_bound["q"] < 1e-6

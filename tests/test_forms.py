@@ -345,6 +345,31 @@ def test_a_variance_that_should_vanish_is_judged_by_what_is_left():
     assert short.error_variance[0] >= np.sqrt(left / 10)
 
 
+def test_a_reference_at_hand_is_not_computed_again(monkeypatch):
+    """``exact`` gives the same errors; they are those against it."""
+    exact, whole = forms.reference(WALK, Z), forms.compare(WALK, Z, ["ud", "conventional"])
+    off = dataclasses.replace(exact, P_plus=1.05 * exact.P_plus)
+    monkeypatch.setattr(forms.run.__globals__["reference"], "__code__", _never.__code__)
+    again = forms.compare(WALK, Z, ["ud", "conventional"], exact=exact)
+    assert [c.error_P for c in again] == [c.error_P for c in whole]
+    assert forms.compare(WALK, Z, ["ud"], exact=off)[0].error_P == pytest.approx(0.05 / 1.05, rel=1e-6)
+
+
+def _never(model, z, first=1):
+    raise AssertionError
+
+
+def test_a_perfect_measurement_beside_singular_innovations_is_told():
+    """Two precise sensors of one state, which rounding makes equal, and a perfect one of the same state."""
+    model = DiscreteModel(
+        np.eye(2), np.zeros((2, 2)), [[1, 0]] * 3, np.diag([1e-30, 1e-30, 0]), x0=[0, 0], P0=np.eye(2)
+    )
+    with pytest.raises(
+        FloatingPointError, match=r"S: expected .* beside a perfect measurement .*, received one singular"
+    ):
+        forms.run(model, np.ones((3, 3)), "ud")
+
+
 def test_a_chosen_few_are_compared():
     """compare takes names, in their order; by default all, in the order of the table."""
     assert [c.name for c in forms.compare(WALK, Z, ["ud", "joseph"])] == ["ud", "joseph"]

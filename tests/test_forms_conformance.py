@@ -516,3 +516,43 @@ def test_factored_forms_survive_long_runs_with_little_noise():
     for form in FACTORED:
         assert error_of_P(model, z, form, exact) < 1e-6, form
     assert error_of_P(model, z, "joseph", exact) > 0.1
+
+
+def in_other_units(span):
+    """MODEL with its first state in units 2^span smaller, its last in units 2^span larger; the scales."""
+    units = 2.0 ** np.array([span, 0, -span])
+    D, back = np.diag(units), np.diag(1 / units)
+    return dataclasses.replace(
+        MODEL,
+        Phi=D @ MODEL.Phi @ back,
+        Qd=D @ MODEL.Qd @ D,
+        H=MODEL.H @ back,
+        x0=D @ MODEL.x0,
+        P0=D @ MODEL.P0 @ D,
+        N=D @ MODEL.N,
+        offset=D @ MODEL.offset,
+    ), units
+
+
+@pytest.mark.parametrize("form", CAN)
+@pytest.mark.parametrize("span", [12, 40])
+def test_the_units_of_the_states_do_not_matter(form, span):
+    """Metres beside radians: the same estimates to rounding, over 60 steps, in units 2^12 and 2^40 apart."""
+    z = record(MODEL, 60, np.random.default_rng(1))
+    other, units = in_other_units(span)
+    ours, theirs = forms.run(MODEL, z, form), forms.run(other, z, form)
+    assert close(theirs.x_plus / units, ours.x_plus, EXACT)
+    assert close(theirs.P_plus / np.outer(units, units), ours.P_plus, EXACT)
+    assert not close(theirs.x_plus / broken(units), ours.x_plus, EXACT)
+
+
+@pytest.mark.parametrize("form", ["information", "srif"])
+def test_evidence_of_what_is_known_when_other_states_are_not(form):
+    """P0 = inf for one state: a measurement of the other one counts, one of the unknown state does not."""
+    two = DiscreteModel(np.eye(2), np.eye(2), np.eye(2), np.eye(2), x0=[0, 0], P0=np.eye(2))
+    z = np.array([[np.nan, np.nan], [2.0, np.nan], [np.nan, 1.0]])
+    found = forms.run(two, z, form, P0=np.diag([1.0, np.inf]))
+    S = 1.0 + 1.0 + 1.0
+    assert found.log_likelihood == pytest.approx(-0.5 * (4.0 / S + np.log(2 * np.pi * S)), rel=EXACT)
+    assert found.nis[1] == pytest.approx(4.0 / S, rel=EXACT)
+    assert np.isnan(found.nis[2])

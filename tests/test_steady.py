@@ -378,3 +378,13 @@ def test_a_singular_riccati_equation_that_the_solver_refuses_is_not_doubled(monk
     assert close(steady.solve(scalar(1.0, 1.0, 1.0)).P_plus, 0.5 * (np.sqrt(5) - 1), SOLVER)
     with pytest.raises(ValueError, match="no solution"):
         steady.solve(DiscreteModel([[1]], [[1]], [[1], [1]], [[1, 1], [1, 1]], x0=[0], P0=[[1]]))
+
+
+@pytest.mark.parametrize("R", [[[0.5, 0.1], [0.1, 2e20]], [[1e-20, 0], [0, 1]], [[1e-10, 0], [0, 1e20]]])
+@pytest.mark.parametrize("H", [np.eye(2), [[1, 0], [1, 1]]])
+def test_noises_of_very_different_size_have_the_recursions_limit(R: Any, H: Any) -> None:
+    """A sensor that says next to nothing beside a precise one; no library's warning gets out."""
+    model = DiscreteModel([[1, 1], [0, 1]], [[0.1, 0], [0, 0.1]], H, R, x0=[0, 0], P0=np.eye(2))
+    wanted = schedule(model, 400).P_minus[-1]
+    assert close(steady.solve(model).P_minus, wanted, SOLVER)
+    assert not close(steady.solve(replace(model, Qd=1.05 * model.Qd)).P_minus, wanted, SOLVER)

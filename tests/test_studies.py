@@ -1,6 +1,7 @@
 """Studies of one's own model and data: every number against a textbook, whatever way it came."""
 
 import csv
+import dataclasses
 import io
 import re
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from ctlabs import datafile, forms, modelfile, sensitivity
+from ctlabs import datafile, forms, modelfile, render, sensitivity, steady
 from ctlabs.studies import analysis, clock, common, comparison, filtering, fitting, simulation
 from tests import reference
 from tests.nile import FLOW, Q, R
@@ -214,6 +215,38 @@ class TestFiltering:
         assert close(value(report, "estimate_end"), reference.high_precision(discrete, z).x_plus[-1], 1e-6)
 
 
+class TestSteadyGain:
+    def test_a_steady_gain_is_no_failed_check(self):
+        """Its estimates by a schedule of constant gains; the verdict is on the model, not on the filter's start."""
+        report = filtering.study(*nile(), algorithm="steady", smooth=True)
+        assert report.passed
+        assert value(report, "verdict") == "consistent"
+        assert value(report, "nis_mean") > value(report, "nis_band")[1]
+        model = modelfile.loads(NILE).discrete()
+        K, x, wanted = steady.solve(model).K[0, 0], 0.0, []
+        for z in FLOW:
+            x += K * (z - x)
+            wanted.append(x)
+        assert close(rows_of(report)["level"], wanted, 1e-9)
+
+    def test_another_gain_is_noticed(self, monkeypatch):
+        """5 % off in the gain of the second route."""
+        solve = steady.solve
+        off = [False]
+
+        def torn(model):
+            found = solve(model)
+            return dataclasses.replace(found, K=1.05 * found.K) if off[0] else found
+
+        run = filtering._run(*nile(), "steady", smooth=False)
+        off[0] = True
+        monkeypatch.setattr(steady, "solve", torn)
+        report = common.begin("filter", "", *nile()[:1], "b", common.settings(nile()[0]))
+        report.section("b", "")
+        filtering._steady_route(report, run)
+        assert not report.passed
+
+
 class TestClock:
     @pytest.mark.parametrize(
         ("text", "times", "line"),
@@ -298,7 +331,62 @@ class TestFitting:
             fitting.study(*nile(), ["qq"])
 
 
+class TestRefusals:
+    def test_a_value_that_no_double_can_judge_is_named(self):
+        """Its square is beyond double precision: the line and the column, not a form's rounding."""
+        model = modelfile.loads(NILE)
+        record = datafile.parse(b"flow\n1\n-1e200\n2\n", ["flow"], "flow.csv")
+        with pytest.raises(FloatingPointError, match=r"flow\.csv: line 3, column flow: expected .*, received -1e\+200"):
+            filtering.study(model, record)
+
+    @pytest.mark.parametrize("names", ['["x", "x_sd"]', '["k", "v"]', '["x", "innovation_gps"]'])
+    def test_columns_of_one_name_are_refused(self, names):
+        """States whose names are those of other columns of estimates.csv."""
+        with pytest.raises(
+            ValueError, match=r'estimates\.csv: expected columns of different names, received "\w+" twice'
+        ):
+            filtering.study(*track(TRACK.replace('["x", "v"]', names)))
+
+    def test_measurements_in_another_order_are_not_taken_for_each_other(self):
+        """A design of the same sensors must name them in the same order."""
+        model, record = track()
+        swapped = modelfile.loads(TRACK.replace('["gps", "radar"]', '["radar", "gps"]'))
+        with pytest.raises(ValueError, match=r"measurements \(gps, radar\) in this order, received radar, gps"):
+            filtering.study(model, record, design=swapped)
+
+    def test_states_that_are_the_truths_in_part_stand_for_none(self):
+        """v, s of a truth x, v: no place decides; other names altogether stand for their places."""
+        assert common.selection(["x", "v"], ["v", "s"]) is None
+        assert common.selection(["x", "v"], ["a", "b"]).tolist() == np.eye(2).tolist()
+        assert common.selection(["x", "v"], ["v", "x"]).tolist() == [[0, 1], [1, 0]]
+
+    def test_a_gap_that_leaves_no_digits_is_no_failed_check(self):
+        """After 10¹² s without data a constant velocity is not known to any digit: said, not compared."""
+        model, record = track(times=[1.0, 2.0, 1e12, 1e12 + 1], rows=4)
+        report = filtering.study(model.replace({"q": 1e4}), record)
+        assert all(check.passed for check in report.checks)
+        assert "The error covariance is nearly singular" in render.markdown(report)
+        assert "nearly singular" not in render.markdown(filtering.study(*track()))
+
+
 class TestSimulation:
+    def test_rounding_is_told_from_a_wrong_theory(self):
+        """A failed check of a nearly singular model comes with what to do; of a sound one it would not."""
+        text = NILE.replace("r = 15099", "r = 1e-149").replace("q = 1469.1", "q = 1")
+        report = simulation.study(modelfile.loads(text), runs=50, steps=20)
+        assert not report.passed
+        assert "`ctlabs compare` shows the forms that keep their digits" in value(report, "advice")
+        assert "advice" not in simulation.study(modelfile.loads(NILE), runs=50, steps=20).values
+
+    def test_a_measurement_named_as_its_state_has_a_column_of_its_own(self):
+        """runs.csv tells them apart; data.csv is as the filter reads it, without a second t."""
+        text = NILE.replace('["flow"]', '["level"]')
+        rows = rows_of(simulation.study(modelfile.loads(text), runs=5, steps=5, csv_runs=1), "runs")
+        assert list(rows) == ["run", "k", "t", "level", "measured_level"]
+        report = simulation.study(modelfile.loads(NILE.replace('["flow"]', '["t"]')), runs=5, steps=5, csv_runs=1)
+        assert list(rows_of(report, "data")) == ["t"]
+        assert rows_of(report, "data")["t"].tolist() == rows_of(report, "runs")["measured_t"][1:].tolist()
+
     def test_the_ensemble_agrees_with_theory_and_workers_change_nothing(self):
         """Every test of chance; the same bytes of results for one worker and two."""
         model = modelfile.loads(TRACK)
@@ -353,6 +441,13 @@ class TestSimulation:
 
 
 class TestAnalysis:
+    @pytest.mark.parametrize("r", [0.0, 1e-100])
+    def test_a_filter_that_forgets_at_once_has_its_limit(self, r):
+        """Perfect measurements: every pole is 0, and the recursion is there after the first update."""
+        report = analysis.study(modelfile.loads(NILE).replace({"r": r}))
+        assert report.passed
+        assert close(value(report, "P_minus_steady"), [[Q]], SOLVER)
+
     def test_the_niles_steady_filter_is_the_closed_form(self):
         """P⁻ = (q + √(q² + 4qr))/2, K = P⁻/(P⁻ + r), pole 1 − K."""
         report = analysis.study(modelfile.loads(NILE))

@@ -5,6 +5,7 @@ Exit 0: every check passed; 1: a check failed; 2: bad input, in one line that sa
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from typing import TYPE_CHECKING, Any
@@ -30,6 +31,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except (click.exceptions.Abort, KeyboardInterrupt):  # click turns Ctrl-C into Abort
         click.echo("ctlabs: interrupted; the reports that stood there are whole", err=True)
         code = 130
+    except OSError as error:
+        if error.errno == errno.EPIPE:  # click has left quietly already, but for its last flush
+            raise
+        code = _refuse(f"expected files that can be read and written, received: {error.strerror or error}")
     sys.exit(code or 0)
 
 

@@ -106,9 +106,10 @@ def filter_(
 
     _one_stdin(model, data, design)
     chosen, other = _model(model, pairs), None if design is None else _model(design, ())
-    folder = _folder(model, out)
+    folder = _folder(model, out, data, design)
     if export is not None:
         filtering.exportable(export)
+        _outside(export, folder)
     record = datafile.read(data, (other or chosen).measurements)
     report = filtering.study(chosen, record, algorithm=algorithm, smooth=smooth, design=other)
     code = _deliver(report, folder, as_json, "last")
@@ -154,7 +155,7 @@ def simulate(
 
     _one_stdin(model, design)
     chosen, other = _model(model, pairs), None if design is None else _model(design, ())
-    folder = _folder(model, out)
+    folder = _folder(model, out, design)
     report = simulation.study(
         chosen, design=other, runs=runs, seed=seed, steps=steps, workers=workers, csv_runs=csv_runs or 0
     )
@@ -217,7 +218,7 @@ def compare(
 
     _one_stdin(model, data)
     chosen = _model(model, pairs)
-    folder = _folder(model, out)
+    folder = _folder(model, out, data)
     record = None if data is None else datafile.read(data, chosen.measurements)
     report = comparison.study(chosen, record, algorithms=algorithms, sweep=sweep, seed=seed, steps=steps)
     return _deliver(report, folder, as_json, "algorithms", "sweep")
@@ -245,7 +246,7 @@ def fit(model: str, data: str, free: str, pairs: tuple[str, ...], out: Path | No
 
     _one_stdin(model, data)
     chosen = _model(model, pairs)
-    folder = _folder(model, out)
+    folder = _folder(model, out, data)
     record = datafile.read(data, chosen.measurements)
     return _deliver(fitting.study(chosen, record, free.split(",")), folder, as_json, "estimates")
 
@@ -259,6 +260,9 @@ def _refusing() -> Iterator[None]:
         yield
     except (ValueError, TypeError, ArithmeticError, BlockFailed) as error:
         raise click.ClickException(str(error)) from None
+    except MemoryError:
+        msg = "expected a task that fits into the memory, received a larger one: fewer steps, runs, states or rows"
+        raise click.ClickException(msg) from None
 
 
 @contextlib.contextmanager
@@ -309,8 +313,8 @@ def _changed(model: ModelFile, values: dict[str, object]) -> ModelFile:
     return model
 
 
-def _folder(word: str, out: Path | None) -> Path:
-    """Where the results go, refused before anything is computed if it is not ours to write."""
+def _folder(word: str, out: Path | None, *read: str | None) -> Path:
+    """Where the results go, refused before anything is computed if it is not ours to write, or holds what is ``read``."""
     folder = out if out is not None else Path("model" if word == "-" else Path(word).stem)
     what = f"--out {folder}: expected"
     if folder.resolve() in (Path.cwd(), *Path.cwd().parents):
@@ -323,6 +327,14 @@ def _folder(word: str, out: Path | None) -> Path:
     if foreign or (folder.is_dir() and any(folder.iterdir()) and not (folder / "results.json").is_file()):
         msg = f"{what} a new or empty folder, or one that ctlabs wrote, received one with other files ({', '.join(foreign[:3])})"
         raise ValueError(msg)
+    for name in (word, *read):
+        if (
+            name not in (None, "-")
+            and Path(str(name)).is_file()
+            and folder.resolve() in Path(str(name)).resolve().parents
+        ):
+            msg = f"{what} a folder without the files that are read, received the one with {Path(str(name)).name}: name another"
+            raise ValueError(msg)
     near = next(path for path in folder.resolve().parents if path.exists())
     try:
         with tempfile.TemporaryFile(dir=near):
@@ -333,19 +345,33 @@ def _folder(word: str, out: Path | None) -> Path:
     return folder
 
 
+def _outside(export: Path, folder: Path) -> None:
+    """Refuse a file in the folder that is to be replaced."""
+    if folder.resolve() in export.resolve().parents:
+        msg = f"--export {export}: expected a file outside the folder of the results, {folder}, received one in it"
+        raise ValueError(msg)
+
+
 def _deliver(report: Report, folder: Path, as_json: bool, *tables: str) -> int:
     """Write the folder, print the table or the JSON; 1 if a check failed."""
     from ctlabs import render
 
     former = folder.is_dir() and any(folder.iterdir())
-    render.write(report, folder)
+    try:
+        render.write(report, folder)
+    except OSError as error:
+        msg = f"--out {folder}: expected a folder that can be written, received: {error.strerror}"
+        raise click.ClickException(msg) from None
     _clear()
+    told = f"{folder / 'report.html'}" + (" (replaces the results that stood there)" if former else "")
     if as_json:
         click.echo((folder / "results.json").read_text(encoding="utf-8"), nl=False)
+        if former:
+            click.echo(told, err=True)
     else:
         for line in render.summary(report, tables):
             click.echo(line)
-        click.echo(f"\n{folder / 'report.html'}" + (" (replaces the results that stood there)" if former else ""))
+        click.echo(f"\n{told}")
     failed = [check.name for check in report.checks if not check.passed]
     for name in failed:
         click.echo(f"failed: {name}", err=True)

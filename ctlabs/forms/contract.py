@@ -307,6 +307,16 @@ def whitened(e: Numbers, c: Numbers) -> Evidence:
     return Evidence(-0.5 * (nis + (2 * _log(abs(c)).sum() + len(c) * _log_2pi(kind))), nis)
 
 
+def of_known(x: Numbers, P: Numbers, z: Numbers, H: Numbers, R: Noise) -> Evidence:
+    """Of ν and S where not every state is known (``inf`` on P's diagonal); NaN where such a state is measured."""
+    lost = unknown(P)
+    if doubles(H[:, lost]).any():
+        nothing = like(np.full(z.shape[1], np.nan), z)
+        return Evidence(nothing, nothing)
+    rows = H[:, ~lost]
+    return evidence(z - rows @ x[~lost], rows @ P[np.ix_(~lost, ~lost)] @ rows.T + R.matrix)
+
+
 def _log_2pi(kind: Any) -> Any:
     if kind is float:
         return LOG_2PI

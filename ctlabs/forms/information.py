@@ -98,13 +98,7 @@ def _evidence(state: State, z: Numbers, H: Numbers, R: Noise) -> Evidence:
         both = contract.substituted(contract.cholesky(state.Y), np.hstack([H.T, state.y]))
         root, e = both[:, : len(H)], both[:, len(H) :]
         return contract.evidence(z - root.T @ e, root.T @ root + R.matrix)
-    x, P = contract.recovered(state.Y, state.y)
-    lost = contract.unknown(P)
-    if contract.doubles(H[:, lost]).any():
-        nothing = contract.like(np.full(z.shape[1], np.nan), z)
-        return Evidence(nothing, nothing)
-    H, P = H[:, ~lost], P[np.ix_(~lost, ~lost)]
-    return contract.evidence(z - H @ x[~lost], H @ P @ H.T + R.matrix)
+    return contract.of_known(*contract.recovered(state.Y, state.y), z, H, R)
 
 
 def _inverse(Phi: Numbers) -> Numbers:
@@ -113,7 +107,11 @@ def _inverse(Phi: Numbers) -> Numbers:
         back = contract.inverse(Phi)
     except np.linalg.LinAlgError:
         contract.refuse("information", "a Phi with an inverse", "a singular one")
-    condition = (np.abs(contract.doubles(back)) @ np.abs(contract.doubles(Phi))).max()
-    if condition > 1 / (16 * len(Phi) * np.finfo(float).eps):
+    both, limit = (
+        np.abs(contract.doubles(back)) @ np.abs(contract.doubles(Phi)),
+        1 / (16 * len(Phi) * np.finfo(float).eps),
+    )
+    # Its elements have units; its largest eigenvalue has none, but takes longer.
+    if both.max() > limit and np.abs(np.linalg.eigvals(both)).max() > limit:
         contract.refuse("information", "a Phi with an inverse", "one singular to rounding")
     return back

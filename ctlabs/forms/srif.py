@@ -60,9 +60,10 @@ def start(model: DiscreteModel, P0: Numbers) -> State:
 def predict(state: State, Phi: Numbers, c: Numbers | None, Q: Noise) -> State:
     """One step ahead."""
     (rho, b, full), (n, s) = state, Q.thin.shape
-    both = np.hstack([Phi, Q.thin])[::-1]  # from the last row up: T is upper triangular, and so is ρ
+    units = _units(rho)
+    both = np.hstack([Phi * units, Q.thin])[::-1]  # from the last row up: T is upper triangular, and so is ρ
     w = np.hstack([contract.zeros((s, n), rho), contract.identity(s, rho)])
-    x = np.hstack([rho, contract.zeros((n, s), rho)])
+    x = np.hstack([rho * units, contract.zeros((n, s), rho)])
     turned = contract.triangularised(np.vstack([both, w, x]), n)
     T = turned[:n, :n][::-1, ::-1]
     if (np.abs(contract.doubles(T.diagonal())) <= 16 * n * EPS * _size(contract.doubles(both[::-1]))).any():
@@ -85,7 +86,8 @@ def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evide
     left = _triangle(np.vstack([own, np.hstack([rho, b])]), n, n, full)
     after = State(left[:n, :n].T.copy(), left[n:, :n].T.copy(), full)
     if not full:
-        return after._replace(full=not contract.unknown(covariance(after)).any()), _partial(state, z, H, R)
+        told = contract.of_known(*_recovered(state), z, H, R)
+        return after._replace(full=not contract.unknown(covariance(after)).any()), told
     S_root = R.root.diagonal().copy()
     S_root[0] = S_root[0] * np.prod(after.rho.diagonal() / rho.diagonal())  # the product is √det S
     return after, contract.whitened(left[n:, n:].T, S_root)
@@ -123,6 +125,15 @@ def _size(rows: Numbers) -> Numbers:
     return np.abs(rows).max(axis=1, initial=0.0)
 
 
+def _units(rho: Numbers) -> Numbers:
+    """Units of the states in which they are known about equally well: rotations may then mix metres and radians.
+
+    Powers of 2, so that nothing is rounded.
+    """
+    size = _size(contract.doubles(rho.T))
+    return contract.like(np.where(size > 0, 2.0 ** -np.round(np.log2(np.where(size > 0, size, 1.0))), 1.0), rho)
+
+
 def _recovered(state: State) -> tuple[Numbers, Numbers]:
     """Mean and covariance by the pseudoinverse of ρ; what its null space reaches is not known."""
     rho = contract.doubles(state.rho)
@@ -137,14 +148,3 @@ def _recovered(state: State) -> tuple[Numbers, Numbers]:
     P[lost], P[:, lost] = contract.zeros(1, P), contract.zeros(1, P)
     P[lost, lost] = contract.like(np.inf, P)
     return x, P
-
-
-def _partial(state: State, z: Numbers, H: Numbers, R: Noise) -> Evidence:
-    """Of ν and S where not every state is known; NaN where nothing is known of what is measured."""
-    x, P = _recovered(state)
-    lost = contract.unknown(P)
-    if contract.doubles(H[:, lost]).any():
-        nothing = contract.like(np.full(z.shape[1], np.nan), z)
-        return Evidence(nothing, nothing)
-    rows = H[:, ~lost]
-    return contract.evidence(z - rows @ x[~lost], rows @ P[np.ix_(~lost, ~lost)] @ rows.T + R.matrix)

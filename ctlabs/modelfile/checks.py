@@ -37,6 +37,8 @@ SOURCES = {
 }
 ONE_PER = {"n": "one per state", "m": "one per measurement", "s": "one per noise", "r": "one per known input"}
 TEXTS = ("states", "units", "measurements", "measurement_units")
+#: Smaller variances and periods have inverses and squares beyond double precision.
+TINY = 1e-150
 COVARIANCES = ("Q", "Qd", "Rc", "P0")
 
 
@@ -53,7 +55,10 @@ def constants(
         wrong_cells - numbers.keys(),
     )
     problems = [
-        Problem(place(("constants", name)) if name else "constants", error.args[0]) for name, error in wrong.items()
+        Problem(place(("constants", name)), error.args[0])
+        if name
+        else Problem("constants", f"expected no constants that need each other, received {error.args[0]}")
+        for name, error in wrong.items()
     ]
     found = {name: found[name] for name in definitions if name in found}
     problems += [problem for name in found if name not in wrong_cells for problem in _range(document, name, found)]
@@ -184,6 +189,10 @@ def _settings(found: Values, dt: bool, t0: bool, without: set[str]) -> list[Prob
     problems = []
     if dt and not 0 < found.dt < math.inf:
         problems.append(Problem("model.dt", f"expected a period > 0, s, received {found.dt:g}"))
+    elif dt and not TINY <= found.dt <= 1 / TINY:
+        problems.append(
+            Problem("model.dt", f"expected a period from {TINY:g} to {1 / TINY:g} s, received {found.dt:g}")
+        )
     try:
         if t0 and not found.document.experiment.t0.names & without and not math.isfinite(found.t0):
             problems.append(Problem("experiment.t0", f"expected a finite time, s, received {found.t0:g}"))
@@ -220,6 +229,11 @@ def _refused(name: str, value: Array) -> list[Problem]:
             _check.array(place_of, value)
     except ValueError as error:
         return [Problem(place_of, str(error).removeprefix(f"{place_of}: "))]
+    if name in COVARIANCES or name == "R":
+        variances = value.diagonal()
+        small = variances[(variances > 0) & (variances < TINY)]
+        if small.size:
+            return [Problem(place_of, f"expected variances of 0 or from {TINY:g} on, received {small[0]:g}")]
     return []
 
 

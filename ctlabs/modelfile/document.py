@@ -442,6 +442,8 @@ def load(path: str | FilePath) -> ModelFile:
     name = "stdin" if str(path) == "-" else FilePath(path).name
     try:
         if str(path) == "-":
+            if sys.stdin is None:  # closed: <&-
+                raise ModelFileError(Problem("", "expected a model on the standard input, received a closed one"), name)
             content = sys.stdin.buffer.read(LARGEST + 1)
         else:
             with FilePath(path).open("rb") as file:

@@ -182,9 +182,8 @@ def _steady(report: Report, model: DiscreteModel) -> steady.SteadyState | None:
 def _limit_check(report: Report, model: DiscreteModel, limit: steady.SteadyState) -> None:
     """The Riccati solver against the recursion: followed to its end, or (where it is slow) over one more step."""
     slowest = float(np.abs(limit.poles).max(initial=0.0))
-    steps = (
-        1 if slowest == 0 else math.ceil(math.log(1e-12) / (2 * math.log(slowest))) + 10 if slowest < 1 else LONGEST + 1
-    )
+    decay = math.log(1e-12) / (2 * math.log(slowest)) if 0 < slowest < 1 else 0.0
+    steps = math.ceil(decay) + model.n + 10 if slowest < 1 else LONGEST + 1
     size = np.diag(limit.P_minus).max(initial=0.0) or 1.0
     far = steps <= LONGEST
     start = size * np.eye(model.n) if far else limit.P_plus

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 #: Models of more states than this are described by their sizes, not by their matrices.
 LARGE = 12
+#: Covariances of a larger condition number are filtered differently by different forms.
+SINGULAR = 1e7
 #: Figures of single states are drawn for so many of them.
 SHOWN = 6
 
@@ -106,17 +108,24 @@ def measured(model: DiscreteModel, state: int) -> int | None:
 
 
 def selection(truth: Sequence[str], design: Sequence[str]) -> Array | None:
-    """E (d, n) with which each state of the design stands for the truth's of that name; None where one has no such name."""
+    """E (d, n) with which each state of the design stands for the truth's of that name; where no name is common, of that place.
+
+    None where some names are common and others not, or the numbers differ.
+    """
+    if not set(design) & set(truth) and len(design) == len(truth):
+        return np.eye(len(truth))
     if not set(design) <= set(truth):
-        return None if len(design) != len(truth) else np.eye(len(truth))
+        return None
     return np.array([[float(name == other) for other in truth] for name in design])
 
 
 def stands_for(truth: DiscreteModel, design: DiscreteModel) -> Array:
     """Which of the truth's states each of the design's stands for, (d, n)."""
-    if design.m != truth.m:
+    common = set(design.measurements) & set(truth.measurements)
+    if design.m != truth.m or (common and design.measurements != truth.measurements):
         wanted, found = ", ".join(truth.measurements), ", ".join(design.measurements)
-        msg = f"design: expected the model's measurements ({wanted}), received {found}"
+        order = " in this order" if sorted(design.measurements) == sorted(truth.measurements) else ""
+        msg = f"design: expected the model's measurements ({wanted}){order}, received {found}"
         raise ValueError(msg)
     E = selection(truth.states, design.states)
     if E is None:
@@ -158,6 +167,20 @@ def cost(report: Report, design: DiscreteModel, t: Array, claimed: Array, true: 
     )
 
 
+def distinct(table: str, columns: Sequence[str]) -> None:
+    """Refuse two columns of one name: states and measurements whose names collide with a table's own.
+
+    >>> distinct("estimates.csv", ["k", "t", "x", "x_sd", "x_sd", "x_sd_sd"])
+    Traceback (most recent call last):
+    ...
+    ValueError: estimates.csv: expected columns of different names, received "x_sd" twice: rename a state or a measurement
+    """
+    for i, name in enumerate(columns):
+        if name in columns[:i]:
+            msg = f'{table}: expected columns of different names, received "{name}" twice: rename a state or a measurement'
+            raise ValueError(msg)
+
+
 def condition(P: Array) -> float:
     """The condition number of a covariance, of its correlations: 1 where nothing is uncertain, infinite where it is singular."""
     sd = np.sqrt(np.diag(P).clip(0))
@@ -166,6 +189,22 @@ def condition(P: Array) -> float:
         return 1.0
     values = np.linalg.eigvalsh(P[np.ix_(kept, kept)] / np.outer(sd[kept], sd[kept]))
     return float(values[-1] / values[0]) if values[0] > 0 else np.inf
+
+
+def delicacy(P_minus: Array, P_plus: Array, S: Array, most: int) -> float:
+    """How much rounding is magnified: the largest condition number of P⁺ and S, of at most ``most`` rows of each.
+
+    They are rows at equal distances, and those whose update lessens a variance most. Or, where it is larger, that
+    factor in units of 1/ε: Joseph's form squares I − KH, whose rounding ε then stands beside what is left.
+    """
+    before, after = (np.diagonal(P, axis1=1, axis2=2) for P in (P_minus, P_plus))
+    lessened = (before / np.where(after > 0, after, np.inf)).max(axis=1)
+    rows = {*range(0, len(P_plus), -(-2 * len(P_plus) // most)), *np.argsort(lessened)[-most // 2 :].tolist()}
+    worst = max(condition(P_plus[k]) for k in rows)
+    for k in rows:
+        used = np.isfinite(np.diag(S[k]))
+        worst = max(worst, condition(S[k][np.ix_(used, used)]))
+    return max(worst, float(np.finfo(float).eps * lessened.max()))
 
 
 def wide(*curves: Array) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 from scipy.special import chdtr, chdtrc, chdtri
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 #: The second route filters at most so many rows (it is a hundred times slower than the first).
 CHECKED = 2000
 #: Rows of a long record that are tested.
-DIAGNOSED = 20_000
-#: Covariances of a larger condition number are filtered differently by different forms.
-SINGULAR = 1e7
+DIAGNOSED = 100_000
 #: Innovations whose σ is more times the usual one are not drawn.
 WIDE = 5
+#: Standard deviations whose square is beyond double precision.
+ENORMOUS = 1e150
 SUFFIXES = (".npz", ".mat", ".h")
 
 
@@ -44,6 +44,7 @@ class Run(NamedTuple):
     z: Array
     t: Array
     first: int
+    algorithm: str
     filtered: Filtered
     smoothed: Smoothed | None
 
@@ -110,10 +111,25 @@ def _run(model: ModelFile, record: Record, algorithm: str, smooth: bool) -> Run:
         records.filter_record(discrete, z, first) if algorithm == "joseph" else forms.run(discrete, z, algorithm, first)
     )
     if not np.isfinite(filtered.log_likelihood):
-        msg = f"form {algorithm}: expected finite numbers, received NaN by rounding; take a factorised form: --algorithm ud"
-        raise FloatingPointError(msg)
+        _refuse(discrete, filtered, algorithm, record)
     smoothed = smoothing.smooth(discrete, filtered) if smooth else None
-    return Run(discrete, z, t, first, filtered, smoothed)
+    return Run(discrete, z, t, first, algorithm, filtered, smoothed)
+
+
+def _refuse(model: DiscreteModel, filtered: Filtered, algorithm: str, record: Record) -> NoReturn:
+    """Say why there is no likelihood: values without measure, or a form that rounding has defeated."""
+    sd = np.sqrt(np.diagonal(filtered.S, axis1=1, axis2=2).clip(np.finfo(float).tiny))
+    away = np.abs(np.where(np.isfinite(filtered.innovation), filtered.innovation, 0.0)) / sd
+    k, i = divmod(int(np.argmax(np.nan_to_num(away))), model.m)
+    if away[k, i] > ENORMOUS:
+        line, name = record.lines[k - len(away) + record.rows], model.measurements[i]
+        msg = (
+            f"{record.source}: line {line}, column {name}: expected a value that the model leaves possible, "
+            f"received {record.z[k - len(away) + record.rows, i]:g}, {away[k, i]:.0e} standard deviations away"
+        )
+    else:
+        msg = f"form {algorithm}: expected finite numbers, received NaN by rounding; take a factorised form: --algorithm ud"
+    raise FloatingPointError(msg)
 
 
 def _data(report: Report, run: Run, record: Record) -> None:
@@ -124,7 +140,7 @@ def _data(report: Report, run: Run, record: Record) -> None:
         start=float(run.t[run.first]), end=float(run.t[-1]), missing=record.missing,
     )  # fmt: skip
     common.show(report, run.model)
-    report.value("steps", record.rows)
+    report.value("steps", len(run.z) - 1)
     report.value("missing", record.missing)
 
 
@@ -162,8 +178,11 @@ def _figures(report: Report, run: Run) -> None:
 
 def _second_route(report: Report, run: Run) -> None:
     """The same estimates by the library's other filter, over the first rows of a long record, where rounding allows it."""
-    worst = max(common.condition(P) for P in run.filtered.P_plus[:: -(-len(run.z) // CHECKED)])
-    if not worst < SINGULAR:
+    if run.algorithm == "steady":
+        _steady_route(report, run)
+        return
+    worst = common.delicacy(run.filtered.P_minus, run.filtered.P_plus, run.filtered.S, CHECKED)
+    if not worst < common.SINGULAR:
         report.says(
             _(
                 "The error covariance is nearly singular (condition number {condition}), so that forms of the filter differ by their rounding: `ctlabs compare` shows which to trust."
@@ -182,6 +201,23 @@ def _second_route(report: Report, run: Run) -> None:
         P / (size[:, :, None] * size[:, None, :]) for P in (run.filtered.P_plus[: steps + 1], other.schedule.P_plus)
     )
     report.check(_("error covariances, scaled to unit variances"), ours, theirs, routes, SOLVER)
+
+
+def _steady_route(report: Report, run: Run) -> None:
+    """The estimates once more, by the gains of a schedule; and what a constant gain means for the tests below."""
+    steps = min(len(run.z) - 1, CHECKED)
+    plan = kalman.schedule(run.model, steps, run.first)
+    limit = steady.solve(run.model)
+    updates = np.asarray(plan.measured).any(axis=1).astype(np.float64)
+    constant = dataclasses.replace(plan, K=np.multiply.outer(updates, limit.K))
+    other = kalman.filter_runs(run.model, run.z[: steps + 1], constant, run.first)
+    routes = (_("this form of the filter"), _("a schedule of constant gains"))
+    report.check(_("estimates"), run.filtered.x_plus[: steps + 1], other.x_plus[:, :, 0], routes, SOLVER)
+    report.says(
+        _(
+            "One gain serves all rows. Until the filter has settled its estimates are worse than their σ says and its innovations larger, and so is the NIS; the verdict below is therefore from the optimal filter's innovations."
+        )
+    )
 
 
 def _verdict(report: Report, run: Run, units: Sequence[str]) -> None:
@@ -207,6 +243,9 @@ def _verdict(report: Report, run: Run, units: Sequence[str]) -> None:
 def _diagnosed(run: Run) -> Diagnosis:
     """The diagnosis, of a long record by its first rows: it filters them some hundred times."""
     length = min(len(run.z), DIAGNOSED)
+    if run.algorithm == "steady":  # its start is not the model's
+        model, z = clock.cut(run.model, length - 1), run.z[:length]
+        return diagnosis.diagnose(model, records.filter_record(model, z, run.first), z, run.first)
     part = {
         name: getattr(run.filtered, name)[:length]
         for name in ("t", "x_minus", "x_plus", "P_minus", "P_plus", "innovation", "S", "nis", "used")
@@ -312,6 +351,12 @@ def _truth(report: Report, model: ModelFile, run: Run) -> None:
     true = np.sqrt(np.diagonal(actual.mse_plus, axis1=1, axis2=2).clip(0))
     claimed = _sd(run.filtered.P_plus)
     common.cost(report, run.model, run.t, claimed, true, optimal)
+    if missing[run.first :].any() and not (truth.N is None and run.model.N is None):
+        report.says(
+            _(
+                "These errors are those of a record without gaps: with N ≠ 0 the theory leaves missing elements out of account."
+            )
+        )
     report.value("log_likelihood_truth", float(filtered.log_likelihood))
     report.says(
         _("The record's log-likelihood is {truth} by the other model and {design} by the filter's."),
@@ -351,6 +396,7 @@ def _table(run: Run) -> tuple[list[str], list[list[Any]]]:
         for i, name in enumerate(names):
             columns += [first.format(name), second.format(name)]
             parts += [values[:, i, None], deviations[:, i, None]]
+    common.distinct("estimates.csv", columns)
     rows = np.hstack(parts)[run.first :].tolist()
     return columns, [[int(row[0]), *row[1:]] for row in rows]
 

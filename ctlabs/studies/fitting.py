@@ -167,7 +167,7 @@ def _likelihood(report: Report, found: Fit, z: Array, first: int) -> None:
         report.says(_("The record is too long for it."))
         return
     run = kalman.filter_runs(found.model, z, first=first)
-    if not max(common.condition(P) for P in run.schedule.P_plus[:: -(-len(z) // 1000)]) < filtering.SINGULAR:
+    if not common.delicacy(run.schedule.P_minus, run.schedule.P_plus, run.schedule.S, 1000) < common.SINGULAR:
         report.says(_("The error covariance is nearly singular: forms of the filter differ by their rounding."))
         return
     total = 0.0

@@ -13,7 +13,7 @@ from ctlabs.experiment import Experiment
 from ctlabs.plots.studies import estimates
 from ctlabs.portrait import agreement
 from ctlabs.studies import common
-from ctlabs.text import _
+from ctlabs.text import _, fill, number
 
 if TYPE_CHECKING:
     from ctlabs.modelfile import ModelFile
@@ -54,6 +54,8 @@ def study(
     runs, steps = runs or plan.runs, steps or plan.steps
     seed = plan.seed if seed is None else seed
     truth = common.discrete(model, steps)
+    if csv_runs:
+        common.distinct("runs.csv", _columns(truth))
     given = common.settings(
         model,
         ("dt", truth.dt, "s", _("period")),
@@ -121,6 +123,16 @@ def _consistent(report: Report, experiment: Experiment, model: DiscreteModel, st
     _errors(report, model, stats, {_("σ of theory"): schedule.sd_plus[-1]})
     report.value("rms_theory", schedule.sd_plus[-1], common.units(model))
     _consistency(report, stats)
+    worst = common.delicacy(schedule.P_minus, schedule.P_plus, schedule.S, MANY)
+    if not report.passed and not worst < common.SINGULAR:
+        text = _(
+            "The failed checks are rounding, which the nearly singular covariances magnify {worst}: simulated runs are filtered in Joseph's form. `ctlabs compare` shows the forms that keep their digits; take one of them for `filter --algorithm`."
+        )
+        report.value(
+            "advice",
+            fill(text, worst=fill(_("{by} times"), by=number(worst, 2)) if worst < np.inf else _("without bound")),
+        )
+        report.says("{advice}", advice=report.values["advice"].value)
 
 
 def _mismatched(
@@ -186,11 +198,16 @@ def _consistency(report: Report, stats: montecarlo.Statistics) -> None:
         report.value(f"{what}_inside_band", float(inside.mean()))
 
 
+def _columns(truth: DiscreteModel) -> list[str]:
+    """Of runs.csv; a measurement that is called as a state is told from it."""
+    measured = (f"measured_{name}" if name in {"t", *truth.states} else name for name in truth.measurements)
+    return ["run", "k", "t", *truth.states, *measured]
+
+
 def _csv(report: Report, experiment: Experiment, truth: DiscreteModel, steps: int, runs: int, first: int) -> None:
     """The first runs as tables: everything in runs.csv, the measurements of the first one in data.csv."""
     some = experiment.histories(truth, steps=steps, runs=runs, first=first)
     assert some.x is not None
-    columns = ["run", "k", "t", *truth.states, *truth.measurements]
     rows = (
         [run + 1, k, t, *x, *z]
         for run in range(runs)
@@ -198,9 +215,10 @@ def _csv(report: Report, experiment: Experiment, truth: DiscreteModel, steps: in
             zip(some.t.tolist(), some.x[:, :, run].tolist(), some.z[:, :, run].tolist(), strict=True)
         )
     )
-    report.csv("runs", columns, rows)
-    data = ([t, *z] for t, z in zip(some.t[first:].tolist(), some.z[first:, :, 0].tolist(), strict=True))
-    report.csv("data", ["t", *truth.measurements], data)
+    report.csv("runs", _columns(truth), rows)
+    timed = "t" not in truth.measurements  # a measurement of that name: the rows are one period apart anyway
+    data = ([t, *z][not timed :] for t, z in zip(some.t[first:].tolist(), some.z[first:, :, 0].tolist(), strict=True))
+    report.csv("data", ["t", *truth.measurements][not timed :], data)
     report.says(
         _(
             "`runs.csv` holds {runs} runs, states and measurements; `data.csv` the measurements of the first one, as `ctlabs filter` reads them."
