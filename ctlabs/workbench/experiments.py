@@ -33,7 +33,7 @@ SHOWN, POINTS = 3, 2000
 #: Products of numbers with 50 digits that the reference may take, about a second; a longer record is compared in its first steps.
 PATIENCE = 3e5
 #: Rows of a long record that are tested.
-DIAGNOSED = 20_000
+DIAGNOSED = 100_000
 
 
 def run(
