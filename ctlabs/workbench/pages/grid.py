@@ -38,7 +38,7 @@ body.body--dark { --bad: #ff8a80; --field: #1b1f24; --card: #1d1d1d; }
 .ctl-grid tbody th.ctl-editable { padding-top: 2px; }
 .ctl-grid thead td.ctl-corner { left: 0; z-index: 3; }
 .ctl-colname { display: inline-block; max-width: 7.5rem; overflow: hidden; text-overflow: ellipsis; vertical-align: bottom; }
-.ctl-cells input, .ctl-cells textarea { font: .86rem/1.55 ui-monospace, SFMono-Regular, Menlo, Consolas, monospace;
+.ctl-cells input, .ctl-cells textarea { font: .9rem/1.5 ui-monospace, SFMono-Regular, Menlo, Consolas, "Liberation Mono", monospace;
   color: inherit; background: var(--field); border: 1px solid var(--line); border-radius: 5px; padding: 2px 6px; box-sizing: border-box;
   height: 1.9rem; min-width: 0; }
 .ctl-grid .ctl-cell { text-align: center; }
