@@ -201,7 +201,8 @@ class Shell:
         """The frame, with nothing in it yet: this is what the browser shows first."""
         self.current = name
         self._dark = ui.dark_mode(THEMES[self.theme][0])
-        self._drawer = ui.left_drawer(bordered=True).props(f"breakpoint={NARROW} width=190")
+        # The browser itself shows the drawer where there is room; asked for it, a busy one would answer too late.
+        self._drawer = ui.left_drawer(value=False, bordered=True).props(f"show-if-above breakpoint={NARROW} width=190")
         with self._drawer, ui.element("nav").classes("ctl-nav").props('aria-label="Pages"'):
             self._links = {page.name: self._link(page) for page in PAGES}
         self._draw_header()
