@@ -46,7 +46,7 @@ class Place(NamedTuple):
 
     draft: Draft
     session: Any
-    notice: str
+    notices: tuple[str, ...]
 
 
 class Desk:
@@ -108,18 +108,19 @@ class Desk:
         Blocks (the library is loaded here), so it is called in a thread.
         """
         with self._loading:
-            store, owner, notice = self.store, self.owner(shell.browser), self.store.notice
+            store, owner = self.store, self.owner(shell.browser)
+            notices = [store.notice] if store.notice else []
             draft = store.draft(wanted, owner) if wanted else None
             if draft is None:
                 if wanted:
-                    notice = f"draft {wanted}: expected one of yours, received an unknown id; here is another"
+                    notices.append(f"draft {wanted}: expected one of yours, received an unknown id; here is another")
                 free = (each for each in store.drafts(owner, shell.browser) if each.id not in self._tabs)
                 draft = next(free, None) or store.new_draft(owner, shell.browser)
             session = self._open.get(draft.id) or _named(self._path)(draft, store=store, runner=self.runner)
             with self._lock:
                 self._open[draft.id] = session
                 self._tabs.setdefault(draft.id, []).append(shell)
-            return Place(draft, session, notice)
+            return Place(draft, session, tuple(notices))
 
     def leave(self, shell: Shell) -> None:
         """A tab is gone; with the last one its session is closed. All it has is in the database."""

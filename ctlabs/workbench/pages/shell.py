@@ -279,8 +279,8 @@ class Shell:
         ui.navigate.history.replace(self._url(name))
         self.show(name)
         asyncio.get_running_loop().call_later(CALM, self._prepare)  # not before the page is seen
-        if self.place.notice:
-            self.complain(self.place.notice)
+        for notice in self.place.notices:
+            self.complain(notice)
 
     def _prepare(self) -> None:
         """Load what the other pages will need: here, and in a process for runs."""
