@@ -14,9 +14,11 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from ctlabs import bucy, kalman, observability, shaping, spectra, steady
+from ctlabs.discretise import interval
 from ctlabs.modelfile import gallery, loads, new, ready
 from ctlabs.workbench import commands as c
 from ctlabs.workbench.blocks import InsertBlock, block, rational
+from ctlabs.workbench.kinds import _before_sampling
 from ctlabs.workbench.session import Session
 from ctlabs.workbench.sheet import Sheet
 from ctlabs.workbench.store import Store
@@ -248,6 +250,18 @@ def test_a_continuous_model_and_its_samples_are_one_another(session: Session, na
     np.testing.assert_allclose(session.file.discrete().Qd, sampled.Qd, rtol=0, atol=SOLVER * np.abs(sampled.Qd).max())
 
 
+def test_a_large_discrete_model_has_its_continuous_one_too() -> None:
+    """Forty states with fast and slow decay: F and Q come back, though the determinant of Φ is next to nothing."""
+    rng = np.random.default_rng(5)
+    F = rng.normal(size=(40, 40)) / np.sqrt(40) - 3.0 * np.eye(40)
+    G = rng.normal(size=(40, 2))
+    made = interval(F, G @ G.T, 0.5)
+    assert np.linalg.det(made.Phi) < 1e-20
+    found_F, found_Q = _before_sampling(made.Phi, made.Qd, 0.5)
+    np.testing.assert_allclose(found_F, F, rtol=0, atol=SOLVER)
+    np.testing.assert_allclose(found_Q, G @ G.T, rtol=0, atol=SOLVER * np.abs(G @ G.T).max())
+
+
 @pytest.mark.parametrize(("Phi", "Qd"), [("-0.5", "1"), ("0", "1")])
 def test_samples_of_no_continuous_model_are_refused(session: Session, Phi: str, Qd: str) -> None:
     """A negative eigenvalue, or 0, is no sample of a real differential equation."""
@@ -338,6 +352,13 @@ def test_coloured_measurement_noise_adds_to_the_measurement(session: Session) ->
     w = np.geomspace(1e-2, 1e2, 40)
     wanted = shaping.psd(plant, w) + spectra.parse("4/(w^2 + 1)")(w)
     np.testing.assert_allclose(shaping.psd(session.file.continuous(), w), wanted, rtol=SOLVER)
+
+
+@pytest.mark.parametrize("power", ["((((((3^24)^24)^24)^24)^24)^24)", "(1e-300*1e-300*1e-300)", "(7^24)^24*(7^24)^24"])
+def test_numbers_of_a_block_stay_within_bounds(power: str) -> None:
+    """A few characters must not keep the machine busy for hours: what no double could hold twice over is refused."""
+    with pytest.raises(ValueError, match=r"^block: column \d+: expected numbers of fewer digits"):
+        rational(f"1/(s+{power})", "s", {})
 
 
 def test_common_factors_are_cancelled_exactly() -> None:

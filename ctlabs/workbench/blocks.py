@@ -24,6 +24,8 @@ from ctlabs.workbench.plain import data
 
 #: Highest degree of a numerator or denominator.
 DEGREE = 12
+#: Longest numerator or denominator of a coefficient, in bits: twice that of the largest double.
+BITS = 2048
 SYMBOLS = {"transfer": "s", "psd": "w"}
 
 Polynomial = list[Fraction]
@@ -272,6 +274,8 @@ def _computed(expression: Expression, symbol: str, constants: dict[str, float]) 
             stack[first:] = [_applied(step, operands)]
         if max(len(stack[-1][0]), len(stack[-1][1])) > 2 * DEGREE + 1:
             raise ExpressionError(f"expected a degree of at most {DEGREE}, received more", step.column)
+        if max(max(c.numerator.bit_length(), c.denominator.bit_length()) for p in stack[-1] for c in p) > BITS:
+            raise ExpressionError("expected numbers of fewer digits, received larger ones", step.column)
     return stack[0]
 
 

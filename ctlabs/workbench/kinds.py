@@ -47,8 +47,7 @@ def _resolved(file: ModelFile) -> ModelFile:
 
 def _before_sampling(Phi: Array, Qd: Array, dt: float) -> tuple[Array, Array]:
     r"""F and Q with :math:`e^{Fdt} = \Phi` and :math:`\int_0^{dt}e^{Fs}Qe^{F^Ts}ds = Q_d`."""
-    n = len(Phi)
-    if np.abs(np.linalg.det(Phi)) < 1e-12:
+    if not np.linalg.cond(Phi) < 1e12:
         msg = "Phi: expected the samples of a continuous model (no eigenvalue 0), received a singular matrix"
         raise ValueError(msg)
     with np.errstate(all="ignore"):
@@ -57,14 +56,15 @@ def _before_sampling(Phi: Array, Qd: Array, dt: float) -> tuple[Array, Array]:
         msg = "Phi: expected the samples of a continuous model (no negative real eigenvalue), received others"
         raise ValueError(msg)
     F = np.where(np.abs(np.real(F)) > 1e-13 * np.abs(F).max(initial=1e-300), np.real(F), 0.0)
-    # Qd is linear in Q: a column for each element of Q.
-    basis = [interval(F, _unit(n, i, j), dt).Qd[np.tril_indices(n)] for i in range(n) for j in range(i + 1)]
-    W = np.zeros((n, n))
-    W[np.tril_indices(n)] = np.linalg.solve(np.array(basis).T, Qd[np.tril_indices(n)])
-    W = W + np.tril(W, -1).T
+    # The exponential of [[F, Q], [0, -Fᵀ]]dt is [[Φ, Qd Φ⁻ᵀ], [0, Φ⁻ᵀ]] (Van Loan); its logarithm leads back.
+    back = np.linalg.inv(Phi).T
+    with np.errstate(all="ignore"):
+        both = scipy.linalg.logm(np.block([[Phi, Qd @ back], [np.zeros_like(Phi), back]])) / dt
+    W = np.real(both[: len(Phi), len(Phi) :])
+    W = (W + W.T) / 2
     W = np.where(np.abs(W) > 1e-13 * np.abs(W).max(initial=0.0), W, 0.0)
     try:
-        _check.covariance("Q", W, (n, n))
+        _check.covariance("Q", W, Phi.shape)
     except ValueError:
         msg = "Qd: expected the samples of a continuous model's noise, received a covariance that no white noise gives"
         raise ValueError(msg) from None
@@ -74,12 +74,6 @@ def _before_sampling(Phi: Array, Qd: Array, dt: float) -> tuple[Array, Array]:
             msg = f"{name}: expected the samples of a continuous model, received others"
             raise ValueError(msg)
     return F, W
-
-
-def _unit(n: int, i: int, j: int) -> Array:
-    E = np.zeros((n, n))
-    E[i, j] = E[j, i] = 1.0
-    return E
 
 
 def _labelled(made: ModelFile, old: ModelFile) -> ModelFile:
