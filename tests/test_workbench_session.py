@@ -19,6 +19,7 @@ from ctlabs.modelfile import gallery, loads, new, ready
 from ctlabs.workbench import commands as c
 from ctlabs.workbench.blocks import InsertBlock, block, rational
 from ctlabs.workbench.kinds import _before_sampling
+from ctlabs.workbench.outcomes import Anomaly, Plan
 from ctlabs.workbench.session import Session
 from ctlabs.workbench.sheet import Sheet
 from ctlabs.workbench.store import Store
@@ -492,6 +493,26 @@ def test_the_plan_is_saved_and_checked(session: Session, store: Store) -> None:
         with pytest.raises(ValueError, match=r"^[^\n]+$"):
             session.set_plan(**wrong)
     assert session.plan == again.plan
+
+
+def test_the_plan_follows_the_model_file(session: Session, store: Store) -> None:
+    """What [experiment] tells is the plan of an opened model, by itself and after a restart; undo brings the old plan back."""
+    session.do(c.Open(ready("oscillator").dumps()))
+    session.set_plan(steps=33, runs=5, anomalies=(Anomaly(3),), design=session.text)
+    mine = session.plan
+    text = new().dumps().split("[experiment]")[0] + (
+        "[experiment]\nsteps = 50\nruns = 7\nseed = 9\nfirst = 0\nalgorithms = ['ud']\n"
+    )
+    session.do(c.Open(text))
+    assert session.plan == Plan(50, 7, 9, 0, ("ud",))
+    assert Session.resume(store, session.draft.id).plan == session.plan
+    session.undo()
+    assert session.plan == mine
+    session.redo()
+    assert session.plan == Plan(50, 7, 9, 0, ("ud",))
+    session.set_plan(runs=8)
+    session.do(c.SetExperiment("steps", 60))
+    assert (session.plan.steps, session.plan.runs) == (60, 8)
 
 
 def test_a_new_draft_begins_with_a_small_model_that_is_not_saved(session: Session, store: Store) -> None:

@@ -66,6 +66,8 @@ class Session:
         self._at = next(i for i, (number, _) in enumerate(self._revisions) if number == draft.number)
         self._set(_file(draft.text), draft.text)
         self.plan = _plan(draft.notes, self.file)
+        self._begun: set[int] = set()  # revisions that put a model in the place of another
+        self._plans: dict[int, Plan] = {}  # the plans of the models that were on the desk before, by these revisions
         #: What came of the last run; ``None`` before the first, and after a restart.
         self.result: Outcome | None = None
         #: The number of the experiment that :attr:`result` is kept as.
@@ -142,7 +144,16 @@ class Session:
         self._revisions = [each for each in self._revisions[: self._at + 1] if each[0] > number - _remembered()]
         self._revisions.append((number, label))
         self._at = len(self._revisions) - 1
+        before, measured = _told(self.file), self.sheet.measurements
         self._set(file, text)
+        told = _told(file)
+        if isinstance(command, commands.New | commands.Open):  # what belongs to another model is left behind
+            data = self.plan.data if self.sheet.measurements == measured else None
+            self._plans[self._model(self._at - 1)] = self.plan
+            self._begun.add(number)
+            self._settle(told | {"design": None, "anomalies": (), "data": data})
+        else:
+            self._settle(_changes(before, told))
 
     @property
     def can_undo(self) -> bool:
@@ -217,8 +228,7 @@ class Session:
             msg = f"plan: expected settings among {known}, received {', '.join(changes)}"
             raise ValueError(msg) from None
         plan.check()
-        self.store.note(self.draft.id, plan=plan.plain())
-        self.plan = plan
+        self._note(plan)
 
     def upload(self, content: bytes, name: str) -> Record:
         """Take a CSV file as the next experiment's data; the record in it."""
@@ -295,9 +305,7 @@ class Session:
         old = self._kept(number)
         found = outcome(self.store.results(number))
         self.do(commands.Open(old.model, old.name))
-        plan = Plan.of(old.settings)
-        self.store.note(self.draft.id, plan=plan.plain())
-        self.plan = plan
+        self._note(Plan.of(old.settings))
         self._show(found, number)
         return found
 
@@ -351,13 +359,33 @@ class Session:
         self.file, self._text = file, text
         self._sheet = self._understanding = None
 
+    def _settle(self, changes: dict[str, Any]) -> None:
+        """Take settings that the model file tells into the plan."""
+        plan = replace(self.plan, **changes)
+        if plan != self.plan:
+            self._note(plan)
+
+    def _note(self, plan: Plan) -> None:
+        self.store.note(self.draft.id, plan=plan.plain())
+        self.plan = plan
+
     def _move(self, at: int) -> None:
         try:
             text = self.store.move(self.draft.id, self._revisions[at][0])
         except LookupError as error:
             raise ValueError(str(error)) from None
+        left, before = self._model(self._at), _told(self.file)
         self._at = at
         self._set(_file(text), text)
+        if (model := self._model(at)) != left and model in self._plans:
+            self._plans[left] = self.plan
+            self._note(self._plans[model])
+        else:
+            self._settle(_changes(before, _told(self.file)))
+
+    def _model(self, at: int) -> int:
+        """The revision with which the model at a place of the history was opened."""
+        return max((number for number, _ in self._revisions[: at + 1] if number in self._begun), default=-1)
 
     async def _ran(
         self,
@@ -398,13 +426,20 @@ def _file(text: str) -> ModelFile:
 
 def _plan(notes: dict[str, Any], file: ModelFile) -> Plan:
     """The plan that was noted, or the one of the model file."""
-    if "plan" in notes:
-        return Plan.of(notes["plan"])
+    return Plan.of(notes["plan"]) if "plan" in notes else replace(Plan(), **_told(file))
+
+
+def _changes(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in after.items() if before.get(name, value) != value}
+
+
+def _told(file: ModelFile) -> dict[str, Any]:
+    """What the model file tells of an experiment; nothing where its table is wrong."""
     try:
-        told = file.experiment
+        found = file.experiment
     except ValueError:
-        return Plan()
-    return Plan(told.steps, told.runs, told.seed, told.first, told.algorithms)
+        return {}
+    return {name: getattr(found, name) for name in ("steps", "runs", "seed", "first", "algorithms")}
 
 
 def _line(text: str) -> str:
