@@ -17,9 +17,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ctlabs import diagnosis, forms, kalman, montecarlo, records, sensitivity, smoothing
+from ctlabs import diagnosis, forms, kalman, montecarlo, records, sensitivity, smoothing, steady
 from ctlabs.experiment import Experiment
-from ctlabs.modelfile import ready
+from ctlabs.modelfile import loads, ready
 from ctlabs.models import DiscreteModel
 from ctlabs.workbench import commands as c
 from ctlabs.workbench import experiments
@@ -149,6 +149,36 @@ def test_a_design_that_is_not_the_truth_is_judged_by_the_true_errors() -> None:
     assert np.median(found.sd_plus[-1] / found.statistics.rms[-1]) > 1.5
 
 
+def test_a_constant_gain_is_judged_by_its_own_errors() -> None:
+    """Far from the limit at t0, the errors are those of the constant gain and the band is the limit that it claims."""
+    model = loads(MODEL).discrete()
+    text = loads(MODEL).edit(("model", "P0"), [[1e6, 0], [0, 1e6]]).dumps()
+    found = run(replace(PLAN, runs=2000, algorithms=("steady", "joseph")), text)
+    limit = steady.solve(model)
+    keep, P = np.eye(2) - limit.K @ model.H, np.diag([1e6, 1e6])
+    wanted = [P]
+    for _ in range(PLAN.steps):
+        P = keep @ (model.Phi @ P @ model.Phi.T + model.Qd) @ keep.T + limit.K @ model.R @ limit.K.T
+        wanted.append(P)
+    assert found.actual_P is not None
+    assert found.statistics is not None
+    np.testing.assert_allclose(found.actual_P, wanted, rtol=SOLVER)
+    np.testing.assert_allclose(found.sd_plus[1:], np.tile(np.sqrt(np.diag(limit.P_plus)), (PLAN.steps, 1)), rtol=SOLVER)
+    np.testing.assert_allclose(found.K[1:], np.tile(limit.K, (PLAN.steps, 1, 1)), rtol=SOLVER)
+    low, high = found.statistics.rms_band
+    inside = (low <= found.statistics.rms) & (found.statistics.rms <= high)
+    assert inside.mean() > 0.8
+    assert found.statistics.nis[1:4].mean() > 10 * found.statistics.nis[-10:].mean()
+
+
+def test_the_results_are_those_of_the_algorithm_that_works() -> None:
+    """One that cannot take a perfect measurement gives way to the next, and the outcome says so."""
+    found = run(replace(PLAN, anomalies=(Anomaly(5, 0, 0.0),), algorithms=("information", "joseph")))
+    assert found.algorithm == "joseph"
+    assert any("information refused" in note for note in found.notes)
+    assert run(PLAN).notes == ()
+
+
 def test_several_algorithms_are_compared_with_50_digits() -> None:
     """Accuracy and operations are those of ctlabs.forms; one that refuses stays in the table and says why."""
     plan = replace(PLAN, algorithms=("joseph", "ud", "steady"), anomalies=(Anomaly(5),))
@@ -190,12 +220,12 @@ def test_the_first_measurement_may_be_at_t0() -> None:
 # Measured ------------------------------------------------------------------------------------------------------------
 
 
-def recorded(seed: int = 5, factor: float = 1.0) -> bytes:
+def recorded(seed: int = 5, factor: float = 1.0, gap: int = 7) -> bytes:
     """A record of the model whose measurement noise is ``factor`` times as large, with a gap."""
     model = ready("constant_velocity").discrete()
     z = montecarlo.simulate(replace(model, R=factor**2 * model.R), 80, 1, seed).z[1:, 0, 0]
     names = ready("constant_velocity").measurements
-    return ("\n".join([names[0], *("" if i == 7 else repr(x) for i, x in enumerate(z.tolist()))]) + "\n").encode()
+    return ("\n".join([names[0], *("" if i == gap else repr(x) for i, x in enumerate(z.tolist()))]) + "\n").encode()
 
 
 def test_a_measured_record_is_filtered_smoothed_and_judged(session: Session) -> None:
@@ -374,6 +404,10 @@ PLANS = {
         PLAN, anomalies=(Anomaly(5, last=7), Anomaly(20, 0, 0.0)), algorithms=("ud", "array"), first=0
     ),
     "design": replace(PLAN, design=WRONG, anomalies=(Anomaly(5),)),
+    "constant gain": replace(PLAN, algorithms=("steady",), first=0),
+    "constant gain, design": replace(PLAN, algorithms=("steady", "ud"), design=WRONG),
+    "second algorithm": replace(PLAN, anomalies=(Anomaly(5, 0, 0.0),), algorithms=("information", "joseph")),
+    "constant gain, data": replace(PLAN, data=Data("track.csv", recorded(gap=-1).decode()), algorithms=("steady",)),
     "data": replace(PLAN, data=Data("tr'ack.csv", recorded().decode())),
     "data_design": replace(PLAN, data=Data("track.csv", recorded().decode()), design=WRONG, anomalies=(Anomaly(9),)),
 }

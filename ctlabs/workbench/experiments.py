@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import chdtr, chdtrc, chdtri, erfc
 
-from ctlabs import diagnosis, forms, kalman, montecarlo, records, sensitivity, smoothing
+from ctlabs import diagnosis, forms, kalman, montecarlo, records, sensitivity, smoothing, steady
 from ctlabs._check import Array
 from ctlabs.experiment import Experiment
 from ctlabs.forms import Filtered
@@ -76,6 +76,9 @@ def anomalous(model: DiscreteModel, anomalies: Sequence[Anomaly], steps: int) ->
     """
     if not anomalies:
         return model
+    if model.N is not None:
+        msg = "anomaly: expected a model whose two noises are independent, received one with N (it belongs to one R)"
+        raise ValueError(msg)
     R = np.array(np.broadcast_to(model.R, (steps + 1, model.m, model.m)))
     for anomaly in anomalies:
         i, last = anomaly.measurement, anomaly.k if anomaly.last is None else anomaly.last
@@ -126,17 +129,25 @@ def _simulated(file: ModelFile, other: ModelFile | None, plan: Plan, progress: A
     E = np.eye(truth.n) if other is None else common.stands_for(truth, design)
     experiment = Experiment(plan.runs, plan.seed, workers)
     few = experiment.histories(truth, steps=steps, runs=min(SHOWN, plan.runs), first=first)
-    theory = _theory(truth, None if other is None else design, E, few.schedule, plan)
-    stats = experiment.statistics(
-        truth, None if other is None else design, steps=steps, compare=E, first=first, progress=progress
-    )
     tried = _tried(design, few.z, plan)
     assert few.x is not None
-    own = _first(tried)
+    name, own = _first(tried)
+    applied = _constant(design, own) if name == "steady" else None
+    theory = _theory(truth, None if other is None else design, E, few.schedule, applied, plan)
+    stats = experiment.statistics(
+        truth,
+        None if other is None else design,
+        steps=steps,
+        compare=E,
+        schedule=applied,
+        first=first,
+        progress=progress,
+    )
     true = np.einsum("di,kir->kdr", theory.E, few.x)
     k = _kept(steps)
     return Outcome(
         kind="simulation",
+        algorithm=name,
         k=k,
         t=(file.experiment.t0 + few.t)[k],
         **_labels(other or file),
@@ -156,19 +167,22 @@ def _simulated(file: ModelFile, other: ModelFile | None, plan: Plan, progress: A
         algorithms=_algorithms(design, few.z[:, :, 0], plan, tried, true),
         log_likelihood=float(own.log_likelihood[0]),
         summary=_summary(other or file, stats, theory, float(own.log_likelihood[0])),
-        notes=()
-        if len(k) == steps + 1
-        else (f"{len(k)} of {steps + 1} instants are shown; statistics are over all of them.",),
+        notes=(*_refused(tried, name), *_thinned(k, steps, "statistics are over all of them")),
     )
 
 
 def _theory(
-    truth: DiscreteModel, design: DiscreteModel | None, E: Array, optimal: kalman.Schedule, plan: Plan
+    truth: DiscreteModel,
+    design: DiscreteModel | None,
+    E: Array,
+    optimal: kalman.Schedule,
+    applied: kalman.Schedule | None,
+    plan: Plan,
 ) -> _Theory:
-    """What is known before any run."""
-    if design is None:
+    """What is known before any run, of the optimal filter or of one with another model or gain."""
+    if design is None and applied is None:
         return _Theory(E, optimal, optimal.P_plus, None, None)
-    actual = sensitivity.actual(truth, design, plan.steps, compare=E, first=plan.first)
+    actual = sensitivity.actual(truth, design or truth, plan.steps, compare=E, schedule=applied, first=plan.first)
     return _Theory(E, actual.claimed, actual.P_plus, actual, _sd(E @ optimal.P_plus @ E.T))
 
 
@@ -189,12 +203,24 @@ def _tried(model: DiscreteModel, z: Array, plan: Plan) -> Tried:
     return found
 
 
-def _first(tried: Tried) -> Filtered:
-    """The result of the first algorithm that works."""
-    for attempt in tried.values():
+def _first(tried: Tried) -> tuple[str, Filtered]:
+    """The first algorithm that works, and its result."""
+    for name, attempt in tried.items():
         if attempt.filtered is not None:
-            return attempt.filtered
+            return name, attempt.filtered
     raise ValueError(next(iter(tried.values())).failed)
+
+
+def _refused(tried: Tried, name: str) -> tuple[str, ...]:
+    """What is to be said where the results are not those of the algorithm that was named first."""
+    asked = next(iter(tried))
+    return () if asked == name else (f"The results are those of {name}. {asked} refused: {tried[asked].failed}.",)
+
+
+def _constant(model: DiscreteModel, own: Filtered) -> kalman.Schedule:
+    """The steady gain at all instants, and the limits that a filter with it claims."""
+    K = np.where(own.used[:, None, :], steady.solve(model).K, 0.0)
+    return kalman.Schedule(own.t, own.P_minus, own.P_plus, K, own.S, own.used)
 
 
 def _algorithms(model: DiscreteModel, z: Array, plan: Plan, tried: Tried, true: Array | None) -> tuple[Algorithm, ...]:
@@ -207,7 +233,7 @@ def _algorithms(model: DiscreteModel, z: Array, plan: Plan, tried: Tried, true: 
         compared = {
             each.name: each for each in forms.compare(clock.cut(model, steps), z[: steps + 1], list(tried), plan.first)
         }
-        sd = _sd(_first(tried).P_plus[: steps + 1]).max(axis=0)
+        sd = _sd(_first(tried)[1].P_plus[: steps + 1]).max(axis=0)
     rows = []
     for name, (filtered, seconds, failed) in tried.items():
         each = compared.get(name)
@@ -278,14 +304,14 @@ def _measured(file: ModelFile, other: ModelFile | None, plan: Plan) -> Outcome:
     steps = len(z) - 1
     model = anomalous(model, plan.anomalies, steps)
     tried = _tried(model, z, plan)
-    own = _first(tried)
+    name, own = _first(tried)
     smooth = smoothing.smooth(model, own)
     k = _kept(steps)
     summary: dict[str, tuple[Any, str]] = {"rows": (record.rows, ""), "missing": (record.missing, "")}
     sd = _sd(own.P_plus)
-    for name, values in (("estimate", own.x_plus[-1]), ("sd", sd[-1])):
+    for what, values in (("estimate", own.x_plus[-1]), ("sd", sd[-1])):
         for state, unit, value in zip(used.states, used.units, values, strict=True):
-            summary[f"{name}[{state}]"] = float(value), unit
+            summary[f"{what}[{state}]"] = float(value), unit
     summary["log_likelihood"] = float(own.log_likelihood), ""
     if other is not None:
         truth, own_z, _t = clock.timed(file, plan.data.record(file.measurements))
@@ -304,6 +330,7 @@ def _measured(file: ModelFile, other: ModelFile | None, plan: Plan) -> Outcome:
     )
     return Outcome(
         kind="data",
+        algorithm=name,
         k=k,
         t=t[k],
         **_labels(used),
@@ -314,14 +341,14 @@ def _measured(file: ModelFile, other: ModelFile | None, plan: Plan) -> Outcome:
         estimates={name: f.x_plus[k] for name, (f, _, _) in tried.items() if f is not None},
         P_minus=own.P_minus[k],
         P_plus=own.P_plus[k],
-        K=_gains(model, own)[k],
+        K=(_constant(model, own).K if name == "steady" else _gains(model, own))[k],
         verdict=verdict,
         algorithms=_algorithms(model, z, plan, tried, None),
         log_likelihood=float(own.log_likelihood),
         smoothed=smooth.x[k],
         smoothed_sd=_sd(smooth.P)[k],
         summary=summary,
-        notes=() if len(k) == steps + 1 else (f"{len(k)} of {steps + 1} instants are shown; all were filtered.",),
+        notes=(*_refused(tried, name), *_thinned(k, steps, "all were filtered")),
     )
 
 
@@ -416,6 +443,11 @@ def _kept(steps: int) -> Array:
     if steps < POINTS:
         return np.arange(steps + 1)
     return np.unique(np.linspace(0, steps, POINTS).round().astype(np.int64))
+
+
+def _thinned(k: Array, steps: int, rest: str) -> tuple[str, ...]:
+    """What is to be said where not all instants are shown."""
+    return () if len(k) == steps + 1 else (f"{len(k)} of {steps + 1} instants are shown; {rest}.",)
 
 
 def _sd(P: Array) -> Array:

@@ -193,9 +193,10 @@ class Outcome:
 
     ``kind`` "simulation" or "data" · ``k`` (K,), ``t`` (K,) s · ``states``, ``units``, ``measurements``, ``measurement_units`` ·
     ``z`` (K, m, r), NaN where nothing was measured · ``truth`` (K, n, r) or None · ``measured`` (n,), which measurement reads a
-    state alone, −1 if none · ``x_minus``, ``x_plus`` (K, n, r) by the first algorithm · ``estimates``, x_plus of run 0 by every
-    algorithm · ``P_minus``, ``P_plus`` (K, n, n), as the filter claims · ``K`` (K, n, m) · ``innovation`` (K, m, r),
-    ``innovation_sd`` (K, m) · ``nis`` (K, r), ``nis_dof`` (K,), ``nis_band`` (2, K) of 95 % · ``smoothed``, ``smoothed_sd``
+    state alone, −1 if none · ``algorithm``, the first one that works, and its ``x_minus``, ``x_plus`` (K, n, r) ·
+    ``estimates``, x_plus of run 0 by every algorithm · ``P_minus``, ``P_plus`` (K, n, n), as the filter claims ·
+    ``K`` (K, n, m) · ``innovation`` (K, m, r), ``innovation_sd`` (K, m) ·
+    ``nis`` (K, r), ``nis_dof`` (K,), ``nis_band`` (2, K) of 95 % · ``smoothed``, ``smoothed_sd``
     (K, n) of data · ``statistics`` : over all runs, see :class:`Statistics`, or None · ``actual_P``, ``actual_bias`` : the theory of
     the true errors where the design is not the truth · ``verdict`` : tests of the innovations of run 0 ·
     ``algorithms`` · ``summary`` : numbers to copy, name → (value, unit) · ``seconds`` it took
@@ -232,6 +233,7 @@ class Outcome:
     smoothed: Array | None = None
     smoothed_sd: Array | None = None
     log_likelihood: float | None = None
+    algorithm: str = ""
     seconds: float = 0.0
     notes: tuple[str, ...] = ()
 

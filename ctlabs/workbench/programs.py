@@ -10,7 +10,7 @@ from ctlabs.workbench.experiments import prepared
 from ctlabs.workbench.outcomes import Outcome, Plan
 
 
-def python(name: str, model: str, plan: Plan, _found: Outcome) -> str:
+def python(name: str, model: str, plan: Plan, found: Outcome) -> str:
     """A program that needs nothing but the library and prints the experiment's summary as JSON."""
     file, design = files(model, plan)
     simulated = plan.data is None
@@ -35,7 +35,9 @@ def python(name: str, model: str, plan: Plan, _found: Outcome) -> str:
             "",
             "",
         ]
-    more, body = (_simulation if simulated else _record)(plan, design is not None, bool(changes))
+    more, body = (_simulation if simulated else _record)(
+        plan, found.algorithm or plan.algorithms[0], other=design is not None, changed=bool(changes)
+    )
     imports += more
     ordered = [line for line in imports if line.startswith("import ") and "numpy" not in line]
     others = [line for line in imports if line not in ordered and "numpy" not in line]
@@ -44,31 +46,42 @@ def python(name: str, model: str, plan: Plan, _found: Outcome) -> str:
     return "\n".join([*top, *lines, *body, "print(json.dumps(numbers, indent=1))", ""])
 
 
-def _simulation(plan: Plan, other: bool, changed: bool) -> tuple[list[str], list[str]]:
+def _simulation(plan: Plan, algorithm: str, *, other: bool, changed: bool) -> tuple[list[str], list[str]]:
     imports = ["from ctlabs import forms", "from ctlabs.experiment import Experiment"]
     build = "anomalous({}.discrete(steps=steps), steps)" if changed else "{}.discrete(steps=steps)"
     lines = [f"steps, first = {plan.steps}, {plan.first}", f"truth = {build.format('model')}"]
     lines += [f"experiment = Experiment(runs={plan.runs}, seed={plan.seed})"]
     lines += ["some = experiment.histories(truth, steps=steps, runs=1, first=first)"]
+    design = "wrong" if other else "truth"
     if other:
-        imports += ["from ctlabs import forms, sensitivity", "from ctlabs.studies.common import stands_for"]
-        imports.remove("from ctlabs import forms")
+        imports += ["from ctlabs.studies.common import stands_for"]
         lines += [
             f"wrong = {build.format('design')}",
             "E = stands_for(truth, wrong)  # which states of the truth the filter estimates",
-            "statistics = experiment.statistics(truth, wrong, steps=steps, compare=E, first=first)",
-            "actual = sensitivity.actual(truth, wrong, steps, compare=E, first=first)",
+        ]
+    lines += [f"run = forms.run({design}, some.z[:, :, 0], {algorithm!r}, first)"]
+    pair, more = ("truth, wrong", ", compare=E") if other else ("truth", "")
+    if algorithm == "steady":
+        imports += ["from ctlabs.kalman import Schedule"]
+        lines += [
+            f"K = np.where(run.used[:, None, :], steady.solve({design}).K, 0)",
+            "schedule = Schedule(run.t, run.P_minus, run.P_plus, K, run.S, run.used)  # the gain, and what the filter claims",
+        ]
+        more += ", schedule=schedule"
+    lines += [f"statistics = experiment.statistics({pair}, steps=steps{more}, first=first)"]
+    if other or algorithm == "steady":
+        optimal = "E @ some.schedule.P_plus[-1] @ E.T" if other else "some.schedule.P_plus[-1]"
+        lines += [
+            f"actual = sensitivity.actual(truth, {design}, steps{more}, first=first)",
             "columns = {",
             '    "sd_claimed": actual.claimed.sd_plus[-1],',
-            '    "rms_theory": np.sqrt(np.diag(actual.mse_plus[-1])),',
-            '    "sd_optimal": np.sqrt(np.diag(E @ some.schedule.P_plus[-1] @ E.T)),',
+            '    "rms_theory": np.sqrt(np.diag(actual.mse_plus[-1]).clip(0)),',
+            f'    "sd_optimal": np.sqrt(np.diag({optimal}).clip(0)),',
         ]
     else:
-        lines += [
-            "statistics = experiment.statistics(truth, steps=steps, first=first)",
-            "columns = {",
-            '    "sd_theory": some.schedule.sd_plus[-1],',
-        ]
+        lines += ["columns = {", '    "sd_theory": some.schedule.sd_plus[-1],']
+    used = [name for name in ("sensitivity", "steady") if any(f"{name}." in line for line in lines)]
+    imports[0] = f"from ctlabs import {', '.join(['forms', *used])}"
     lines += [
         '    "rms": statistics.rms[-1],',
         '    "rms_se": statistics.rms_se[-1],',
@@ -80,13 +93,12 @@ def _simulation(plan: Plan, other: bool, changed: bool) -> tuple[list[str], list
         "    if (dof > 0).any():",
         '        numbers[f"{name}_mean"] = float(average[dof > 0].mean())',
         '        numbers[f"{name}_expected"] = float(dof[dof > 0].mean())',
-        f"run = forms.run({'wrong' if other else 'truth'}, some.z[:, :, 0], {plan.algorithms[0]!r}, first)",
         'numbers["log_likelihood_run_1"] = run.log_likelihood',
     ]
     return imports, lines
 
 
-def _record(plan: Plan, other: bool, changed: bool) -> tuple[list[str], list[str]]:
+def _record(plan: Plan, algorithm: str, *, other: bool, changed: bool) -> tuple[list[str], list[str]]:
     assert plan.data is not None
     imports = ["from ctlabs import datafile, diagnosis, forms", "from ctlabs.studies.clock import timed"]
     used = "design" if other else "model"
@@ -96,7 +108,7 @@ def _record(plan: Plan, other: bool, changed: bool) -> tuple[list[str], list[str
         f"record = datafile.parse(DATA.encode(), {used}.measurements, {plan.data.name!r})",
         f"discrete, z, t = timed({used}, record)",
         *(["discrete = anomalous(discrete, len(z) - 1)"] if changed else []),
-        f"found = forms.run(discrete, z, {plan.algorithms[0]!r}, first)",
+        f"found = forms.run(discrete, z, {algorithm!r}, first)",
         'numbers = {"rows": record.rows, "missing": record.missing}',
         'for name, values in (("estimate", found.x_plus[-1]), ("sd", np.sqrt(np.diag(found.P_plus[-1])))):',
         f"    for state, x in zip({used}.states, values):",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -26,7 +27,7 @@ def report(name: str, model: str, plan: Plan, found: Outcome) -> Report:
     """The experiment as a report: model, estimates, errors, innovations, algorithms, and the lines that give it again."""
     file, design = files(model, plan)
     simulated = plan.data is None
-    own: list[tuple[str, Any, str, str]] = [("algorithm", plan.algorithms[0], "", "form of the filter")]
+    own: list[tuple[str, Any, str, str]] = [("algorithm", _algorithm(plan, found), "", "form of the filter")]
     own += (
         [("steps", plan.steps, "1", "steps of each run")]
         if simulated
@@ -73,6 +74,10 @@ def report(name: str, model: str, plan: Plan, found: Outcome) -> Report:
     return made
 
 
+def _algorithm(plan: Plan, found: Outcome) -> str:
+    return found.algorithm or plan.algorithms[0]
+
+
 def _data_name(plan: Plan) -> str:
     return "" if plan.data is None else plan.data.name
 
@@ -97,6 +102,11 @@ def _second_route(made: Report, file: ModelFile, plan: Plan, found: Outcome) -> 
     else:
         whole, z, _t = clock.timed(file, plan.data.record(file.measurements))
         whole, z = anomalous(whole, plan.anomalies, len(z) - 1), z[: steps + 1]
+    if _algorithm(plan, found) == "steady":
+        limit = dataclasses.replace(whole, P0=found.P_plus[-1])
+        again = forms.run(limit, np.zeros((2, whole.m)), "array").P_plus[1]
+        made.check("steady error covariance", found.P_plus[-1], again, ("limit", "one period more"))
+        return
     if plan.data is None:  # where the truth is not measured, its filter has nothing
         absent = np.isnan(found.z[: len(at), :, 0])
         if len(at) != steps + 1 and absent[plan.first :].any():
