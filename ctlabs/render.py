@@ -16,6 +16,7 @@ import shutil
 import tempfile
 import textwrap
 from collections.abc import Iterable, Sequence
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -321,11 +322,16 @@ def _markdown_it() -> Any:
     from mdit_py_plugins.dollarmath import dollarmath_plugin
 
     def mathml(latex: str, options: dict[str, Any]) -> str:
-        shown = convert(latex, display="block" if options["display_mode"] else "inline")
+        try:
+            shown = convert(latex, display="block" if options["display_mode"] else "inline")
+        except Exception:  # dollars in somebody's words; the converter has no common class of its errors
+            return f"<code>{escape(latex)}</code>"
         # A bar is a fence (|Φ|) in every formula here, never a relation: no space around it.
         return shown.replace(
             '<mo stretchy="false">&#x0007C;</mo>', '<mo stretchy="false" lspace="0" rspace="0">&#x0007C;</mo>'
         )
 
     parser = MarkdownIt("commonmark", {"html": False}).enable("table")
+    # Words of a model file may not make the page ask another machine for anything.
+    parser.validateLink = lambda url: ":" not in url and "//" not in url  # type: ignore[method-assign]
     return parser.use(dollarmath_plugin, renderer=mathml, allow_digits=True).use(anchors_plugin, max_level=3)

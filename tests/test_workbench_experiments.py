@@ -6,6 +6,7 @@ import asyncio
 import csv
 import io
 import json
+import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -528,3 +529,39 @@ def test_anomalies_of_correlated_measurements_leave_no_correlation_behind() -> N
     found = experiments.anomalous(model, [Anomaly(1, 0), Anomaly(2, 1, 0.0)], 2)
     np.testing.assert_array_equal(found.R[1], [[np.inf, 0], [0, 2]])
     np.testing.assert_array_equal(found.R[2], [[2, 0], [0, 0]])
+
+
+def hostile() -> str:
+    """A model whose words would be formulas, pictures, placeholders and columns somewhere else."""
+    text = loads(MODEL).edit(("model", "states"), ["{q}", "![](http://evil.example/x.png)"])
+    text = text.edit(("model", "units"), [r"$\frac{a}{$ b", "<script>alert(1)</script>"])
+    return text.edit(("model", "measurements"), ["=1+2"]).edit(("title",), r"$\frac{$ <b>bold</b> [x](http://evil.example)").dumps()
+
+
+@pytest.mark.parametrize("kind", ["html", "csv", "json", "png", "svg", "python", "toml"])
+def test_words_of_a_model_do_nothing_in_its_exports(session: Session, kind: str) -> None:
+    """They are shown as they are: nothing is fetched, computed, formatted or broken by them."""
+    session.do(c.Open(hostile()))
+    session.set_plan(steps=20, runs=5)
+    asyncio.run(session.run(name="a\0b\ud800 $\\frac{$"))
+    number = session.result_id or 0
+    assert session.kept()[0].name == "ab $\\frac{$"
+    made = session.export(number, kind)
+    if kind == "html":
+        page = made.decode()
+        assert not re.search(r"""(src|href)=["']?(http|//)""", page)
+        assert "<script" not in page
+        assert "default-src 'none'" in page
+    if kind == "csv":
+        assert "'=1+2_measured" in made.decode().splitlines()[0].split(",")
+    if kind == "python":
+        compile(made, "export.py", "exec")
+
+
+def test_columns_of_one_name_are_refused(session: Session) -> None:
+    """A state called nis would take the place of the statistic; the reason is told."""
+    session.do(c.Open(loads(MODEL).edit(("model", "states"), ["t", "nis"]).dumps()))
+    session.set_plan(steps=20, runs=5)
+    asyncio.run(session.run())
+    with pytest.raises(ValueError, match='received "t" twice: rename a state or a measurement'):
+        session.export(session.result_id or 0, "csv")

@@ -415,6 +415,16 @@ def test_understanding_is_the_librarys(session: Session) -> None:
     assert session.understand() is not found
 
 
+def test_what_is_understood_over_time_begins_at_t0(session: Session) -> None:
+    """The time axis is the file's: an R that is large around t = 105 shows there."""
+    file = ready("local_level").edit(("experiment", "t0"), 100).edit(("experiment", "steps"), 20)
+    session.do(c.Open(file.edit(("model", "R", 0, 0), "1 + 1e9*exp(-9*(t - 105)^2)").dumps()))
+    found = session.understand().transient.found
+    assert found is not None
+    assert found.t[0] == 100
+    assert found.t[np.diff(found.P_plus[:, 0, 0]).argmax() + 1] == pytest.approx(105)
+
+
 def test_a_known_input_that_varies_takes_nothing_from_the_filter(session: Session) -> None:
     """Covariances know nothing of u: the motor has a steady filter although its voltage alternates."""
     session.do(c.Open(ready("motor").dumps()))

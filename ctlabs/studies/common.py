@@ -89,8 +89,8 @@ def discrete(model: ModelFile, steps: int) -> DiscreteModel:
 
 def label(name: str, unit: str = "") -> str:
     """A name and its unit for an axis; a dollar sign in it begins no formula."""
-    shown = name.replace("$", r"\$")
-    return f"{shown}, {unit}" if unit and unit != "1" else shown
+    shown = f"{name}, {unit}" if unit and unit != "1" else name
+    return shown.replace("$", r"\$")
 
 
 def units(model: ContinuousModel | DiscreteModel) -> str:

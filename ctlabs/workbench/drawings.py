@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
+from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
 from ctlabs import plots
 from ctlabs.plots import Figure, studies
 from ctlabs.studies import common
+from ctlabs.text import fill
 from ctlabs.workbench.outcomes import Outcome
 
-#: How a picture is drawn, and its caption.
-Drawing = tuple[Callable[[], Figure], str]
+
+class Drawing(NamedTuple):
+    """How a picture is drawn, and its caption with the words that are put into it."""
+
+    draw: Callable[[], Figure]
+    caption: str
+    words: Mapping[str, object] = MappingProxyType({})
 
 
 def figures(found: Outcome) -> dict[str, str]:
     """The pictures that there are, and what each shows."""
-    return {name: caption for name, (_, caption) in drawings(found).items()}
+    return {name: fill(caption, **words) for name, (_, caption, words) in drawings(found).items()}
 
 
 def drawings(found: Outcome) -> dict[str, Drawing]:
@@ -26,31 +34,36 @@ def drawings(found: Outcome) -> dict[str, Drawing]:
     shown = range(min(len(found.states), common.SHOWN))
     made: dict[str, Drawing] = {}
     for i in shown:
-        name = found.states[i]
-        made[f"estimates_{i + 1}"] = (
+        made[f"estimates_{i + 1}"] = Drawing(
             partial(_estimates, found, i),
-            f"The first run: estimate of {name} with its ±σ band.",
+            "The first run: estimate of {state} with its ±σ band.",
+            {"state": found.states[i]},
         )
     if found.statistics is not None:
         for i in shown:
-            caption = f"RMS error of {found.states[i]} over {found.statistics.runs} runs against theory."
-            made[f"errors_{i + 1}"] = partial(_errors, found, i), caption
-        made["nees"] = (
+            made[f"errors_{i + 1}"] = Drawing(
+                partial(_errors, found, i),
+                "RMS error of {state} over {runs} runs against theory.",
+                {"state": found.states[i], "runs": str(found.statistics.runs)},
+            )
+        made["nees"] = Drawing(
             partial(_consistency, found),
             "NEES and NIS averaged over the runs, and what is expected of a right model.",
         )
-    made["gain"] = partial(_gain, found), "The gain."
-    made["innovations"] = (
+    made["gain"] = Drawing(partial(_gain, found), "The gain.")
+    made["innovations"] = Drawing(
         partial(_innovations, found),
         "Innovations in their ±2σ band, and the NIS in the band of 95 %.",
     )
     if found.verdict is not None and found.verdict.lags.size:
-        made["autocorrelation"] = (
+        made["autocorrelation"] = Drawing(
             partial(_correlation, found),
             "Autocorrelation of the standardised innovations; those of a right model are white.",
         )
     if len([each for each in found.algorithms if not each.failed and each.error_P is not None]) > 1:
-        made["algorithms"] = partial(_accuracy, found), "The algorithms against 50 digits, and their operations."
+        made["algorithms"] = Drawing(
+            partial(_accuracy, found), "The algorithms against 50 digits, and their operations."
+        )
     return made
 
 

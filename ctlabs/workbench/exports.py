@@ -8,17 +8,15 @@ import json
 import math
 import re
 import unicodedata
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 import ctlabs
 from ctlabs._check import Array
+from ctlabs.studies import common
 from ctlabs.workbench.outcomes import Outcome, Plan, packed
 from ctlabs.workbench.programs import python
-
-if TYPE_CHECKING:
-    pass
 
 #: Endings of the files, and their types for a browser.
 KINDS = {
@@ -79,29 +77,34 @@ def filename(name: str, number: int, kind: str) -> str:
 
 def table(_name: str, _model: str, _plan: Plan, found: Outcome) -> str:
     """The first run as CSV, an instant to a row; of simulated runs also what all of them give."""
-    columns: dict[str, Array] = {"k": found.k, "t": found.t}
+    columns: list[tuple[str, Array]] = [("k", found.k), ("t", found.t)]
     for i, state in enumerate(found.states):
         if found.truth is not None:
-            columns[f"{state}_true"] = found.truth[:, i, 0]
-        columns[state] = found.x_plus[:, i, 0]
-        columns[f"{state}_sd"] = found.sd_plus[:, i]
+            columns.append((f"{state}_true", found.truth[:, i, 0]))
+        columns += [(state, found.x_plus[:, i, 0]), (f"{state}_sd", found.sd_plus[:, i])]
         if found.smoothed is not None and found.smoothed_sd is not None:
-            columns[f"{state}_smoothed"] = found.smoothed[:, i]
-            columns[f"{state}_smoothed_sd"] = found.smoothed_sd[:, i]
+            columns += [(f"{state}_smoothed", found.smoothed[:, i]), (f"{state}_smoothed_sd", found.smoothed_sd[:, i])]
         if found.statistics is not None:
-            columns[f"{state}_rms"] = found.statistics.rms[:, i]
-            columns[f"{state}_bias"] = found.statistics.bias[:, i]
+            columns += [
+                (f"{state}_rms", found.statistics.rms[:, i]),
+                (f"{state}_bias", found.statistics.bias[:, i]),
+            ]
     for j, measurement in enumerate(found.measurements):
-        columns[f"{measurement}_measured"] = found.z[:, j, 0]
-        columns[f"{measurement}_innovation"] = found.innovation[:, j, 0]
-        columns[f"{measurement}_innovation_sd"] = found.innovation_sd[:, j]
-    columns["nis"] = found.nis[:, 0]
+        columns += [
+            (f"{measurement}_measured", found.z[:, j, 0]),
+            (f"{measurement}_innovation", found.innovation[:, j, 0]),
+            (f"{measurement}_innovation_sd", found.innovation_sd[:, j]),
+        ]
+    columns.append(("nis", found.nis[:, 0]))
     if found.statistics is not None:
-        columns |= {"nees_mean": found.statistics.nees, "nis_mean": found.statistics.nis}
+        columns += [("nees_mean", found.statistics.nees), ("nis_mean", found.statistics.nis)]
+    names = [name for name, _ in columns]
+    common.distinct("experiment.csv", names)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    lists = [column.tolist() for column in columns.values()]
+    # A spreadsheet would compute a name like "=1+2".
+    writer.writerow([f"'{name}" if name[:1] in "=+-@" else name for name in names])
+    lists = [column.tolist() for _, column in columns]
     writer.writerows([["" if cell != cell else cell for cell in row] for row in zip(*lists, strict=True)])
     return text.getvalue()
 
@@ -141,7 +144,7 @@ def _picture(found: Outcome, kind: str, figure: str) -> bytes:
     if figure not in drawn_by:
         msg = f"figure: expected one of {', '.join(drawn_by)}, received {figure!r}"
         raise ValueError(msg)
-    drawn = drawn_by[figure][0]()
+    drawn = drawn_by[figure].draw()
     if kind == "png":
         return render.png(drawn)
     import matplotlib as mpl

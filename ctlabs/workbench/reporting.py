@@ -17,8 +17,6 @@ from ctlabs.workbench.experiments import anomalous
 from ctlabs.workbench.outcomes import Outcome, Plan
 from ctlabs.workbench.programs import files, python
 
-#: A covariance of a larger condition number is not the same by two forms of the filter.
-SINGULAR = 1e7
 #: The second route of a report's check goes over so many steps.
 CHECKED = 1000
 
@@ -61,9 +59,9 @@ def report(name: str, model: str, plan: Plan, found: Outcome) -> Report:
         if part == "c" and not simulated:
             continue
         made.section(part, title)
-        for key, (draw, caption) in drawn.items():
+        for key, (draw, caption, words) in drawn.items():
             if key.startswith((first, second)):
-                made.figure(key, draw(), caption)
+                made.figure(key, draw(), caption, **words)
         {"b": _numbers, "c": _second_route, "d": _tests, "e": _costs}[part](
             made, file if design is None else design, plan, found
         )
@@ -93,7 +91,7 @@ def _second_route(made: Report, file: ModelFile, plan: Plan, found: Outcome) -> 
     steps = min(int(found.k[-1]), CHECKED)
     at = found.k[found.k <= steps]
     wanted = found.P_plus[: len(at)]
-    if not max(common.condition(P) for P in wanted) < SINGULAR:
+    if not max(common.condition(P) for P in wanted) < common.SINGULAR:
         made.says("The error covariance is nearly singular: forms of the filter differ by their rounding.")
         return
     if plan.data is None:

@@ -443,7 +443,8 @@ def _told(file: ModelFile) -> dict[str, Any]:
 
 
 def _line(text: str) -> str:
-    return " ".join(text.split())[:LONGEST]
+    """One line of letters that can be seen."""
+    return "".join(each for each in " ".join(text.split()) if each.isprintable())[:LONGEST]
 
 
 def _remembered() -> int:

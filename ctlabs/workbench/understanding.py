@@ -16,7 +16,7 @@ import numpy as np
 
 from ctlabs import bucy, kalman, observability, records, steady
 from ctlabs._check import Array
-from ctlabs.modelfile import ModelFile
+from ctlabs.modelfile import Experiment, ModelFile
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.observability import Observability, SamplingLoss
 from ctlabs.steady import SteadyState
@@ -209,7 +209,7 @@ def understand(file: ModelFile) -> Understanding:
         continuous_limit=_of(continuous, bucy.steady),
         transfers=_of(limit, lambda found: _transfers(_constant(discrete.value), found.state)),
         bode=_of(limit, lambda found: _bode(_constant(discrete.value), found.state)),
-        transient=_of(discrete, lambda model: _transient(model, steps, file.experiment.first)),
+        transient=_of(discrete, lambda model: _transient(model, steps, file.experiment)),
     )
 
 
@@ -319,9 +319,9 @@ def _bode(model: DiscreteModel, limit: SteadyState) -> Bode:
     return Bode(w, tuple(f"{model.states[i]} ← {model.measurements[j]}" for i, j in pairs), gain, phase)
 
 
-def _transient(model: DiscreteModel, steps: int, first: int) -> Transient:
-    plan = kalman.schedule(model, steps, first)
-    return Transient(plan.t, plan.P_minus, plan.P_plus, plan.K, first)
+def _transient(model: DiscreteModel, steps: int, told: Experiment) -> Transient:
+    plan = kalman.schedule(model, steps, told.first)
+    return Transient(told.t0 + plan.t, plan.P_minus, plan.P_plus, plan.K, told.first)
 
 
 # In words ------------------------------------------------------------------------------------------------------------
