@@ -192,7 +192,7 @@ class _Request:
         self.query = parse_qsl(scope.get("query_string", b"").decode("latin-1"), keep_blank_values=True)
         length = self._one(b"content-length") or "0"
         self.most = UPLOAD if _UPLOADS.fullmatch(str(scope["path"])) else BODY
-        self.length = int(length) if length.isdigit() else self.most + 1
+        self.length = int(length) if length.isascii() and length.isdigit() else self.most + 1
 
     @property
     def cookies(self) -> dict[str, str]:

@@ -260,13 +260,14 @@ class Runner:
                 self._renew()
 
     def _take(self) -> _Process:
-        with self._lock:
-            while self._idle:
-                process = self._idle.pop()
-                if process.alive():
-                    return process
-                process.kill()
-        return _Process(self)
+        while True:
+            with self._lock:
+                process = self._idle.pop() if self._idle else None
+            if process is None:
+                return _Process(self)
+            if process.alive():
+                return process
+            process.kill()  # waits for it, and so not while others wait for the lock
 
     def _give_back(self, process: _Process | None) -> bool:
         """Keep a process for the next run, if it lives."""
