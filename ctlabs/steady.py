@@ -79,13 +79,33 @@ def solve(model: DiscreteModel) -> SteadyState:
     return SteadyState(P_minus, P_plus, K, K_pred, S, poles)
 
 
-def transfer_function(model: DiscreteModel, state: int = 0, measurement: int = 0) -> tuple[Array, Array]:
+def loop(model: DiscreteModel, limit: SteadyState) -> tuple[Array, Array]:
+    r"""A (n, n) and M (n, m) of the steady filter :math:`\hat x_k^+ = A\hat x_{k-1}^+ + Mz_{k-1} + Kz_k`.
+
+    .. math:: A = (I-KH)(\Phi - NR^{-1}H), \qquad M = (I-KH)NR^{-1}
+
+    M, what z_{k−1} tells of w_{k−1}, is zero where N = 0.
+
+    >>> walk = DiscreteModel([[1]], [[4]], [[1]], [[16]], x0=[0], P0=[[25]])
+    >>> loop(walk, solve(walk))[0].round(6)
+    array([[0.609612]])
+    """
+    left = np.eye(model.n) - limit.K @ model.H
+    used = np.isfinite(np.diag(limit.S))
+    M = np.zeros((model.n, model.m))
+    if model.N is not None:
+        M[:, used] = model.N[:, used] @ np.linalg.pinv(model.R[np.ix_(used, used)], hermitian=True)
+    return left @ (model.Phi - M @ model.H), left @ M
+
+
+def transfer_function(
+    model: DiscreteModel, state: int = 0, measurement: int = 0, limit: SteadyState | None = None
+) -> tuple[Array, Array]:
     r"""From a measurement to an estimate: :math:`\hat x^+(z)/z(z)` of the steady filter, in powers of z⁻¹.
 
-    .. math:: \hat x_k^+ = (I-KH)\Phi\,\hat x_{k-1}^+ + K z_k
-              \quad\Rightarrow\quad H(z) = (I - (I-KH)\Phi z^{-1})^{-1}K
+    .. math:: H(z) = (I - Az^{-1})^{-1}(K + Mz^{-1})
 
-    (and with N ≠ 0, what z_{k−1} tells of w_{k−1}).
+    with A and M of :func:`loop`; ``limit`` : :func:`solve`'s answer, where it is known already.
 
     Returns
     -------
@@ -95,14 +115,9 @@ def transfer_function(model: DiscreteModel, state: int = 0, measurement: int = 0
     >>> num.round(6), den.round(6)
     (array([0.390388, 0.      ]), array([ 1.      , -0.609612]))
     """
-    limit = solve(model)
-    left = np.eye(model.n) - limit.K @ model.H
-    used = np.isfinite(np.diag(limit.S))
-    M = np.zeros((model.n, model.m))
-    if model.N is not None:
-        M[:, used] = model.N[:, used] @ np.linalg.pinv(model.R[np.ix_(used, used)], hermitian=True)
-    A = left @ (model.Phi - M @ model.H)
-    response = [limit.K, A @ limit.K + left @ M]
+    limit = solve(model) if limit is None else limit
+    A, M = loop(model, limit)
+    response = [limit.K, A @ limit.K + M]
     while len(response) <= model.n:
         response.append(A @ response[-1])
     den = np.real(np.poly(A))

@@ -279,35 +279,18 @@ def _pairs(model: DiscreteModel) -> list[tuple[int, int]]:
     return [(i, j) for i in range(model.n) for j in seen][:PAIRS]
 
 
-def _loop(model: DiscreteModel, limit: SteadyState) -> tuple[Array, Array]:
-    """A and M of the steady filter: x̂(k) = A x̂(k−1) + M z(k−1) + K z(k)."""
-    left = np.eye(model.n) - limit.K @ model.H
-    M = np.zeros((model.n, model.m))
-    if model.N is not None:
-        used = np.isfinite(np.diag(limit.S))
-        M[:, used] = model.N[:, used] @ np.linalg.pinv(model.R[np.ix_(used, used)], hermitian=True)
-    return left @ (model.Phi - M @ model.H), left @ M
-
-
 def _transfers(model: DiscreteModel, limit: SteadyState) -> tuple[Transfer, ...]:
-    A, M = _loop(model, limit)
-    response = [limit.K, A @ limit.K + M]
-    while len(response) <= model.n:
-        response.append(A @ response[-1])
-    den = np.real(np.poly(A))
-    found = []
-    for i, j in _pairs(model):
-        num = np.convolve(den, [h[i, j] for h in response])[: model.n + 1]
-        num = np.where(np.abs(num) > 1e-13 * np.abs(num).max(), num, 0.0)
-        found.append(Transfer(model.states[i], model.measurements[j], num, den, model.dt))
-    return tuple(found)
+    return tuple(
+        Transfer(model.states[i], model.measurements[j], *steady.transfer_function(model, i, j, limit), model.dt)
+        for i, j in _pairs(model)
+    )
 
 
 def _bode(model: DiscreteModel, limit: SteadyState) -> Bode:
     nyquist = math.pi / model.dt
     w = np.geomspace(nyquist * 1e-4, nyquist, POINTS)
     late = np.exp(-1j * w * model.dt)[:, None, None]
-    A, M = _loop(model, limit)
+    A, M = steady.loop(model, limit)
     pairs = _pairs(model)
     response = np.linalg.solve(np.eye(model.n) - A * late, limit.K + M * late)
     values = np.array([response[:, i, j] for i, j in pairs]).reshape(len(pairs), POINTS)
