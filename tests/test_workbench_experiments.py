@@ -231,7 +231,7 @@ def recorded(seed: int = 5, factor: float = 1.0, gap: int = 7) -> bytes:
 
 def test_a_measured_record_is_filtered_smoothed_and_judged(session: Session) -> None:
     """Estimates, smoother, likelihood and verdict are the library's on the same record."""
-    record = session.upload(recorded(factor=4.0), "track.csv")
+    record = asyncio.run(session.upload(recorded(factor=4.0), "track.csv"))
     assert record.missing == 1
     found = run(session.plan)
     model = ready("constant_velocity").discrete()
@@ -262,13 +262,13 @@ def test_data_that_do_not_fit_the_model_are_refused_and_change_nothing(session: 
     before = session.plan
     for content in (b"flow\n1\n2\n", b"\x00\x01", b"", b"x" * 20_000_001):
         with pytest.raises(ValueError, match=r"^a\.csv: [^\n]+$"):
-            session.upload(content, "a.csv")
+            asyncio.run(session.upload(content, "a.csv"))
     assert session.plan == before
 
 
 def test_two_models_are_compared_on_one_record(session: Session) -> None:
     """With a design the record's likelihood is given under both."""
-    session.upload(recorded(), "track.csv")
+    asyncio.run(session.upload(recorded(), "track.csv"))
     session.set_design(ready("constant_velocity").replace({"sigma": 50}).dumps())
     found = run(session.plan)
     assert session.plan.data is not None
@@ -315,6 +315,23 @@ def test_an_experiment_is_kept_and_can_be_reopened_after_a_kill(session: Session
     assert again.plan == PLAN
     again.undo()
     assert again.title == "Something else"
+
+
+def test_the_last_result_is_there_again_after_a_restart(store: Store) -> None:
+    """That of this draft, also where the model has been changed since; not another draft's, and not a deleted one."""
+    own, other = (Session.begin(store, text=MODEL) for _ in range(2))
+    own.set_plan(steps=5, runs=3)
+    found = asyncio.run(own.run())
+    own.do(c.SetTitle("Changed"))
+    again = Session.resume(store, own.draft.id)
+    assert again.result_id == own.result_id
+    assert again.result is not None
+    assert equal(again.result, found)
+    other = Session.resume(store, other.draft.id)
+    assert (other.result, other.result_id) == (None, None)
+    own.delete(own.result_id or 0)
+    later = Session.resume(store, own.draft.id)
+    assert (later.result, later.result_id) == (None, None)
 
 
 def test_a_rerun_gives_the_same_numbers(session: Session) -> None:
@@ -535,7 +552,11 @@ def hostile() -> str:
     """A model whose words would be formulas, pictures, placeholders and columns somewhere else."""
     text = loads(MODEL).edit(("model", "states"), ["{q}", "![](http://evil.example/x.png)"])
     text = text.edit(("model", "units"), [r"$\frac{a}{$ b", "<script>alert(1)</script>"])
-    return text.edit(("model", "measurements"), ["=1+2"]).edit(("title",), r"$\frac{$ <b>bold</b> [x](http://evil.example)").dumps()
+    return (
+        text.edit(("model", "measurements"), ["=1+2"])
+        .edit(("title",), r"$\frac{$ <b>bold</b> [x](http://evil.example)")
+        .dumps()
+    )
 
 
 @pytest.mark.parametrize("kind", ["html", "csv", "json", "png", "svg", "python", "toml"])

@@ -494,6 +494,21 @@ def test_a_long_history_forgets_its_oldest_steps_only(session: Session) -> None:
     assert session.title == "title 10"
 
 
+def test_a_draft_that_is_open_twice_is_not_overwritten(session: Session, store: Store) -> None:
+    """Two servers on one folder: the one whose history is old is told to reload, and both texts stay whole."""
+    other = Session.resume(store, session.draft.id)
+    session.do(c.SetTitle("Mine"))
+    for late in (lambda: other.do(c.SetTitle("Theirs")), lambda: other.do(c.AddState("x"))):
+        with pytest.raises(ValueError, match="edited elsewhere: reload the page"):
+            late()
+    assert Session.resume(store, session.draft.id).title == "Mine"
+    session.undo()
+    other = Session.resume(store, session.draft.id)
+    session.redo()
+    with pytest.raises(ValueError, match="edited elsewhere"):
+        other.redo()
+
+
 def test_the_plan_is_saved_and_checked(session: Session, store: Store) -> None:
     """Settings of the next experiment survive a kill; impossible ones are refused in one line and change nothing."""
     session.set_plan(steps=50, runs=7, algorithms=("ud", "joseph"))

@@ -226,6 +226,28 @@ def test_only_old_deletions_and_untouched_drafts_are_forgotten(tmp_path: Path, m
     again.close()
 
 
+def test_a_long_text_is_kept_once_and_as_long_as_something_names_it(tmp_path: Path) -> None:
+    """A record of many megabytes is not written again with every experiment, and goes with the last one."""
+    first = Store(tmp_path)
+    draft = first.new_draft("me", "tab", "x").id
+    key, other = first.put("z\n" * 10**6), first.put("z\n" * 9)
+    assert first.put("z\n" * 10**6) == key != other
+    first.note(draft, plan={"data": {"key": key}})
+    number = first.keep("me", "one", "x", {"data": {"key": other}}, 1, {})
+    first.close()
+    second = Store(tmp_path)
+    assert second.text(key) == "z\n" * 10**6
+    assert second.text(other) == "z\n" * 9
+    second.note(draft, plan={"data": None})
+    second.delete(number)
+    second.close()
+    third = Store(tmp_path)
+    assert third.text(other) == "z\n" * 9  # the deletion can be taken back
+    with pytest.raises(LookupError, match="expected one that is kept"):
+        third.text(key)
+    third.close()
+
+
 def test_a_text_without_end_is_refused(store: Store) -> None:
     """A model's text has a length, so that a paste cannot fill the disk with revisions."""
     draft = store.new_draft("me", "s").id

@@ -63,8 +63,14 @@ def models(first: str, second: str) -> Difference:
     >>> [line for line in models("a = 1\nb = 2", "a = 1\nb = 3").lines]
     [Line(mark=' ', text='a = 1'), Line(mark='-', text='b = 2'), Line(mark='+', text='b = 3')]
     """
-    found = difflib.ndiff(first.splitlines(), second.splitlines())
-    return Difference(tuple(Line(line[0], line[2:]) for line in found if line[0] in "-+ "))
+    a, b = first.splitlines(), second.splitlines()
+    lines: list[Line] = []
+    for what, start, end, other_start, other_end in difflib.SequenceMatcher(None, a, b, autojunk=False).get_opcodes():
+        if what == "equal":
+            lines += [Line(" ", text) for text in a[start:end]]
+        else:
+            lines += [Line("-", text) for text in a[start:end]] + [Line("+", text) for text in b[other_start:other_end]]
+    return Difference(tuple(lines))
 
 
 def experiments(first: tuple[Experiment, Outcome], second: tuple[Experiment, Outcome]) -> Difference:
@@ -79,7 +85,7 @@ def _settings(plan: dict[str, Any]) -> dict[str, tuple[Any, str]]:
     shown: dict[str, tuple[Any, str]] = {}
     for key, value in plan.items():
         if key == "data":
-            shown[key] = (None if value is None else f"{value['name']} ({len(value['text'])} characters)", "")
+            shown[key] = (None if value is None else f"{value['name']} ({value['key'][:8]})", "")
         elif key == "anomalies":
             words = [
                 f"{a['k']}{'–' + str(a['last']) if a['last'] is not None else ''}: R[{a['measurement']}] = {a['R']}"

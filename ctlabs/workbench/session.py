@@ -16,11 +16,11 @@ from __future__ import annotations
 import asyncio
 import re
 import unicodedata
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from ctlabs.datafile import Record, parse
+from ctlabs.datafile import Record
 from ctlabs.modelfile import ModelFile, loads, new
 from ctlabs.modelfile.errors import Path
 from ctlabs.workbench import applying, commands, comparing
@@ -65,13 +65,14 @@ class Session:
         self._understanding: Understanding | None = None
         self._at = next(i for i, (number, _) in enumerate(self._revisions) if number == draft.number)
         self._set(_file(draft.text), draft.text)
-        self.plan = _plan(draft.notes, self.file)
+        noted = draft.notes.get("plan")
+        self.plan = replace(Plan(), **_told(self.file)) if noted is None else self._plan(noted)
+        self._parsing: tuple[tuple[Data, tuple[str, ...]], Record] | None = None
         self._begun: set[int] = set()  # revisions that put a model in the place of another
         self._plans: dict[int, Plan] = {}  # the plans of the models that were on the desk before, by these revisions
-        #: What came of the last run; ``None`` before the first, and after a restart.
-        self.result: Outcome | None = None
         #: The number of the experiment that :attr:`result` is kept as.
-        self.result_id: int | None = None
+        self.result_id: int | None = draft.notes.get("result")
+        self._result: Outcome | None = None
 
     @classmethod
     def begin(cls, store: Store, owner: str = "local", text: str = "", *, runner: Runner | None = None) -> Session:
@@ -140,7 +141,7 @@ class Session:
             raise ValueError(msg)
         if text == self._text or (text == self.text and not isinstance(command, commands.New | commands.Open)):
             return
-        number = self.store.edit(self.draft.id, text, label)
+        number = self.store.edit(self.draft.id, text, label, after=self._revisions[self._at][0])
         self._revisions = [each for each in self._revisions[: self._at + 1] if each[0] > number - _remembered()]
         self._revisions.append((number, label))
         self._at = len(self._revisions) - 1
@@ -230,11 +231,16 @@ class Session:
         plan.check()
         self._note(plan)
 
-    def upload(self, content: bytes, name: str) -> Record:
-        """Take a CSV file as the next experiment's data; the record in it."""
-        record = parse(content, self.sheet.measurements, name)
-        self.set_plan(data=Data.of(content, name))
+    async def upload(self, content: bytes, name: str) -> Record:
+        """Take a CSV file as the next experiment's data; the record in it. It is read in a thread."""
+        data = Data.of(content, name)
+        record = await self._parsed(data)
+        self.set_plan(data=data)
         return record
+
+    async def record(self) -> Record | None:
+        """What is read of the plan's data, if there are any; ``ValueError`` where they do not fit the model."""
+        return None if self.plan.data is None else await self._parsed(self.plan.data)
 
     def set_design(self, text: str | None) -> None:
         """Let another model be the filter's (a model file's text, read and checked), or the truth itself (None)."""
@@ -252,6 +258,16 @@ class Session:
         plan.check()
         return REGISTERED, {"model": self.file.checked().dumps(), "plan": plan.plain()}
 
+    @property
+    def result(self) -> Outcome | None:
+        """What came of the last run, after a restart too; ``None`` before the first, or where it has been deleted since."""
+        if self._result is None and self.result_id is not None:
+            try:
+                self._result = self.outcome(self.result_id)
+            except (ValueError, LookupError):
+                self.result_id = None
+        return self._result
+
     async def run(
         self,
         *,
@@ -268,6 +284,7 @@ class Session:
         """
         job, text, plan = self.job(), self.text, self.plan
         found = await self._ran(job, progress, cancel)
+        self._show(found, None)  # it can be looked at even where it cannot be kept
         self._show(found, self._keep(found, text, plan, name))
         return found
 
@@ -280,8 +297,9 @@ class Session:
     ) -> Outcome:
         """Carry out a kept experiment again, with its model, settings and seed; the new one is kept too."""
         old = self._kept(number)
-        plan = Plan.of(old.settings)
+        plan = self._plan(old.settings)
         found = await self._ran((REGISTERED, {"model": old.model, "plan": plan.plain()}), progress, cancel)
+        self._show(found, None)
         self._show(found, self._keep(found, old.model, plan, f"{old.name} (again)"))
         return found
 
@@ -305,7 +323,7 @@ class Session:
         old = self._kept(number)
         found = outcome(self.store.results(number))
         self.do(commands.Open(old.model, old.name))
-        self._note(Plan.of(old.settings))
+        self._note(self._plan(old.settings))
         self._show(found, number)
         return found
 
@@ -339,7 +357,7 @@ class Session:
         from ctlabs.workbench import exports
 
         old = self._kept(number)
-        return exports.export(old.name, old.model, Plan.of(old.settings), self.outcome(number), kind, figure)
+        return exports.export(old.name, old.model, self._plan(old.settings), self.outcome(number), kind, figure)
 
     def figures(self, number: int) -> dict[str, str]:
         """The pictures of a kept experiment, and what each shows."""
@@ -366,12 +384,32 @@ class Session:
             self._note(plan)
 
     def _note(self, plan: Plan) -> None:
-        self.store.note(self.draft.id, plan=plan.plain())
+        self.store.note(self.draft.id, plan=self._settings(plan))
         self.plan = plan
+
+    def _settings(self, plan: Plan) -> dict[str, Any]:
+        """A plan as the store has it: a long record once, beside all plans that use it."""
+        plain = plan.plain()
+        if plan.data is not None:
+            plain["data"] = {"name": plan.data.name, "key": self.store.put(plan.data.text)}
+        return plain
+
+    def _plan(self, settings: Mapping[str, Any]) -> Plan:
+        """The plan of :meth:`_settings`."""
+        if settings.get("data") is None:
+            return Plan.of(settings)
+        name, key = settings["data"]["name"], settings["data"]["key"]
+        return Plan.of({**settings, "data": {"name": name, "text": self.store.text(key)}})
+
+    async def _parsed(self, data: Data) -> Record:
+        asked = data, self.sheet.measurements
+        if self._parsing is None or self._parsing[0] != asked:
+            self._parsing = asked, await asyncio.to_thread(data.record, asked[1])
+        return self._parsing[1]
 
     def _move(self, at: int) -> None:
         try:
-            text = self.store.move(self.draft.id, self._revisions[at][0])
+            text = self.store.move(self.draft.id, self._revisions[at][0], after=self._revisions[self._at][0])
         except LookupError as error:
             raise ValueError(str(error)) from None
         left, before = self._model(self._at), _told(self.file)
@@ -401,15 +439,17 @@ class Session:
         result = await self.runner.run(name, arguments, session=self.draft.id, progress=progress, cancel=cancel)
         return outcome(result)
 
-    def _show(self, found: Outcome, number: int) -> None:
-        self.result, self.result_id = found, number
+    def _show(self, found: Outcome, number: int | None) -> None:
+        self._result, self.result_id = found, number
+        if number is not None:
+            self.store.note(self.draft.id, result=number)
 
     def _keep(self, found: Outcome, text: str, plan: Plan, name: str) -> int:
         from ctlabs.workbench.outcomes import packed
 
         title = Sheet(loads(text, "", check=False)).title or "Untitled model"
         words = _line(name) or f"{title}: " + (plan.data.name if plan.data else f"{plan.runs} runs, seed {plan.seed}")
-        return self.store.keep(self.draft.owner, words, text, plan.plain(), plan.seed, packed(found))
+        return self.store.keep(self.draft.owner, words, text, self._settings(plan), plan.seed, packed(found))
 
     def _kept(self, number: int, *, deleted: bool = False) -> Experiment:
         found = self.store.experiment(number, self.draft.owner)
@@ -422,11 +462,6 @@ class Session:
 
 def _file(text: str) -> ModelFile:
     return loads(text, "", check=False) if text else loads(new().dumps(), "", check=False)
-
-
-def _plan(notes: dict[str, Any], file: ModelFile) -> Plan:
-    """The plan that was noted, or the one of the model file."""
-    return Plan.of(notes["plan"]) if "plan" in notes else replace(Plan(), **_told(file))
 
 
 def _changes(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:

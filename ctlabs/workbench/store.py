@@ -11,6 +11,7 @@ Nothing here depends on a page. How results become text: :mod:`ctlabs.workbench.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import secrets
@@ -58,6 +59,12 @@ _revisions = sa.Table(
     sa.Column("draft", sa.ForeignKey("draft.id", ondelete="CASCADE"), primary_key=True),
     sa.Column("number", sa.Integer, primary_key=True),
     sa.Column("label", sa.String, nullable=False),
+    sa.Column("text", sa.String, nullable=False),
+)
+_texts = sa.Table(
+    "text",
+    _tables,
+    sa.Column("key", sa.String, primary_key=True),
     sa.Column("text", sa.String, nullable=False),
 )
 _experiments = sa.Table(
@@ -200,11 +207,23 @@ class Store:
         with self._reading() as read:
             return [_draft(row) for row in read.execute(query.order_by(_drafts.c.updated.desc()).limit(limit))]
 
-    def edit(self, draft: str, text: str, label: str = "", *, notes: Mapping[str, Any] | None = None) -> int:
-        """Add a revision after the present one and drop those ahead of it; its number. ``notes`` are merged."""
+    def edit(
+        self,
+        draft: str,
+        text: str,
+        label: str = "",
+        *,
+        after: int | None = None,
+        notes: Mapping[str, Any] | None = None,
+    ) -> int:
+        """Add a revision after the present one and drop those ahead of it; its number. ``notes`` are merged.
+
+        ``after`` : the revision that the caller believes to be the present one; ``ValueError`` if another one is.
+        """
         _short(text)
         with self._writing() as write:
             now = self._now(write, draft)
+            _expected(after, now.number)
             number = now.number + 1
             mine = _revisions.c.draft == draft
             write.execute(
@@ -216,10 +235,11 @@ class Store:
             self._set(write, now, number, notes)
         return number
 
-    def move(self, draft: str, number: int) -> str:
-        """Make another revision the present one (undo, redo); its text."""
+    def move(self, draft: str, number: int, *, after: int | None = None) -> str:
+        """Make another revision the present one (undo, redo); its text. ``after`` as for :meth:`edit`."""
         with self._writing() as write:
             now = self._now(write, draft)
+            _expected(after, now.number)
             wanted = _revisions.c.draft == draft, _revisions.c.number == number
             text: str | None = write.execute(sa.select(_revisions.c.text).where(*wanted)).scalar()
             if text is None:
@@ -302,6 +322,25 @@ class Store:
         """Take an experiment out of the list, or put it back (``undo``)."""
         self._mark(_experiments, number, undo)
 
+    # Long texts ------------------------------------------------------------------------------------------------------
+
+    def put(self, text: str) -> str:
+        """Keep a long text once, however often notes and settings name it; its key."""
+        key = hashlib.sha256(text.encode()).hexdigest()
+        with self._writing() as write:
+            if write.execute(sa.select(_texts.c.key).where(_texts.c.key == key)).first() is None:
+                write.execute(_texts.insert().values(key=key, text=text))
+        return key
+
+    def text(self, key: str) -> str:
+        """The text with this key."""
+        with self._reading() as read:
+            found: str | None = read.execute(sa.select(_texts.c.text).where(_texts.c.key == key)).scalar()
+        if found is None:
+            msg = f"text {key[:8]}: expected one that is kept, received an unknown key"
+            raise LookupError(msg)
+        return found
+
     # Within ----------------------------------------------------------------------------------------------------------
 
     def _open(self) -> None:
@@ -320,8 +359,8 @@ class Store:
             msg = f"{self.path}: expected tables of version {SCHEMA}, received {version} ({newer}, or choose another folder with --data)"
             raise StoreError(msg)
         with self._writing() as write:
+            _tables.create_all(write)  # those that are not there
             if not tables:
-                _tables.create_all(write)
                 write.exec_driver_sql(f"PRAGMA application_id = {APPLICATION}")
                 write.exec_driver_sql(f"PRAGMA user_version = {SCHEMA}")
             self._forget(write, time.time())
@@ -345,12 +384,17 @@ class Store:
         self._engine = _engine(self.path)
 
     def _forget(self, write: sa.Connection, now: float) -> None:
-        """Remove for good what was deleted long ago, and drafts that were opened but never edited."""
+        """Remove for good what was deleted long ago, drafts that were opened but never edited, texts that none names."""
         for table in (_drafts, _experiments):
             write.execute(table.delete().where(table.c.deleted < now - REMEMBERED))
         edited = sa.select(_revisions.c.draft).where(_revisions.c.number > 0)
         untouched = _drafts.c.id.not_in(edited), _drafts.c.notes == "{}", _drafts.c.updated < now - UNTOUCHED
         write.execute(_drafts.delete().where(*untouched))
+        named = [
+            sa.exists().where(sa.func.instr(column, _texts.c.key) > 0)
+            for column in (_drafts.c.notes, _experiments.c.settings)
+        ]
+        write.execute(_texts.delete().where(~sa.or_(*named)))
 
     def _now(self, write: sa.Connection, draft: str) -> Draft:
         row = write.execute(_WITH_TEXT.where(_drafts.c.id == draft)).first()
@@ -423,7 +467,7 @@ def _look(read: sa.Connection) -> tuple[int, int, int]:
 def _engine(path: Path) -> sa.Engine:
     url = sa.URL.create("sqlite", database=str(path))
     # As many connections as are asked for: a reader never waits for another reader.
-    engine = sa.create_engine(url, connect_args={"timeout": 10, "check_same_thread": False}, max_overflow=-1)
+    engine = sa.create_engine(url, connect_args={"timeout": 2, "check_same_thread": False}, max_overflow=-1)
 
     @sa.event.listens_for(engine, "connect")
     def _(connection: Any, _record: object) -> None:
@@ -458,6 +502,13 @@ def _draft(row: Any) -> Draft:
 def _experiment(row: Any) -> Experiment:
     values = row._asdict()
     return Experiment(**{**values, "settings": json.loads(values["settings"])})
+
+
+def _expected(after: int | None, number: int) -> None:
+    """Another server on the same folder, or another program, may have this draft too."""
+    if after not in {None, number}:
+        msg = f"draft: expected revision {after}, received {number} (it was edited elsewhere: reload the page)"
+        raise ValueError(msg)
 
 
 def _short(text: str) -> None:

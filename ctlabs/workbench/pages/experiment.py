@@ -15,6 +15,7 @@ from ctlabs.workbench.bench import said
 from ctlabs.workbench.commands import SetConstant
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.outcomes import LARGEST, Anomaly
+from ctlabs.workbench.pages.help import resume_tour
 from ctlabs.workbench.pages.keep import export_dialog
 from ctlabs.workbench.pages.results import Results
 from ctlabs.workbench.pages.running import running
@@ -27,12 +28,12 @@ if TYPE_CHECKING:
     from ctlabs.workbench.session import Session
 
 #: Names of the first measurement's instants.
-FIRST = {1: "at t1", 0: "at t0"}
+FIRST = {1: "from t1 on", 0: "from t0 on"}
 #: What an anomaly is.
 LOST, EXACT, OTHER = "lost (R = ∞)", "exact (R = 0)", "another variance"
 
 #: How the line begins that says which fields keep an experiment from running.
-WRONG = "Not in order: "
+WRONG = "To put right: "
 
 _STYLE = """
 .exp-page { width: 100%; display: grid; grid-template-columns: 22rem minmax(0, 1fr); gap: 1rem; align-items: start; }
@@ -41,7 +42,8 @@ _STYLE = """
 .exp-fields { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: .35rem .75rem; }
 .exp-field { min-width: 0; display: flex; align-items: flex-start; }
 .exp-field > .q-field { flex: 1; min-width: 0; }
-.exp-algorithms { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); }
+.exp-field .q-field__bottom { padding: .25rem 0 .4rem; line-height: 1.25; }
+.exp-algorithms { display: grid; grid-template-columns: repeat(auto-fill, minmax(15rem, 1fr)); gap: 0 2rem; }
 .exp-algorithm { display: flex; align-items: center; justify-content: space-between; min-width: 0; }
 .exp-drop { border: 2px dashed color-mix(in srgb, currentColor 40%, transparent); border-radius: 8px; padding: .7rem; width: 100%;
   display: flex; flex-direction: column; gap: .4rem; align-items: flex-start; }
@@ -52,15 +54,24 @@ _STYLE = """
 .exp-run { position: sticky; top: 56px; z-index: 5; }
 .exp-run::before { content: ""; position: absolute; inset: -13px -2px auto; height: 12px; background: #fff; }
 body.body--dark .exp-run::before { background: var(--q-dark-page); }
-.exp-empty { padding: 2rem 1rem; text-align: center; }
+.exp-empty { padding: 2rem 1rem; width: 100%; display: flex; flex-direction: column; align-items: center; gap: .75rem; }
 @media (max-width: 1099px) { .exp-page { grid-template-columns: minmax(0, 1fr); } }
-@media (max-width: 899px) { .exp-page .show-card { scroll-margin-top: 4rem; } }
+.exp-page .show-card { scroll-margin-top: 4rem; }
+"""
+
+# Results that are elsewhere than where one looks are brought there; those that are seen stay where they are.
+_TO_RESULTS = """
+(() => {
+  const card = getHtmlElement(%s), top = card?.getBoundingClientRect().top;
+  if (top < 0 || top > innerHeight / 2) card.scrollIntoView({ block: "start" });
+})()
 """
 
 
 def page(session: Session, shell: Shell) -> None:
     """Draw the page."""
     _Experiment(session, shell).draw()
+    resume_tour(session, shell)
 
 
 class _Experiment:
@@ -102,7 +113,7 @@ class _Experiment:
                 self.run_button = ui.button("Run", icon="play_arrow", on_click=self.run)
                 self.run_button.props('no-caps data-test=run aria-keyshortcuts="Control+Enter"').classes("grow")
                 with self.run_button:
-                    ui.tooltip("Ctrl+Enter")
+                    ui.tooltip("Ctrl+Enter").props('anchor="top middle" self="bottom middle"')
                 self.cancel_button = ui.button("Cancel", icon="stop", on_click=self._cancel)
                 self.cancel_button.props("no-caps outline data-test=cancel")
                 help_button("experiment.progress")
@@ -124,7 +135,8 @@ class _Experiment:
                             title, value=str(getattr(plan, name)), on_change=lambda _, name=name: self._typed(name)
                         )
                         field.props(
-                            f"outlined dense debounce=250 inputmode=numeric autocomplete=off no-error-icon data-test={name}"
+                            "outlined dense debounce=250 inputmode=numeric autocomplete=off hide-bottom-space "
+                            f"no-error-icon data-test={name}"
                         )
                         help_button(f"experiment.{name}")
                     field.on("blur", lambda _, name=name: self._tidy(name))
@@ -133,7 +145,7 @@ class _Experiment:
                     first = ui.select(
                         FIRST,
                         value=plan.first,
-                        label="First measurement",
+                        label="Measured",
                         on_change=lambda e: self._set("first", first=e.value),
                     )
                     first.props("outlined dense options-dense data-test=first")
@@ -215,7 +227,10 @@ class _Experiment:
                 self.export = ui.button("Export…", icon="download", on_click=self._export)
                 self.export.props("no-caps outline dense data-test=export")
             self.found_told = ui.label("").classes("show-hint").props("data-test=found-told")
-            self.empty = ui.label("Nothing has been run yet. Press Run, or Ctrl+Enter.").classes("exp-empty w-full")
+            with ui.element("div").classes("exp-empty") as self.empty:
+                ui.label("Nothing has been run yet. Press Run, or Ctrl+Enter.")
+                to_kept = ui.button("Kept experiments", icon="inventory_2", on_click=lambda: self.shell.go("keep"))
+                to_kept.props("no-caps flat dense data-test=to-kept").set_visibility(bool(self.session.kept()))
             self.results = Results(self.show, self.running)
 
     # The plan --------------------------------------------------------------------------------------------------------
@@ -233,6 +248,7 @@ class _Experiment:
             self.shell.not_saved(" ".join(str(why).split()))
             raise
         self._complain(place, "")
+        self._changed()
         self.shell.saved()
         return True
 
@@ -261,6 +277,12 @@ class _Experiment:
             return False
         self._in_order()
         return True
+
+    def _changed(self) -> None:
+        """Why the last run failed is not said of another plan."""
+        if self.running.problem and not self.running.running:
+            self.running.problem = ""
+            self._look()
 
     def _in_order(self) -> None:
         """What kept an experiment from running has been put right, or will be said again."""
@@ -294,23 +316,27 @@ class _Experiment:
             self.data_told.text = f"None: the experiment is simulated. Drop a CSV file here with the columns {names}, and t if you have it."
         else:
             self.data_told.text = f"{data.name} is filtered instead of simulated runs."
-            try:
-                record = data.record(self.session.sheet.measurements)
-            except ValueError as why:
-                self._complain("data", str(why))
-            else:
-                missing = f", {record.missing} missing" if record.missing else ""
-                self.data_told.text = (
-                    f"{data.name}: {record.rows} rows{missing}. It is filtered instead of simulated runs."
-                )
+            ui.timer(0, self._count_data, once=True)
         for name in ("steps", "runs", "seed"):
             self.fields[name].set_enabled(data is None)
+
+    async def _count_data(self) -> None:
+        """Read the record, which may be long, and say what is in it."""
+        data = self.session.plan.data
+        try:
+            record = await self.session.record()
+        except ValueError as why:
+            self._complain("data", str(why))
+            return
+        if data is not None and record is not None and data == self.session.plan.data:
+            missing = f", {record.missing} missing" if record.missing else ""
+            self.data_told.text = f"{data.name}: {record.rows} rows{missing}. It is filtered instead of simulated runs."
 
     async def _uploaded(self, event: UploadEventArguments) -> None:
         content = await event.file.read()
         self.upload.reset()
         try:
-            self.session.upload(content, event.file.name)
+            await self.session.upload(content, event.file.name)
         except ValueError as why:
             self._complain("data", str(why))
             return
@@ -433,6 +459,7 @@ class _Experiment:
             return str(why)
         self.shell.saved()
         self._complain("design", "")
+        self._changed()
         self._tell_design()
         self._tell_difference()
         return ""
@@ -483,9 +510,7 @@ class _Experiment:
             if now.finished != self.seen:
                 self.seen = now.finished
                 self._found()
-                ui.run_javascript(
-                    f"if (innerWidth < 1100) getHtmlElement({self.found_card.id})?.scrollIntoView({{block: 'start'}})"
-                )
+                ui.run_javascript(_TO_RESULTS % self.found_card.id)
 
     def _found(self) -> None:
         found, number = self.session.result, self.session.result_id
