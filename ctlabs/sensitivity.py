@@ -329,8 +329,8 @@ def _pair(
     _check.instance("design", design, DiscreteModel)
     if truth.m != design.m or truth.dt != design.dt:
         msg = (
-            f"design: expected the truth's {truth.m} measurements and dt = {truth.dt:g} s, "
-            f"received {design.m} and dt = {design.dt:g} s"
+            f"design: expected the truth's m = {truth.m} and dt = {truth.dt!r} s, "
+            f"received m = {design.m} and dt = {design.dt!r} s"
         )
         raise ValueError(msg)
     for name, model in (("truth", truth), ("design", design)):

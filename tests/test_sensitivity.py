@@ -441,9 +441,9 @@ def test_bad_input_is_refused_with_what_was_expected() -> None:
         sensitivity.actual(two, one, 3)
     with pytest.raises(ValueError, match=r"compare: expected shape \(1, 2\), received \(2, 2\)"):
         sensitivity.actual(two, one, 3, compare=np.eye(2))
-    with pytest.raises(ValueError, match="design: expected the truth's 1 measurements and dt = 1 s, received 2"):
+    with pytest.raises(ValueError, match=r"design: expected the truth's m = 1 and dt = 1\.0 s, received m = 2"):
         sensitivity.actual(one, both, 3)
-    with pytest.raises(ValueError, match=r"received 1 and dt = 0\.5 s"):
+    with pytest.raises(ValueError, match=r"received m = 1 and dt = 0\.5 s"):
         sensitivity.actual(one, replace(one, dt=0.5), 3)
     with pytest.raises(ValueError, match=r"steps: expected at most 4 \(the truth is given for so many\), received 5"):
         sensitivity.actual(varying, one, 5)
