@@ -486,3 +486,18 @@ def test_smoothed_estimates_have_a_band_of_their_own() -> None:
     assert close(untyped(smoothed["y"]), found.smoothed[:, 0])  # type: ignore[index]  # of data
     assert (untyped(smoothed["customdata"]) <= found.sd_plus[:, 0] * (1 + SOLVER) + 1e-6).all()
     assert figures.estimates(found, [0]).name == "Measurement and estimate"
+
+
+def test_a_long_legend_has_room_of_its_own() -> None:
+    """More lines of names move the panels down by as much as they are high; a name that stands in two panels counts once."""
+
+    def drawn(names: int, panels: int = 1) -> Drawing:
+        curves = tuple(Curve(f"estimate by form {i}", [0.0, 1.0], [0.0, 1.0]) for i in range(names))
+        return Drawing("some", "t, s", (Panel("x, m", curves),) * panels)
+
+    one, many = drawn(2), drawn(6)
+    assert (one.above, many.above) == (figures.ABOVE, figures.ABOVE + figures.LINE)
+    assert many.height - one.height == figures.LINE
+    assert many.plotly()["layout"]["margin"]["t"] == many.above
+    assert drawn(2, panels=3).above == one.above
+    assert drawn(100).above == figures.ABOVE + (figures.LINES - 1) * figures.LINE

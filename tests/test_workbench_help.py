@@ -310,3 +310,10 @@ def test_the_tours_pages_and_model_exist() -> None:
     model = ready(tour.MODEL)
     assert f"“{model.title}”" in STEPS[0].what
     assert any(each.min is not None and each.max is not None for each in model.definitions)
+
+
+def test_no_help_points_to_a_place_beside_it() -> None:
+    """A text is shown in many places: what it speaks of is named, and is not "the table below"."""
+    beside = re.compile(r"\b(table|figure|list|field)s? (above|below)\b")
+    assert [each.key for each in TEXTS if beside.search(f"{each.what} {each.note}")] == []
+    assert "page Help" in help_for("experiment.algorithms").note

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -29,11 +30,13 @@ from ctlabs.workbench.commands import (
     New,
     Open,
     Rewrite,
+    SetTitle,
 )
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.mathml import mathml
 from ctlabs.workbench.pages import model_parts
 from ctlabs.workbench.pages.cells import POSITIONS, Slider, block, number, placed, shown, slider, typed
+from ctlabs.workbench.pages.grid import STYLE
 from ctlabs.workbench.pages.model_dialogs import preview_lines
 from ctlabs.workbench.pages.model_edits import (
     PAUSE,
@@ -499,3 +502,30 @@ def test_opening_a_ready_model_is_one_step_back(session: Session) -> None:
     assert session.title == ready("orbit").title
     session.undo()
     assert session.text == before
+
+
+def test_earlier_models_are_offered_the_latest_first(tmp_path: Path) -> None:
+    """Those of the same person that have been begun; not the one that is open, not an empty one, not somebody else's."""
+    store = Store(tmp_path)
+    first, second, own = begun(store), begun(store), begun(store)
+    first.do(SetTitle("A <first> & model"))
+    second.do(SetTitle("A second"))
+    Session.begin(store)
+    Session.begin(store, "another").do(New(1, 1, 1))
+    found = model_parts.earlier(own)
+    assert [each.title for each in found] == ["A second", "A <first> & model"]
+    assert [each.address for each in found] == [f"/model?draft={each.draft.id}" for each in (second, first)]
+    for _ in range(model_parts.EARLIER + 3):
+        begun(store)
+    assert len(model_parts.earlier(own)) == model_parts.EARLIER
+    store.close()
+
+
+def test_the_numbers_of_lines_are_as_high_as_the_lines() -> None:
+    """The text of a model file and the numbers beside it have the same font, height of a line and padding at the top."""
+    numbers = re.search(r"\.ctl-gutter \{[^}]*\}", STYLE)
+    text = re.search(r"\.ctl-cells input, \.ctl-cells textarea \{[^}]*\}", STYLE)
+    assert numbers is not None
+    assert text is not None
+    for rule in (r"font: ([^;]+);", r"padding: (\S+)"):
+        assert re.findall(rule, numbers[0]) == re.findall(rule, text[0]) != []

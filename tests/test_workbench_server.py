@@ -125,7 +125,8 @@ def test_drafts_of_others_are_not_opened(desk: Callable[..., Desk]) -> None:
     theirs = d.enter(Tab("b"), mine.draft.id)  # type: ignore[arg-type]
     assert theirs.draft.id != mine.draft.id
     assert theirs.draft.owner == "b"
-    assert theirs.notice == f"draft {mine.draft.id}: expected one of yours, received an unknown id; here is another"
+    line = f"draft {mine.draft.id}: expected one of yours, received an unknown id; here is another"
+    assert theirs.notices == (line,)
     assert (d.owner("a"), desk(True).owner("a")) == ("a", "local")
 
 

@@ -49,6 +49,8 @@ BACKGROUND, INK, GRID, HOVER = (
 CYCLE = ("blue", "orange", "green", "purple", "amber", "black", "brown", "grey")
 #: Heights in pixels: of a panel, between two, above for the legend, below for the axis.
 PANEL, GAP, ABOVE, BELOW = 190, 26, 48, 48
+#: A line of a legend in pixels: its width, its height, what stands before a name, a letter; and how many lines are made room for.
+LEGEND, LINE, SIGN, LETTER, LINES = 540, 20, 46, 7, 4
 #: Instants above which points are not marked on a line.
 MARKED = 120
 
@@ -119,7 +121,15 @@ class Drawing:
         """Its height in pixels; the width is that of its place."""
         rows = len(self.panels)
         panel = 340 if self.square else PANEL + 60 if rows == 1 else PANEL
-        return rows * panel + (rows - 1) * GAP + ABOVE + BELOW
+        return rows * panel + (rows - 1) * GAP + self.above + BELOW
+
+    @property
+    def above(self) -> int:
+        """Room for the legend, in pixels, so that none of its lines is behind the buttons."""
+        names = {each.name for panel in self.panels for each in panel.bands}
+        names |= {each.name for panel in self.panels for each in panel.curves if not each.quiet}
+        lines = math.ceil(sum(SIGN + LETTER * len(name) for name in names) / LEGEND)
+        return ABOVE + LINE * (min(max(lines, 1), LINES) - 1)
 
     def plotly(self, *, dark: bool = False) -> Figure:
         """The figure, for ``ui.plotly``."""
@@ -168,13 +178,13 @@ class Drawing:
 
     def _layout(self, dark: bool, names: int) -> dict[str, Any]:
         ink, grid, rows = INK[dark], GRID[dark], len(self.panels)
-        inner = self.height - ABOVE - BELOW
+        inner = self.height - self.above - BELOW
         height = (inner - (rows - 1) * GAP) / rows
         line = {"gridcolor": grid, "linecolor": grid, "zerolinecolor": grid, "zerolinewidth": 1, "automargin": True}
         number_ = {"exponentformat": "power", "showexponent": "all"}
         layout: dict[str, Any] = {
             "height": self.height,
-            "margin": {"l": 58, "r": 14, "t": ABOVE, "b": BELOW},
+            "margin": {"l": 58, "r": 14, "t": self.above, "b": BELOW},
             "paper_bgcolor": BACKGROUND[dark],
             "plot_bgcolor": BACKGROUND[dark],
             "font": {"family": "Roboto, DejaVu Sans, sans-serif", "size": 12, "color": ink},

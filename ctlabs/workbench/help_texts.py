@@ -333,7 +333,7 @@ _EXPERIMENT = (
         "Which forms of the filter compute the estimates. In exact arithmetic all give the same; on a computer they differ "
         "in rounding and in time. Choose several to compare them.",
         example="joseph, ud",
-        note="Joseph's form is right nearly always. The table below says what each can do.",
+        note="Joseph's form is right nearly always. A table on the page Help says what each can do.",
     ),
     Help(
         "experiment.design",

@@ -86,7 +86,11 @@ class Tour:
 
     def __init__(self, session: Session) -> None:
         self.session = session
-        found = session.store.draft(session.draft.id)
+        self._read()
+
+    def _read(self) -> None:
+        """What is noted with the draft; another tab, or a page that has no tour at hand, may have noted more."""
+        found = self.session.store.draft(self.session.draft.id)
         told: Mapping[str, Any] = (found.notes if found else {}).get("tour", {})
         names = {step.name for step in STEPS}
         self._done = {str(name) for name in told.get("done", ())} & names
@@ -97,6 +101,7 @@ class Tour:
 
     def look(self) -> tuple[Seen, ...]:
         """All steps, with what has been done by now."""
+        self._read()
         new = {step.name for step in STEPS if step.name not in self._done and _DONE[step.name](self)}
         if new:
             self._done |= new
@@ -113,12 +118,14 @@ class Tour:
         if name not in _DONE:
             msg = f"tour: expected one of {', '.join(_DONE)}, received {name!r}"
             raise ValueError(msg)
+        self._read()
         if name not in self._done:
             self._done.add(name)
             self._save()
 
     def want(self, wanted: bool = True) -> None:
         """Show the tour from now on, or no more."""
+        self._read()
         self.wanted = wanted
         self._save()
 

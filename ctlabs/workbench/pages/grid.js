@@ -289,8 +289,10 @@ export default {
     enter(path) {
       const field = path ? this.$el.querySelector(`[data-path="${CSS.escape(path)}"]`) : this.$el.querySelector("[data-key]");
       field?.focus();
-      if (this.mode === "area") field.setSelectionRange(0, 0);
-      else field?.scrollIntoView({ block: "center", inline: "nearest" });
+      if (this.mode === "area") {
+        field.setSelectionRange(0, 0);
+        field.scrollTop = 0;
+      } else field?.scrollIntoView({ block: "center", inline: "nearest" });
     },
     nameRow(i) {
       const field = this.$el.querySelector(`[data-key="name,${i}"]`);

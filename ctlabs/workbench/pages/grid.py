@@ -69,7 +69,8 @@ body.body--dark { --bad: #ff8a80; --field: #1b1f24; --card: #1d1d1d; }
 .ctl-cells input[type=range] { border: 0; padding: 0; background: none; width: 100%;
   accent-color: var(--q-primary); height: 1.4rem; margin: 0; }
 .ctl-cells .ctl-area { flex: 1; height: auto; min-height: 50vh; border-radius: 0 6px 6px 0; resize: vertical; tab-size: 4; }
-.ctl-gutter { margin: 0; overflow: hidden; font: .86rem/1.35 ui-monospace, SFMono-Regular, Menlo, Consolas, monospace; padding: 4px 6px;
+.ctl-gutter { margin: 0; overflow: hidden; padding: 2px 6px; /* lines as high as the text's beside them */
+  font: .9rem/1.5 ui-monospace, SFMono-Regular, Menlo, Consolas, "Liberation Mono", monospace;
   text-align: right; color: var(--soft); border: 1px solid var(--line); border-right: 0; border-radius: 6px 0 0 6px; box-sizing: border-box;
   contain: size; width: 3.2rem; white-space: pre; }
 @media (max-width: 599px) { .ctl-grid tbody th, .ctl-grid thead td.ctl-corner { position: static; } }

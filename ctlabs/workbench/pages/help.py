@@ -34,6 +34,7 @@ _STYLE = """
   border: 2px solid currentColor; }
 .help-step[data-state=done] .help-mark, .tour-card .help-mark[data-done=true] { background: #00664a; border-color: #00664a; color: #fff; }
 .help-look { opacity: .8; font-size: .9rem; }
+.help-page nav a { color: var(--q-primary) !important; }
 .help-entry { padding: .6rem 0; border-top: 1px solid color-mix(in srgb, currentColor 18%, transparent); min-width: 0; }
 .help-entry math[display=block] { overflow-x: auto; overflow-y: hidden; display: block; margin: .5rem 0; text-align: left; }
 .help-entry dl { display: grid; grid-template-columns: 5.5rem minmax(0, 1fr); gap: .15rem .5rem; margin: .25rem 0 0; font-size: .92rem; }

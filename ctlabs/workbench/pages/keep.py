@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
-from ctlabs.workbench import figures
+from ctlabs.workbench import figures, tour
 from ctlabs.workbench.bench import said
+from ctlabs.workbench.pages.help import resume_tour
 from ctlabs.workbench.pages.running import running
 from ctlabs.workbench.pages.showing import Show, difference, help_button, table
 
@@ -29,10 +30,10 @@ KINDS = (
     ("html", "report.html", "the report: model, figures, checks"),
     ("csv", "CSV", "the table of all histories"),
     ("json", "JSON", "all numbers and settings"),
-    ("png", "PNG", "a figure as a picture"),
-    ("svg", "SVG", "a figure as a drawing"),
     ("python", "Python", "the lines that give these numbers with the library"),
     ("toml", "TOML", "the model file"),
+    ("png", "PNG", "the figure chosen below, as a picture"),
+    ("svg", "SVG", "the figure chosen below, as a drawing"),
 )
 
 _STYLE = """
@@ -55,6 +56,7 @@ _STYLE = """
 def page(session: Session, shell: Shell) -> None:
     """Draw the page."""
     _Keep(session, shell).draw()
+    resume_tour(session, shell)
 
 
 class _Keep:
@@ -325,10 +327,6 @@ def export_dialog(session: Session, shell: Shell, number: int) -> None:
         with ui.row().classes("items-center gap-1"):
             ui.label("Export").classes("text-h6")
             help_button("keep.export")
-        figure = ui.select(pictures, value=next(iter(pictures), None), label="Figure (for PNG and SVG)").props(
-            "outlined dense data-test=export-figure"
-        )
-        figure.classes("w-full")
         wrong = ui.label("").classes("show-error").props("role=alert")
 
         async def export(kind: str, button: ui.button) -> None:
@@ -337,6 +335,8 @@ def export_dialog(session: Session, shell: Shell, number: int) -> None:
                 picture = str(figure.value or "") if kind in {"png", "svg"} else ""
                 content = await asyncio.to_thread(session.export, number, kind, picture)
                 ui.download.content(content, session.export_name(number, kind))
+                if kind == "html":
+                    tour.mark(session, "export")
             except ValueError as why:
                 wrong.text = str(why)
             finally:
@@ -352,6 +352,8 @@ def export_dialog(session: Session, shell: Shell, number: int) -> None:
                     )
                     button.on_click(lambda _, kind=kind, button=button: export(kind, button))
                     ui.label(meaning).classes("show-hint")
+        figure = ui.select(pictures, value=next(iter(pictures), None), label="Figure for PNG and SVG")
+        figure.props("outlined dense options-dense data-test=export-figure").classes("w-full")
         ui.button("Close", on_click=dialog.close).props("flat no-caps data-test=export-close")
     dialog.on("hide", dialog.delete)
     dialog.open()

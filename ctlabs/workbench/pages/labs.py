@@ -46,7 +46,7 @@ _STYLE = """
 .lab-item[aria-current=true] { background: color-mix(in srgb, var(--q-primary) 18%, transparent); font-weight: 600; }
 .lab-number { text-align: right; font-variant-numeric: tabular-nums; opacity: .75; }
 .lab-variants { font-size: .8rem; opacity: .8; white-space: nowrap; }
-.lab-detail { display: flex; flex-direction: column; gap: .75rem; min-width: 0; }
+.lab-detail { display: flex; flex-direction: column; gap: .75rem; min-width: 0; scroll-margin-top: 4rem; }
 .lab-detail h2 { font-size: 1.45rem; line-height: 1.25; font-weight: 600; margin: 0; outline: none; }
 .lab-detail h3 { font-size: 1.1rem; line-height: 1.3; font-weight: 600; margin: .75rem 0 0; }
 .lab-source { opacity: .8; }
@@ -298,6 +298,8 @@ class _Labs:
         self.problem.text = self.bench.problem if mine and not running else ""
         if self._shown != self.bench.finished and not running:
             self._draw_results()
+            if mine:
+                ui.run_javascript(f"getHtmlElement({self.results.id})?.scrollIntoView({{block: 'start'}})")
         elif self.report is not None:
             self._show_theme()
 

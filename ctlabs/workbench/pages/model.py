@@ -22,6 +22,7 @@ from ctlabs.workbench.pages import grid, math, model_dialogs
 from ctlabs.workbench.pages import model_parts as parts
 from ctlabs.workbench.pages.cells import Label
 from ctlabs.workbench.pages.grid import Field, Grid
+from ctlabs.workbench.pages.help import resume_tour
 from ctlabs.workbench.pages.math import Equations
 from ctlabs.workbench.pages.model_constants import Constants
 from ctlabs.workbench.pages.model_edits import (
@@ -52,6 +53,7 @@ KEYS = (
 def page(session: Session, shell: Shell) -> None:
     """Draw the page."""
     ModelPage(session, shell).draw()
+    resume_tour(session, shell)
 
 
 class ModelPage:
@@ -66,6 +68,7 @@ class ModelPage:
         self._unfinished = str(_notes(session).get("unfinished", ""))
         self.typing = Typing(session)
         self._told: dict[str, str] | None = None
+        self._listed: dict[tuple[str, str, str], ui.element] = {}
         self._times: dict[str, Field] = {}
 
     # Commands ----------------------------------------------------------------------------------------------------------
@@ -149,6 +152,11 @@ class ModelPage:
                 self._problems = (
                     ui.element("div").classes("ctl-problems").props("role=status aria-live=polite data-test=problems")
                 )
+                with self._problems:
+                    self._verdict_icon = ui.icon("check_circle").props("aria-hidden=true size=xs")
+                    self._verdict = ui.label("")
+                    self._problem_list = ui.element("span").style("display: contents")
+                    self._more_problems = ui.label("")
                 self._cells = ui.element("div").classes("ctl-columns")
                 self._text_place = ui.element("div").classes("ctl-card")
             with self._cells:
@@ -203,6 +211,11 @@ class ModelPage:
             tour = parts.text("button", "Take the guided tour (about five minutes)").classes("ctl-link")
             tour.props("type=button data-test=begin-tour")
             tour.on("click", lambda: self.shell.go("help"))
+        self._begin_redo = ui.button("Redo what was undone", icon="redo", on_click=self.redo)
+        self._begin_redo.props("outline no-caps data-test=begin-redo").classes("self-start")
+        if self.session.untouched and (models := parts.earlier(self.session)):
+            parts.text("h2", "Earlier models")
+            parts.earlier_list(models)
 
     @property
     def _pick(self) -> str:
@@ -266,6 +279,7 @@ class ModelPage:
         """Show what the session has; only what has changed travels to the browser."""
         session, sheet = self.session, self.session.sheet
         self._begin.set_visibility(session.untouched)
+        self._begin_redo.set_visibility(session.can_redo)
         self._work.set_visibility(not session.untouched)
         title = "" if session.untouched else session.title
         if title != self._title:
@@ -430,25 +444,45 @@ class ModelPage:
         if self._told == problems:
             return
         self._told = dict(problems)
-        self._problems.clear()
-        with self._problems:
-            ui.icon("check_circle" if not problems else "error_outline").props("aria-hidden=true size=xs")
-            ui.label(
-                "The model is complete."
-                if not problems
-                else f"{len(problems)} to put right:"
-                if len(problems) > 1
-                else "To put right:"
-            )
-            for where, message in list(problems.items())[:LISTED]:
-                words = f"{where.removeprefix('model.')}: {message}" if where else message
-                link = parts.text("button", words).classes("ctl-link").props("type=button")
-                link.on("click", partial(self._go_to, where))
-                name = unknown_name(message)
-                if name and name not in (row.name for row in self.session.sheet.constants):
-                    parts.add(f"Constant {name}", f"add-constant-{name}", partial(self.do, commands.AddConstant(name)))
-            if len(problems) > LISTED:
-                ui.label(f"and {len(problems) - LISTED} more")
+        self._draw_verdict(len(problems))
+        known = {row.name for row in self.session.sheet.constants}
+        wanted: list[tuple[str, str, str]] = []
+        for where, message in list(problems.items())[:LISTED]:
+            name = unknown_name(message)
+            wanted.append((where, message, name if name and name not in known else ""))
+            known.add(name)
+        # What is told still stays the same element: somebody may be pressing it.
+        for gone in self._listed.keys() - set(wanted):
+            self._listed.pop(gone).delete()
+        with self._problem_list:
+            for i, each in enumerate(wanted):
+                if each not in self._listed:
+                    self._listed[each] = self._draw_problem(*each)
+                if self._problem_list.default_slot.children[i] is not self._listed[each]:
+                    self._listed[each].move(target_index=i)
+
+    def _draw_verdict(self, count: int) -> None:
+        self._verdict_icon.set_name("error_outline" if count else "check_circle")
+        several = f"{count} to put right:" if count > 1 else "To put right:"
+        parts.write(self._verdict, several if count else "The model is complete.")
+        parts.write(self._more_problems, f"and {count - LISTED} more" if count > LISTED else "")
+
+    def _draw_problem(self, where: str, message: str, name: str) -> ui.element:
+        """A problem as a link to its cell, and a button for the constant that it wants."""
+        with ui.element("span").style("display: contents") as element:
+            words = f"{where.removeprefix('model.')}: {message}" if where else message
+            link = parts.text("button", words).classes("ctl-link").props("type=button")
+            link.on("click", partial(self._go_to, where))
+            if name:
+                parts.add(f"Constant {name}", f"add-constant-{name}", partial(self._add_constant, name))
+        return element
+
+    def _add_constant(self, name: str) -> None:
+        """A constant that a cell asks for; its value is typed next."""
+        if self.do(commands.AddConstant(name)):
+            self._constants.enter(f"constants.{name}")
+            with self._problems:  # the button itself is gone
+                ui.run_javascript("document.activeElement?.select?.()")
 
     def _go_to(self, where: str) -> None:
         """Put the caret where a problem is."""
@@ -551,7 +585,7 @@ class ModelPage:
 
     def open_dialog(self) -> None:
         """Ready models, and files."""
-        model_dialogs.ready(self.open, self._pick)
+        model_dialogs.ready(self.open, self._pick, parts.earlier(self.session))
 
     def new_dialog(self) -> None:
         """How many of everything."""

@@ -16,6 +16,7 @@ from ctlabs.text import latex_matrix, latex_number
 from ctlabs.workbench import blocks, commands
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.pages.math import Equations
+from ctlabs.workbench.pages.model_parts import Earlier, earlier_list
 
 if TYPE_CHECKING:
     from ctlabs.modelfile import Entry
@@ -25,11 +26,13 @@ EXAMPLES = {
     "transfer": ("1/(2*s + 1)", "s/(s^2 + 0.4*s + 4)", "1/(s*(s + 1))"),
     "psd": ("4/(w^2 + 1)", "(w^2 + 9)/(w^4 + 5*w^2 + 4)", "0.2/(w^2 + 0.01)"),
 }
+#: So many earlier models are listed before the ready ones.
+FEW = 3
 NAMES = {"transfer": "Transfer function of s", "psd": "Spectrum of w (ω)"}
 
 
-def ready(opened: Callable[[str, str], bool], pick: str) -> None:
-    """Choose a ready model or a file. ``pick``: what the browser does to let a file be chosen."""
+def ready(opened: Callable[[str, str], bool], pick: str, models: list[Earlier]) -> None:
+    """Choose a ready model or a file, or go to an earlier model. ``pick``: what the browser does to let a file be chosen."""
     with _dialog("Open a model", wide=True) as dialog:
         with ui.row().classes("items-center w-full"):
             wanted = ui.input("Find").props("dense outlined clearable autofocus data-test=filter").classes("col")
@@ -41,6 +44,10 @@ def ready(opened: Callable[[str, str], bool], pick: str) -> None:
         with ui.element("div").style(
             "overflow: auto; max-height: 60vh; width: 100%; display: grid; gap: .4rem; padding: 3px"
         ):
+            with ui.element("div") as before:
+                ui.label("Earlier models, each with its own history").classes("text-subtitle2")
+                earlier_list(models[:FEW])
+            before.set_visibility(bool(models))
             for lab, title in ((False, "Usual models"), (True, "From the labs")):
                 groups.append((ui.label(title).classes("text-subtitle2"), lab))
                 found += [(entry, _entry(entry, dialog, opened)) for entry in gallery() if bool(entry.lab) == lab]
@@ -52,6 +59,7 @@ def ready(opened: Callable[[str, str], bool], pick: str) -> None:
             element.set_visibility(all(word in text for word in words))
         for label, lab in groups:
             label.set_visibility(any(element.visible for entry, element in found if bool(entry.lab) == lab))
+        before.set_visibility(bool(models) and not words)
 
     wanted.on_value_change(narrow)
     dialog.open()

@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import time
+import tomllib
 from collections.abc import Callable
 from html import escape
+from typing import TYPE_CHECKING, NamedTuple
 
 from nicegui import ui
 
 from ctlabs.workbench.help import help_for
+
+if TYPE_CHECKING:
+    from ctlabs.workbench.session import Session
+
+#: So many earlier models are offered.
+EARLIER = 8
 
 LATEX = {"Phi": r"\Phi", "Qd": "Q_d", "Rc": "R_c", "x0": "x_0", "P0": "P_0", "offset": "c"}
 TITLES = {
@@ -71,6 +80,8 @@ STYLE = """
   color: inherit; text-align: left; padding: 1rem; cursor: pointer; display: flex; flex-direction: column; gap: .3rem; font: inherit; }
 .ctl-begin > button:hover, .ctl-ready:hover { border-color: var(--q-primary); }
 .ctl-begin b { font-size: 1.05rem; }
+.ctl-earlier { display: flex; flex-direction: column; gap: .1rem; align-items: flex-start; }
+.ctl-earlier a { color: inherit; padding: .25rem .3rem; border-radius: 5px; overflow-wrap: anywhere; }
 .ctl-drop { position: fixed; inset: 0; z-index: 7000; display: none; align-items: center; justify-content: center; font-size: 1.4rem;
   background: color-mix(in srgb, var(--q-primary) 55%, transparent); color: #fff; pointer-events: none; text-shadow: 0 1px 4px #000; }
 .ctl-dropping .ctl-drop { display: flex; }
@@ -173,3 +184,34 @@ def write(label: ui.label, text: str) -> None:
     """Another text for a label, if it is another."""
     if label.text != text:
         label.text = text
+
+
+class Earlier(NamedTuple):
+    """Another draft of the same person: its address, its title, when it was changed last."""
+
+    address: str
+    title: str
+    when: str
+
+
+def earlier(session: Session) -> list[Earlier]:
+    """The models that were worked on before this one, the latest first."""
+    own = session.draft
+    found = []
+    for each in session.store.drafts(own.owner):
+        if each.id != own.id and each.text:
+            try:
+                title = str(tomllib.loads(each.text).get("title") or "Untitled model")
+            except tomllib.TOMLDecodeError:
+                title = "Untitled model"
+            when = time.strftime("%Y-%m-%d %H:%M", time.localtime(each.updated))
+            found.append(Earlier(f"/model?draft={each.id}", title, when))
+    return found[:EARLIER]
+
+
+def earlier_list(models: list[Earlier]) -> None:
+    """Links to earlier models."""
+    with ui.element("div").classes("ctl-earlier").props("data-test=earlier"):
+        for each in models:
+            with ui.element("a").props(f'href="{each.address}"'):
+                ui.html(f"{escape(each.title)} <small>· {each.when}</small>", sanitize=False)

@@ -91,10 +91,11 @@ _STYLE = """
   background: #fff; color: #b00020; border-radius: 6px; padding: .1rem .5rem; font-weight: 600; white-space: normal;
 }
 kbd { border: 1px solid currentColor; border-radius: 4px; padding: 0 .35em; font-size: .85em; }
-body.body--dark { --q-primary: #8cc0f5 !important; }
+body.body--dark { --q-primary: #8cc0f5 !important; --q-negative: #ff9c94 !important; }
 /* Of two important rules that of the earlier layer wins, and Quasar's take the outline away. */
 @layer theme {
   body.body--dark .bg-primary { color: #06203d !important; }
+  .bg-negative { background: #b00020 !important; color: #fff !important; }
   :focus-visible { outline: 3px solid #e07b00 !important; outline-offset: 2px !important; }
   .q-header :focus-visible { outline-color: #ffd166 !important; }
   .q-field :focus-visible { outline: none !important; }
@@ -150,6 +151,15 @@ document.addEventListener("DOMContentLoaded", () => {
     if (!lost) focused?.focus();
   }).observe(popup, { attributes: true });
 });
+"""
+
+
+# Another page is seen from its top, and what had the focus may be gone with the page before.
+_TOP = """
+scrollTo(0, 0);
+setTimeout(() => {
+  if (document.activeElement === document.body) document.querySelector(".ctl-main")?.focus({ preventScroll: true });
+}, 50);
 """
 
 
@@ -213,7 +223,7 @@ class Shell:
         ui.skip_link("Skip to the page", target=self._main)
         self.client.on_exception(self._failed)
         ui.on("ctlabs_key", lambda event: self._pressed(event.args))
-        ui.on("ctlabs_went", lambda event: self.show(str(event.args).strip("/") or PAGES[0].name))
+        ui.on("ctlabs_went", lambda event: self._went(str(event.args)))
         self._mark()
 
     def _draw_header(self) -> None:
@@ -291,10 +301,13 @@ class Shell:
 
     def go(self, name: str) -> None:
         """Show a page as if its link had been followed."""
-        if name != self.current:
-            with self.client:
-                ui.navigate.history.push(self._url(name))
-        self.show(name)
+        if name == self.current:
+            self.show(name)
+            return
+        with self.client:
+            ui.navigate.history.push(self._url(name))
+            self.show(name)
+            ui.run_javascript(_TOP)
 
     def show(self, name: str) -> None:
         """Draw a page, after the one before has been left."""
@@ -314,6 +327,12 @@ class Shell:
             self._main.props("aria-busy=false")
             self._mark()
             self._tell_keys()
+
+    def _went(self, path: str) -> None:
+        """Show the page that the browser has gone back to; to go to a place within a page is no reason to draw it again."""
+        name = path.strip("/") or PAGES[0].name
+        if name != self.current:
+            self.show(name)
 
     def refresh(self) -> None:
         """Draw the present page again."""

@@ -30,7 +30,6 @@ _STYLE = """
 .show-card { width: 100%; min-width: 0; display: flex; flex-direction: column; gap: .6rem; padding: .9rem 1rem 1rem; border-radius: 10px;
   border: 1px solid color-mix(in srgb, currentColor 18%, transparent); background: #fff; }
 body.body--dark .show-card { background: #1d1d1d; }
-body.body--dark .show-card, body.body--dark .q-dialog { --q-negative: #ff9c94; }
 .show-card > .q-btn { align-self: flex-start; }
 .show-card .q-btn--outline.q-btn--dense { padding: .2rem .6rem; }
 .show-wide { grid-column: 1 / -1; }
@@ -251,7 +250,7 @@ def show_help(key: str) -> None:
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[Any]], caption: str = "", *, row_heads: bool = True) -> str:
-    """A table in HTML; numbers are written for a reader, texts as they are."""
+    """A table in HTML; numbers are written for a reader, texts as they are. The last cell of a short row is as wide as the rest."""
     top = "".join(f'<th scope="col">{escape(head)}</th>' for head in heads)
     body = []
     for row in rows:
@@ -261,7 +260,9 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[Any]], caption: str = ""
                 cells.append(f'<th scope="row">{escape(shown(value))}</th>')
             else:
                 kind = ' class="n"' if not isinstance(value, str) or len(value) <= NARROW else ""
-                cells.append(f"<td{kind}>{escape(shown(value))}</td>")
+                rest = len(heads) - j if j == len(row) - 1 else 1
+                wide = f' colspan="{rest}"' if rest > 1 else ""
+                cells.append(f"<td{kind}{wide}>{escape(shown(value))}</td>")
         body.append(f"<tr>{''.join(cells)}</tr>")
     told = f"<caption>{escape(caption)}</caption>" if caption else ""
     return (

@@ -17,6 +17,7 @@ from ctlabs.text import number
 from ctlabs.workbench import commands, figures
 from ctlabs.workbench.help import mathml
 from ctlabs.workbench.pages.cells import POSITIONS, Slider, slider
+from ctlabs.workbench.pages.help import resume_tour
 from ctlabs.workbench.pages.showing import Show, matrix, table
 from ctlabs.workbench.understanding import Part, Poles, Understanding, understand
 
@@ -43,6 +44,7 @@ _STYLE = """
 def page(session: Session, shell: Shell) -> None:
     """Draw the page."""
     _Understand(session, shell).draw()
+    resume_tour(session, shell)
 
 
 class _Understand:
@@ -71,7 +73,7 @@ class _Understand:
             self.to_model.props("outline no-caps dense data-test=go-model")
         with self.show.card("Constants", "model.constants", wide=True, test="constants") as card:
             self.constants_card = card.section
-            ui.label("Move one and see what it changes; it is saved in the model when you let go.").classes("show-hint")
+            ui.label("Change one and see what follows from it; it is changed in the model, too.").classes("show-hint")
             self.strip = ui.element("div").classes("und-constants")
         self._draw_constants()
         with ui.element("div").classes("show-grid"):
