@@ -118,6 +118,18 @@ def test_tabs_have_drafts_of_their_own_and_share_when_asked(desk: Callable[..., 
     assert again.session is not first.session
 
 
+def test_a_browser_that_comes_back_finds_its_work_before_an_empty_draft(desk: Callable[..., Desk]) -> None:
+    """A later tab in which nothing was typed does not hide the model of an earlier one."""
+    d = desk(True)
+    one, two = Tab("a"), Tab("a")
+    work, empty = d.enter(one, ""), d.enter(two, "")  # type: ignore[arg-type]
+    d.store.edit(work.draft.id, "title = 'mine'")
+    d.store.note(empty.draft.id, looked=True)  # the later of the two
+    d.leave(one)  # type: ignore[arg-type]
+    d.leave(two)  # type: ignore[arg-type]
+    assert d.enter(Tab("a"), "").draft.id == work.draft.id  # type: ignore[arg-type]
+
+
 def test_drafts_of_others_are_not_opened(desk: Callable[..., Desk]) -> None:
     """On a server for many the id of another's draft leads to a draft of one's own, and says so."""
     d = desk(False)

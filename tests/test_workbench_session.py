@@ -278,6 +278,11 @@ def test_parts_come_and_go(session: Session) -> None:
     before = session.text
     session.do(c.AddPart("u"))
     assert session.file.matrix("B").shape == (2, 1)
+    session.do(c.EditCell(("model", "B", 1, 0), "2/3"))
+    session.do(c.AddPart("u"))
+    np.testing.assert_array_equal(session.file.matrix("B"), [[0, 0], [2 / 3, 0]])
+    assert session.file.matrix("u").tolist() == [0, 0]
+    assert session.shown(("model", "B", 1, 0)).text == "2/3"
     session.do(c.RemovePart("u"))
     assert session.text == before
     session.do(c.AddPart("Rc"))

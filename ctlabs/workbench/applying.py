@@ -267,6 +267,9 @@ def _add_part(file: ModelFile, command: AddPart) -> tuple[ModelFile, str]:
     if name not in allowed:
         msg = f"model: expected one of {', '.join(allowed)} (of a {kind} model), received {shown(name)}"
         raise ValueError(msg)
+    if name == "u" and name in model:
+        wider = file.edit(("model", "B"), [[*row, 0] for row in model["B"]])
+        return wider.edit(("model", "u"), [*model["u"], 0]), "add a known input to u"
     if name in model:
         msg = f"model.{name}: expected a part that the model does not have yet, received one that it has"
         raise ValueError(msg)

@@ -200,7 +200,7 @@ Part: TypeAlias = Literal["u", "N", "offset", "x0", "R", "Rc"]
 
 @dataclass(frozen=True, slots=True)
 class AddPart:
-    """A part that a model may have: a known input "u", "N", "offset" (discrete), "x0", "Rc" instead of "R" or "R" of "Rc"."""
+    """A part that a model may have: a known input "u" (or one more), "N", "offset" (discrete), "x0", "Rc" instead of "R" or "R" of "Rc"."""
 
     name: Part
 

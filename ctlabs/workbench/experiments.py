@@ -7,6 +7,7 @@ Long histories are thinned to what a plot can show (``k`` says which instants ar
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -190,6 +191,10 @@ def _tried(model: DiscreteModel, z: Array, plan: Plan) -> Tried:
     """A record, or the shown runs, by every algorithm (a single record by the usual one compiled)."""
     found: Tried = {}
     for name in plan.algorithms:
+        with contextlib.suppress(
+            ValueError, ArithmeticError
+        ):  # what is loaded at the first call is not the algorithm's time
+            forms.run(clock.cut(model, 1), z[:2], name, plan.first)
         start = time.perf_counter()
         try:
             if name == "joseph" and z.ndim == 2:

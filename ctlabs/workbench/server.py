@@ -114,8 +114,9 @@ class Desk:
             if draft is None:
                 if wanted:
                     notices.append(f"draft {wanted}: expected one of yours, received an unknown id; here is another")
-                free = (each for each in store.drafts(owner, shell.browser) if each.id not in self._tabs)
-                draft = next(free, None) or store.new_draft(owner, shell.browser)
+                free = [each for each in store.drafts(owner, shell.browser) if each.id not in self._tabs]
+                free.sort(key=lambda each: not each.text)  # an empty one must not hide the work behind it
+                draft = free[0] if free else store.new_draft(owner, shell.browser)
             session = self._open.get(draft.id) or _named(self._path)(draft, store=store, runner=self.runner)
             with self._lock:
                 self._open[draft.id] = session

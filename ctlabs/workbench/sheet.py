@@ -198,13 +198,15 @@ class Sheet:
 
     @property
     def missing_parts(self) -> tuple[str, ...]:
-        """Parts that could be added (:class:`ctlabs.workbench.commands.AddPart`)."""
+        """Parts that could be added (:class:`ctlabs.workbench.commands.AddPart`); one more known input always can."""
         if self.kind == "continuous":
             names = ("u", "N", "Rc") if "R" in self._model else ("u", "N", "R")
             return tuple(
-                name for name in names if name not in self._model and not (name == "N" and "Rc" not in self._model)
+                name
+                for name in names
+                if name == "u" or (name not in self._model and not (name == "N" and "Rc" not in self._model))
             )
-        return tuple(name for name in ("u", "N", "offset") if name not in self._model)
+        return tuple(name for name in ("u", "N", "offset") if name == "u" or name not in self._model)
 
     def shown(self, path: Path) -> Cell:
         """The cell at a path of the file; its text is empty where there is nothing."""
