@@ -2,7 +2,7 @@
 PYTHON ?= python3
 OUT ?= reports
 .DEFAULT_GOAL := help
-.PHONY: help labs test slow check docs bench clean FORCE
+.PHONY: help labs test slow check docs pictures bench clean FORCE
 .NOTPARALLEL:
 
 BIN := .venv/bin
@@ -13,7 +13,7 @@ HERE := $(CURDIR) $(shell $(PYTHON) -c 'import sys; print(sys.version.split()[0]
 stale = $(if $(findstring x$(HERE)x,x$(shell cat $(1) 2>/dev/null)x),,FORCE)
 
 help: ## show this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-6s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-8s %s\n", $$1, $$2 }' Makefile
 	@echo "  PYTHON=python3.12 chooses the interpreter, OUT=folder where the reports go."
 
 labs: .venv/.labs ## run every lab; the reports are in reports/ (index.html shows them all)
@@ -33,6 +33,9 @@ check: .venv/.test ## lint, check the types and run the examples in README.md an
 docs: .venv/.docs ## build the documentation into build/docs
 	$(BIN)/python -m mkdocs build --strict --quiet
 	@echo "build/docs/index.html"
+
+pictures: .venv/.test ## take the documentation's pictures of the workbench again
+	$(BIN)/python docs/images/take.py
 
 bench: .venv/.test ## run the benchmarks; a ratio that is missed makes it fail
 	@failed=0; for file in $(filter-out %/timing.py,$(wildcard benchmarks/*.py)); do echo "== $$file"; $(BIN)/python $$file || failed=1; done; exit $$failed
