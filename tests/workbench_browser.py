@@ -7,6 +7,7 @@ console, when a request has left this machine, or when the server's processes ha
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
 import shutil
@@ -66,6 +67,7 @@ def playing() -> Any:
 @pytest.fixture(scope="module")
 def opened() -> Iterator[Browser]:
     """A browser without a window."""
+    needed("the workbench (pip install 'ctlabs[workbench]')", importlib.util.find_spec("nicegui"))
     path, api = chromium(), playing()
     with api.sync_playwright() as play:
         made = play.chromium.launch(executable_path=path, args=ARGUMENTS)
@@ -190,7 +192,7 @@ class Visit:
 
     def __init__(self, browser: Browser, server: Workbench, **options: Any) -> None:
         self.server, self.forgiven = server, "(?!)"
-        options = {"viewport": DESKTOP, "accept_downloads": True, **options}
+        options = {"viewport": DESKTOP, "reduced_motion": "reduce", **options}  # nobody waits for what fades in
         self.context = browser.new_context(**options)
         self.context.set_default_timeout(PATIENCE)
         self.requests: list[str] = []
@@ -225,6 +227,19 @@ class Visit:
         assert self.unforgiven == []
 
 
+#: Whether one sees where the focus is: at what has it, or at what it is in.
+_SEEN = """() => {
+  const seen = (e, up) => e && up && (parseFloat(getComputedStyle(e).outlineWidth) >= 1
+    && getComputedStyle(e).outlineStyle !== "none" || seen(e.parentElement, up - 1));
+  return seen(document.activeElement, 5);
+}"""
+
+_UNNAMED = """[...document.querySelectorAll(
+  "button, a[href], input:not([type=file], [type=hidden]), textarea, select, [role=checkbox], [role=combobox]",
+)].filter(e => e.offsetParent && !(e.ariaLabel || e.textContent.trim() || e.labels?.length || e.title
+  || e.getAttribute("aria-labelledby"))).map(e => e.outerHTML)"""
+
+
 class Tab:
     """A page of the workbench, and what a person does with it."""
 
@@ -242,10 +257,13 @@ class Tab:
 
     def go(self, name: str) -> None:
         """Choose a page in the list of pages."""
-        if not self.page.locator(f"nav a[href^='/{name}']").is_visible():
+        hidden = self.page.locator("[aria-label='List of pages']").is_visible()
+        if hidden:
             self.page.click("[aria-label='List of pages']")
         self.page.click(f"nav a[href^='/{name}']")
         self.page.wait_for_selector(f"nav a[href^='/{name}'][aria-current=page]", state="attached")
+        if hidden:
+            self.page.wait_for_selector(f"nav a[href^='/{name}']", state="hidden")
         self.ready()
 
     def get(self, test: str) -> Locator:
@@ -254,7 +272,9 @@ class Tab:
 
     def field(self, test: str) -> Locator:
         """The field with this mark, or inside what has it."""
-        return self.page.locator(f"input[data-test='{test}'], textarea[data-test='{test}'], [data-test='{test}'] input").first
+        return self.page.locator(
+            f"input[data-test='{test}'], textarea[data-test='{test}'], [data-test='{test}'] input"
+        ).first
 
     def cell(self, matrix: str, *index: int) -> Locator:
         """A cell of a matrix."""
@@ -264,7 +284,7 @@ class Tab:
         """Type whole matrices, row by row."""
         for name, rows in cells.items():
             for i, row in enumerate(rows):
-                for index, text in ([((i, j), t) for j, t in enumerate(row)] if isinstance(row, list) else [((i,), row)]):
+                for index, text in [((i, j), t) for j, t in enumerate(row)] if isinstance(row, list) else [((i,), row)]:
                     if self.cell(name, *index).input_value() != str(text):
                         self.cell(name, *index).fill(str(text))
 
@@ -272,16 +292,103 @@ class Tab:
         """Press keys, wherever the caret is."""
         self.page.keyboard.press(keys)
 
-    def run(self) -> None:
-        """Run the experiment, and wait for its results."""
+    def focused(self, test: str) -> None:
+        """Wait until what has this mark has the focus."""
+        self.page.wait_for_function("test => document.activeElement.dataset.test === test", arg=test)
+
+    def walk(self, selector: str, most: int = 90) -> None:
+        """Press Tab until the focus is there, and see where it is."""
+        for _ in range(most):
+            if self.page.evaluate("s => document.activeElement.matches(s)", selector):
+                break
+            self.press("Tab")
+        else:
+            pytest.fail(f"Tab does not lead to {selector}")
+        self.page.wait_for_function(_SEEN)
+
+    def load(self, text: str, name: str = "model.toml") -> None:
+        """Open a model file on the page Model, which then has the focus."""
+        before = self.get("undo").get_attribute("title") or ""
+        content = {"name": name, "mimeType": "application/toml", "buffer": text.encode()}
+        self.page.set_input_files(".ctl-model input[type=file]", content)
+        self.page.wait_for_function("before => document.querySelector('[data-test=undo]').title !== before", arg=before)
+        self.page.wait_for_function("() => document.activeElement.matches('.ctl-main')")
+
+    def choose(self, test: str, name: str, text: str) -> None:
+        """Press what opens the browser's file dialog, and choose a file there."""
+        with self.page.expect_file_chooser() as chosen:
+            self.get(test).click()
+        chosen.value.set_files({"name": name, "mimeType": "text/plain", "buffer": text.encode()})
+
+    def run(self, **fields: object) -> None:
+        """Type settings of the experiment, run it, and wait for its results."""
+        self.settle(**fields)
         before = self.get("found-told").text_content() or ""
         self.get("run").click()
+        self.results(before)
+
+    def results(self, before: str = "") -> None:
+        """Wait for results, other ones than before."""
         self.page.wait_for_function(
-            "before => { const told = document.querySelector('[data-test=found-told]').textContent;"
-            " return told !== before && document.querySelector('[data-test=results] .js-plotly-plot .main-svg,"
-            " [data-test=results] table'); }",
+            "before => { const told = document.querySelector('[data-test=found-told]')?.textContent; return told &&"
+            " told !== before && document.querySelector('[data-test=results] :is(.js-plotly-plot .main-svg, table)'); }",
             arg=before,
         )
+
+    def part(self, name: str) -> None:
+        """Look at a part of the results."""
+        self.get(f"part-{name}").click()
+
+    def settle(self, **fields: object) -> None:
+        """Type settings of the experiment."""
+        for name, value in fields.items():
+            self.field(name).fill(str(value))
+            self.field(name).blur()
+
+    def curves(self, plot: str) -> list[str]:
+        """What a figure draws, by the names in its legend, once it is drawn."""
+        self.page.wait_for_selector(f"[data-test='{plot}'] .js-plotly-plot .main-svg")
+        names = f"document.querySelector(\"[data-test='{plot}'] .js-plotly-plot\").data.map(each => each.name ?? '')"
+        return list(self.page.evaluate(names))
+
+    def points(self, plot: str, curve: str) -> int:
+        """How many points a curve of a figure has."""
+        return int(
+            self.page.evaluate(
+                "([plot, curve]) => document.querySelector(`[data-test='${plot}'] .js-plotly-plot`)"
+                "._fullData.find(each => each.name === curve).x.length",
+                [plot, curve],
+            )
+        )
+
+    def saved(self, click: Callable[[], object]) -> tuple[str, bytes]:
+        """Name and content of the file that a click brings."""
+        with self.page.expect_download() as waiting:
+            click()
+        return waiting.value.suggested_filename, Path(waiting.value.path()).read_bytes()
+
+    def drop(self, target: str, name: str, content: str) -> None:
+        """Drop a file on an element."""
+        moved = self.page.evaluate_handle(
+            "([name, content]) => { const moved = new DataTransfer();"
+            " moved.items.add(new File([content], name)); return moved; }",
+            [name, content],
+        )
+        for event in ("dragenter", "dragover", "drop"):
+            self.page.dispatch_event(target, event, {"dataTransfer": moved})
+
+    def unnamed(self) -> list[str]:
+        """Buttons, links and fields that have no name for a person who does not see them."""
+        return list(self.page.evaluate(_UNNAMED))
+
+    def dark(self) -> bool:
+        """Whether the page is a dark one."""
+        return bool(self.page.evaluate("document.body.classList.contains('body--dark')"))
+
+    def backgrounds(self) -> list[str]:
+        """The colours behind the page and its parts."""
+        parts = "[...document.querySelectorAll('body, .ctl-main section, .ctl-main .ctl-card')]"
+        return list(self.page.evaluate(f"{parts}.map(e => getComputedStyle(e).backgroundColor)"))
 
     def widest(self) -> int:
         """How much wider than the window the page is, in pixels."""
@@ -304,7 +411,7 @@ def visit(opened: Browser, workbench: Workbench) -> Iterator[Callable[..., Visit
     for each in made:
         each.check()
     assert workbench.outside == []
-    assert workbench.errors[before:] == []
+    assert not workbench.errors[before:], workbench.log.read_text()
 
 
 def until(true: Callable[[], object], seconds: float = PATIENCE / 1000) -> None:
