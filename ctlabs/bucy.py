@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import scipy.linalg
-import scipy.optimize
 from numpy.typing import ArrayLike
 
 from ctlabs import _check, observability
@@ -231,6 +230,7 @@ def settling_time(model: ContinuousModel, within: float = 0.01) -> float | None:
 
 def _last_entry(model: ContinuousModel, t: Array, P: Array, outside: Callable[[Array], Array]) -> float:
     """When ``outside`` falls below 1 for the last time, refined between the samples P (points, n, n) at t."""
+    from scipy.optimize import brentq, minimize_scalar  # 0.1 s to import, for this alone
 
     def after(i: int, h: float) -> float:
         return float(outside(transient(replace(model, P0=P[i]), [h]).P)[0])
@@ -242,7 +242,7 @@ def _last_entry(model: ContinuousModel, t: Array, P: Array, outside: Callable[[A
     for k in range(len(t) - 2, max(i, 0), -1):
         if r[k] > 0.8 and r[k] >= max(r[k - 1], r[k + 1]):
             width = t[k + 1] - t[k - 1]
-            peak = scipy.optimize.minimize_scalar(
+            peak = minimize_scalar(
                 lambda h, k=k: -after(k - 1, h), bounds=(0.0, width), method="bounded", options={"xatol": 1e-6 * width}
             )
             if peak.fun < -1:
@@ -250,7 +250,7 @@ def _last_entry(model: ContinuousModel, t: Array, P: Array, outside: Callable[[A
                 break
     if i < 0:
         return 0.0
-    return float(t[i] + scipy.optimize.brentq(lambda h: after(i, h) - 1, low, high, xtol=1e-12 * high))
+    return float(t[i] + brentq(lambda h: after(i, h) - 1, low, high, xtol=1e-12 * high))
 
 
 class _Plain(NamedTuple):

@@ -25,10 +25,8 @@ from ctlabs.models import DiscreteModel
 from ctlabs.studies import clock, common
 from ctlabs.workbench.outcomes import Algorithm, Anomaly, Outcome, Plan, Statistics, Verdict, packed
 
-__all__ = ["REGISTERED", "Outcome", "Plan", "anomalous", "prepared", "run"]
+__all__ = ["Outcome", "Plan", "anomalous", "prepared", "run"]
 
-#: The name under which :func:`run` is in the worker's table.
-REGISTERED = "experiment"
 #: Runs whose histories are shown, and instants that are kept of them.
 SHOWN, POINTS = 3, 2000
 #: Products of numbers with 50 digits that the reference may take, about a second; a longer record is compared in its first steps.

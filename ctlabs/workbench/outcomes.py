@@ -19,6 +19,8 @@ from ctlabs._check import Array
 from ctlabs.modelfile.errors import meant, shown
 from ctlabs.modelfile.schema import ALGORITHMS, RUNS, STEPS
 
+#: The name under which :func:`ctlabs.workbench.experiments.run` is in the worker's table.
+REGISTERED = "experiment"
 #: Largest measured record that a plan holds, in characters.
 LARGEST = 20_000_000
 

@@ -270,6 +270,7 @@ def serve(
 
 def _run(desk: Desk, listening: socket.socket, host: str, token: str | None, names: Iterable[str], pages: str) -> None:
     """Load the framework and serve."""
+    sys.setswitchinterval(0.0005)  # a thread that loads or computes gives way sooner: pages are answered meanwhile
     # NiceGUI reads this when it is imported, and would otherwise look into the present folder; nothing is written there.
     os.environ["NICEGUI_STORAGE_PATH"] = str((desk.folder or Path.home()) / ".nicegui")
     import uvicorn

@@ -26,8 +26,7 @@ from ctlabs.modelfile.errors import Path
 from ctlabs.workbench import applying, commands, comparing
 from ctlabs.workbench.commands import Command
 from ctlabs.workbench.comparing import Difference
-from ctlabs.workbench.experiments import REGISTERED
-from ctlabs.workbench.outcomes import Data, Outcome, Plan, outcome
+from ctlabs.workbench.outcomes import REGISTERED, Data, Outcome, Plan, outcome
 from ctlabs.workbench.sheet import Cell, Sheet
 from ctlabs.workbench.understanding import Understanding, understand, warm
 

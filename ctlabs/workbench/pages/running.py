@@ -8,7 +8,7 @@ import weakref
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING, Any
 
-from ctlabs.workbench.experiments import REGISTERED
+from ctlabs.workbench.outcomes import REGISTERED
 from ctlabs.workbench.worker import RunFailed
 
 if TYPE_CHECKING:
