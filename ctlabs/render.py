@@ -16,7 +16,6 @@ import shutil
 import tempfile
 import textwrap
 from collections.abc import Iterable, Sequence
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from PIL import Image
 
+from ctlabs.mathml import STYLE, lines, mathml
 from ctlabs.params import plain
 from ctlabs.report import Check, Heading, Picture, Report, Table, Text, Value
 from ctlabs.text import _, fill, number
@@ -124,7 +124,7 @@ def html(report: Report, pictures: dict[str, bytes]) -> str:
         )
     sections = [(block.part, block.text) for block in report.blocks if isinstance(block, Heading)]
     template = _environment().get_template("report.html")
-    return template.render(title=report.meta["title"], body=body, passed=report.passed, sections=sections, _=_)
+    return template.render(title=report.meta["title"], body=body, passed=report.passed, sections=sections, matrices=STYLE, _=_)
 
 
 def summary(report: Report, tables: Sequence[str] = ()) -> list[str]:
@@ -243,6 +243,8 @@ def _verdict(checks: int, failed: list[str]) -> str:
         return fill(
             _("**{count} of {checks} failed**: {names}"), count=len(failed), checks=checks, names="; ".join(failed)
         )
+    if checks == 1:
+        return _("1 passed")
     return fill(_("all {checks} passed"), checks=checks) if checks else _("**no checks**")
 
 
@@ -316,22 +318,16 @@ def _environment() -> Environment:
 
 
 def _markdown_it() -> Any:
-    from latex2mathml.converter import convert
     from markdown_it import MarkdownIt
     from mdit_py_plugins.anchors import anchors_plugin
     from mdit_py_plugins.dollarmath import dollarmath_plugin
 
-    def mathml(latex: str, options: dict[str, Any]) -> str:
-        try:
-            shown = convert(latex, display="block" if options["display_mode"] else "inline")
-        except Exception:  # dollars in somebody's words; the converter has no common class of its errors
-            return f"<code>{escape(latex)}</code>"
-        # A bar is a fence (|Φ|) in every formula here, never a relation: no space around it.
-        return shown.replace(
-            '<mo stretchy="false">&#x0007C;</mo>', '<mo stretchy="false" lspace="0" rspace="0">&#x0007C;</mo>'
-        )
+    def shown(latex: str, options: dict[str, Any]) -> str:
+        if not options["display_mode"]:
+            return mathml(latex)
+        return "".join(mathml(line, block=True) for line in lines(latex))
 
     parser = MarkdownIt("commonmark", {"html": False}).enable("table")
     # Words of a model file may not make the page ask another machine for anything.
     parser.validateLink = lambda url: ":" not in url and "//" not in url  # type: ignore[method-assign]
-    return parser.use(dollarmath_plugin, renderer=mathml, allow_digits=True).use(anchors_plugin, max_level=3)
+    return parser.use(dollarmath_plugin, renderer=shown, allow_digits=True).use(anchors_plugin, max_level=3)

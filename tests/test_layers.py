@@ -47,7 +47,7 @@ LAYERS: list[set[str]] = [
         "scheduling",
         "sensitivity",
     },
-    {"datafile", "modelfile", "params", "plots", "portrait", "render", "report", "studies"},
+    {"datafile", "mathml", "modelfile", "params", "plots", "portrait", "render", "report", "studies"},
     {"labs", "cli", "workbench", "__main__"},
 ]
 LAYER = {name: number for number, names in enumerate(LAYERS) for name in names}

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 pytest.importorskip("nicegui", reason="the workbench is not installed: pip install 'ctlabs[workbench]'")
 
+from ctlabs.mathml import mathml
 from ctlabs.modelfile import gallery, loads, new, ready
 from ctlabs.modelfile.schema import wrong_name
 from ctlabs.workbench import blocks
@@ -33,7 +34,6 @@ from ctlabs.workbench.commands import (
     SetTitle,
 )
 from ctlabs.workbench.help import help_for
-from ctlabs.workbench.mathml import mathml
 from ctlabs.workbench.pages import model_parts
 from ctlabs.workbench.pages.cells import POSITIONS, Slider, block, number, placed, shown, slider, typed
 from ctlabs.workbench.pages.grid import STYLE

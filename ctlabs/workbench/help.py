@@ -15,9 +15,9 @@ import difflib
 from collections.abc import Iterable
 from functools import cache
 
+from ctlabs.mathml import mathml
 from ctlabs.workbench.help_entry import Help
 from ctlabs.workbench.help_texts import TEXTS
-from ctlabs.workbench.mathml import mathml
 
 #: The groups of keys, in the order in which a person meets them, and their headings.
 GROUPS = {

@@ -38,10 +38,10 @@ def report(name: str, model: str, plan: Plan, found: Outcome) -> Report:
     )
     made.meta = {**made.meta, "title": " ".join(name.split()), "source": "ctlabs workbench"}
     made.section("a", "The model")
-    common.show(made, file.discrete(steps=1))
+    _model(made, file)
     if design is not None:
         made.says("The filter believes in another model:")
-        common.show(made, design.discrete(steps=1))
+        _model(made, design)
     for anomaly in plan.anomalies:
         where = f"k = {anomaly.k}" + (f" to {anomaly.last}" if anomaly.last is not None else "")
         made.says(
@@ -70,6 +70,14 @@ def report(name: str, model: str, plan: Plan, found: Outcome) -> Report:
     made.says("The Python lines that give these numbers again:")
     made.says("{lines}", lines=f"```python\n{python(name, model, plan, found)}```")
     return made
+
+
+def _model(made: Report, file: ModelFile) -> None:
+    """As it was typed, where it is continuous, and its samples."""
+    if file.kind == "continuous" and not file.varying:
+        common.show(made, file.continuous())
+        made.says("Sampled every {dt} s:", dt=file.dt)
+    common.show(made, file.discrete(steps=1))
 
 
 def _algorithm(plan: Plan, found: Outcome) -> str:

@@ -26,6 +26,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from nicegui import app, ui
 
+from ctlabs import mathml
+
 if TYPE_CHECKING:
     from nicegui import Client
     from starlette.requests import Request
@@ -105,10 +107,6 @@ body.body--dark { --q-primary: #8cc0f5 !important; --q-negative: #ff9c94 !import
 @media (max-width: 899px) { .ctl-wide { display: none !important; } .ctl-main { padding: .5rem; } }
 @media (min-width: 900px) { .ctl-narrow { display: none !important; } }
 @media (prefers-reduced-motion: reduce) { * { transition: none !important; animation-duration: .01s !important; } }
-mtable.ctl-matrix { margin: 0 .15em; --stroke: linear-gradient(currentColor, currentColor); background:
-  var(--stroke) left top / 1.3px 100%, var(--stroke) right top / 1.3px 100%, var(--stroke) left top / .35em 1.3px,
-  var(--stroke) left bottom / .35em 1.3px, var(--stroke) right top / .35em 1.3px, var(--stroke) right bottom / .35em 1.3px;
-  background-repeat: no-repeat; }
 """
 
 # The letter that is written on the key if it is a Latin one, else the one at its place on a keyboard with Latin letters.
@@ -173,7 +171,7 @@ class _Shortcut(NamedTuple):
 def prepare() -> None:
     """What all pages have in their head."""
     app.colors(primary="#1f5fa8")
-    ui.add_css(_STYLE, shared=True)
+    ui.add_css(_STYLE + mathml.STYLE, shared=True)
     ui.add_head_html(f"<script>{_SCRIPT}</script>", shared=True)
 
 
