@@ -74,6 +74,14 @@ def solid(model):
     return dataclasses.replace(model, P0=model.P0 + 0.5 * np.eye(model.n))
 
 
+def tolerance(form, wanted):
+    """SOLVER; but the information form inverts P, and may lose as many digits as the condition number of P has."""
+    if form != "information":
+        return SOLVER
+    worst = max(np.linalg.cond(np.array(P, dtype=np.float64)) for P in (*wanted.P_minus, *wanted.P_plus))
+    return max(SOLVER, 2 * np.finfo(np.float64).eps * worst)
+
+
 def test_the_suite_knows_every_form():
     """The forms are those of the design, in its order."""
     assert list(forms.FORMS) == list(CAN)
@@ -148,8 +156,8 @@ def test_every_form_is_the_conditional_distribution(model, steps, seed, gaps, fi
             if not CAN[form].singular_P0 and some is model:
                 continue
             found = forms.run(some, z, form, first)
-            assert differs(found, wanted, some) < SOLVER, form
-            assert close(found.log_likelihood, likely, SOLVER), form
+            assert differs(found, wanted, some) < tolerance(form, wanted), form
+            assert close(found.log_likelihood, likely, tolerance(form, wanted)), form
             _innovations_are_right(found, some, z, first)
 
 
@@ -193,7 +201,7 @@ def test_the_reference_is_sixty_digits_rounded(model, seed):
     high, own = reference.high_precision(model, z), forms.reference(model, z)
     assert differs(own, high, model) < EXACT
     for form in OPTIMAL:
-        assert differs(forms.run(model, z, form), high, model) < SOLVER, form
+        assert differs(forms.run(model, z, form), high, model) < tolerance(form, high), form
 
 
 @every_form
