@@ -189,9 +189,8 @@ def _tried(model: DiscreteModel, z: Array, plan: Plan) -> Tried:
     """A record, or the shown runs, by every algorithm (a single record by the usual one compiled)."""
     found: Tried = {}
     for name in plan.algorithms:
-        with contextlib.suppress(
-            ValueError, ArithmeticError
-        ):  # what is loaded at the first call is not the algorithm's time
+        # What is loaded at the first call is not the algorithm's time.
+        with contextlib.suppress(ValueError, ArithmeticError):
             forms.run(clock.cut(model, 1), z[:2], name, plan.first)
         start = time.perf_counter()
         try:
