@@ -56,12 +56,12 @@ class Schedule:
     @property
     def sd_minus(self) -> Array:
         """Standard deviation of the prediction error, (steps+1, n)."""
-        return _sd(self.P_minus)
+        return sd(self.P_minus)
 
     @property
     def sd_plus(self) -> Array:
         """Standard deviation of the filtering error, (steps+1, n)."""
-        return _sd(self.P_plus)
+        return sd(self.P_plus)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -345,6 +345,12 @@ def _without_cancelled(P: Array, Phi: Array, before: Array, Q: Array) -> Array:
     return np.where(known[:, None] | known, 0.0, P)
 
 
-def _sd(P: Array) -> Array:
-    """A variance that is zero may come out as −1e-30 where a singular covariance is moved."""
+def sd(P: Array) -> Array:
+    """Standard deviations, the roots of the diagonals of covariances (…, n, n).
+
+    A variance that is zero may come out as −1e-30 where a singular covariance is moved: it counts as zero.
+
+    >>> sd(np.diag([4.0, -1e-30]))
+    array([2., 0.])
+    """
     return np.sqrt(np.diagonal(P, axis1=-2, axis2=-1).clip(0))

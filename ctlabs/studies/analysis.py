@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ctlabs import bucy, kalman, observability, plots, sensitivity, steady
-from ctlabs._check import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.report import SOLVER, Report
 from ctlabs.studies import common
@@ -158,8 +157,8 @@ def _steady(report: Report, model: DiscreteModel) -> steady.SteadyState | None:
         "steady",
         model,
         {
-            _("σ before an update"): _sd(limit.P_minus),
-            _("σ after it"): _sd(limit.P_plus),
+            _("σ before an update"): kalman.sd(limit.P_minus),
+            _("σ after it"): kalman.sd(limit.P_plus),
             **{fill(_("gain on {name}"), name=name): K for name, K in zip(model.measurements, limit.K.T, strict=True)},
         },
         _("Standard deviations of the steady filter's errors, and its gains."),
@@ -223,7 +222,7 @@ def _transient(report: Report, model: DiscreteModel, steps: int, first: int, lim
         curves = {_("before an update"): plan.sd_minus[:, i], _("after it"): plan.sd_plus[:, i]}
         limits = None
         if limit is not None:
-            limits = {_("before an update"): _sd(limit.P_minus)[i], _("after it"): _sd(limit.P_plus)[i]}
+            limits = {_("before an update"): kalman.sd(limit.P_minus)[i], _("after it"): kalman.sd(limit.P_plus)[i]}
         ylabel = common.label(fill(_("σ of the error of {name}"), name=name), unit)
         report.figure(
             f"transient_{i + 1}",
@@ -286,8 +285,3 @@ def _bucy(report: Report, model: ContinuousModel) -> None:
         plots.bode(systems, np.geomspace(low / 100, 100 * rate, 400)),
         _("Frequency response of the steady continuous filter from measurements to estimates."),
     )
-
-
-def _sd(P: Array) -> Array:
-    """Standard deviations."""
-    return np.sqrt(np.diag(P).clip(0))

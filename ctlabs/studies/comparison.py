@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ctlabs import forms, montecarlo
+from ctlabs import forms, kalman, montecarlo
 from ctlabs._check import Array
 from ctlabs.forms import Comparison
 from ctlabs.params import typed
@@ -144,7 +144,7 @@ def names(algorithms: str) -> list[str]:
 
 def judged(found: Sequence[Comparison], exact: forms.Filtered) -> list[Judged]:
     """The forms with their errors of the estimate in units of its σ."""
-    sd = np.sqrt(np.diagonal(exact.P_plus, axis1=1, axis2=2).clip(0)).max(axis=0)
+    sd = kalman.sd(exact.P_plus).max(axis=0)
     return [
         Judged(one, None if one.error_x is None else float((one.error_x / np.where(sd > 0, sd, 1.0)).max()))
         for one in found

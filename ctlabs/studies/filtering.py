@@ -148,10 +148,10 @@ def _estimates(report: Report, run: Run) -> None:
     """The estimates in figures, the last ones in a table, and the second route."""
     model, found = run.model, run.filtered
     _figures(report, run)
-    columns = {_("estimate"): found.x_plus[-1], "σ": _sd(found.P_plus)[-1]}
+    columns = {_("estimate"): found.x_plus[-1], "σ": kalman.sd(found.P_plus)[-1]}
     common.states_table(report, "last", model, columns, _("The last estimates."))
     report.value("estimate_end", found.x_plus[-1], common.units(model))
-    report.value("sd_end", _sd(found.P_plus)[-1], common.units(model))
+    report.value("sd_end", kalman.sd(found.P_plus)[-1], common.units(model))
     _second_route(report, run)
     if run.smoothed is not None:
         report.check(
@@ -165,9 +165,9 @@ def _figures(report: Report, run: Run) -> None:
     model, found = run.model, run.filtered
     for i, (name, unit) in enumerate(list(zip(model.states, model.units, strict=True))[: common.SHOWN]):
         measured = common.measured(model, i)
-        curves = {_("filtered"): (found.x_plus[:, i], _sd(found.P_plus)[:, i])}
+        curves = {_("filtered"): (found.x_plus[:, i], kalman.sd(found.P_plus)[:, i])}
         if run.smoothed is not None:
-            curves[_("smoothed")] = (run.smoothed.x[:, i], _sd(run.smoothed.P)[:, i])
+            curves[_("smoothed")] = (run.smoothed.x[:, i], kalman.sd(run.smoothed.P)[:, i])
         data = None if measured is None else run.z[:, measured]
         figure = estimates(run.t, curves, data=data, ylabel=common.label(name, unit))
         caption = _("Estimates of {name} with their ±σ bands.")
@@ -195,7 +195,7 @@ def _second_route(report: Report, run: Run) -> None:
     other = kalman.filter_runs(model, run.z[: steps + 1], first=run.first)
     routes = (_("this form of the filter"), _("filterpy"))
     report.check(_("estimates"), run.filtered.x_plus[: steps + 1], other.x_plus[:, :, 0], routes, SOLVER)
-    sd = _sd(other.schedule.P_plus)
+    sd = kalman.sd(other.schedule.P_plus)
     size = np.where(sd > 0, sd, 1.0)
     ours, theirs = (
         P / (size[:, :, None] * size[:, None, :]) for P in (run.filtered.P_plus[: steps + 1], other.schedule.P_plus)
@@ -347,9 +347,9 @@ def _truth(report: Report, model: ModelFile, run: Run) -> None:
     actual = sensitivity.actual(
         _without(truth, missing), _without(run.model, missing), steps, compare=E, first=run.first
     )
-    optimal = _sd(E @ filtered.P_plus @ E.T)
-    true = np.sqrt(np.diagonal(actual.mse_plus, axis1=1, axis2=2).clip(0))
-    claimed = _sd(run.filtered.P_plus)
+    optimal = kalman.sd(E @ filtered.P_plus @ E.T)
+    true = kalman.sd(actual.mse_plus)
+    claimed = kalman.sd(run.filtered.P_plus)
     common.cost(report, run.model, run.t, claimed, true, optimal)
     if missing[run.first :].any() and not (truth.N is None and run.model.N is None):
         report.says(
@@ -385,12 +385,12 @@ def _table(run: Run) -> tuple[list[str], list[list[Any]]]:
     columns = ["k", "t"]
     parts = [np.arange(len(run.t))[:, None], run.t[:, None]]
     for names, values, deviations, first, second in (
-        (model.states, found.x_plus, _sd(found.P_plus), "{}", "{}_sd"),
+        (model.states, found.x_plus, kalman.sd(found.P_plus), "{}", "{}_sd"),
         (model.measurements, found.innovation, sd, "innovation_{}", "innovation_sd_{}"),
         *(
             []
             if run.smoothed is None
-            else [(model.states, run.smoothed.x, _sd(run.smoothed.P), "{}_smoothed", "{}_smoothed_sd")]
+            else [(model.states, run.smoothed.x, kalman.sd(run.smoothed.P), "{}_smoothed", "{}_smoothed_sd")]
         ),
     ):
         for i, name in enumerate(names):
@@ -428,11 +428,6 @@ def export_gains(model: ModelFile, record: Record, path: Path) -> None:
     except ValueError:  # it varies with time, or has no steady state
         gains = kalman.schedule(discrete, len(z) - 1, model.experiment.first)
     export.write(discrete, gains, path)
-
-
-def _sd(P: Array) -> Array:
-    """Standard deviations over time."""
-    return np.sqrt(np.diagonal(P, axis1=1, axis2=2).clip(0))
 
 
 def _known(values: Sequence[float] | Array) -> list[float | None]:

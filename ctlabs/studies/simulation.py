@@ -144,8 +144,8 @@ def _mismatched(
     common.show(report, design)
     actual = sensitivity.actual(truth, design, steps, compare=E, first=first)
     best = kalman.schedule(truth, steps, first)
-    optimal = np.sqrt(np.diagonal(E @ best.P_plus @ E.T, axis1=1, axis2=2).clip(0))
-    true = np.sqrt(np.diagonal(actual.mse_plus, axis1=1, axis2=2).clip(0))
+    optimal = kalman.sd(E @ best.P_plus @ E.T)
+    true = kalman.sd(actual.mse_plus)
     claimed = actual.claimed.sd_plus
     report.section("b", _("The wrong filter on simulated data"))
     common.cost(report, design, actual.t, claimed, true, optimal)

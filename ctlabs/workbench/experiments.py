@@ -182,7 +182,7 @@ def _theory(
     if design is None and applied is None:
         return _Theory(E, optimal, optimal.P_plus, None, None)
     actual = sensitivity.actual(truth, design or truth, plan.steps, compare=E, schedule=applied, first=plan.first)
-    return _Theory(E, actual.claimed, actual.P_plus, actual, _sd(E @ optimal.P_plus @ E.T))
+    return _Theory(E, actual.claimed, actual.P_plus, actual, kalman.sd(E @ optimal.P_plus @ E.T))
 
 
 def _tried(model: DiscreteModel, z: Array, plan: Plan) -> Tried:
@@ -235,7 +235,7 @@ def _algorithms(model: DiscreteModel, z: Array, plan: Plan, tried: Tried, true: 
         compared = {
             each.name: each for each in forms.compare(clock.cut(model, steps), z[: steps + 1], list(tried), plan.first)
         }
-        sd = _sd(_first(tried)[1].P_plus[: steps + 1]).max(axis=0)
+        sd = kalman.sd(_first(tried)[1].P_plus[: steps + 1]).max(axis=0)
     rows = []
     for name, (filtered, seconds, failed) in tried.items():
         each = compared.get(name)
@@ -310,7 +310,7 @@ def _measured(file: ModelFile, other: ModelFile | None, plan: Plan) -> Outcome:
     smooth = smoothing.smooth(model, own)
     k = _kept(steps)
     summary: dict[str, tuple[Any, str]] = {"rows": (record.rows, ""), "missing": (record.missing, "")}
-    sd = _sd(own.P_plus)
+    sd = kalman.sd(own.P_plus)
     for what, values in (("estimate", own.x_plus[-1]), ("sd", sd[-1])):
         for state, unit, value in zip(used.states, used.units, values, strict=True):
             summary[f"{what}[{state}]"] = float(value), unit
@@ -348,7 +348,7 @@ def _measured(file: ModelFile, other: ModelFile | None, plan: Plan) -> Outcome:
         algorithms=_algorithms(model, z, plan, tried, None),
         log_likelihood=float(own.log_likelihood),
         smoothed=smooth.x[k],
-        smoothed_sd=_sd(smooth.P)[k],
+        smoothed_sd=kalman.sd(smooth.P)[k],
         summary=summary,
         notes=(*_refused(tried, name), *_thinned(k, steps, "all were filtered")),
     )
@@ -450,7 +450,3 @@ def _kept(steps: int) -> Array:
 def _thinned(k: Array, steps: int, rest: str) -> tuple[str, ...]:
     """What is to be said where not all instants are shown."""
     return () if len(k) == steps + 1 else (f"{len(k)} of {steps + 1} instants are shown; {rest}.",)
-
-
-def _sd(P: Array) -> Array:
-    return np.sqrt(np.diagonal(P, axis1=-2, axis2=-1).clip(0))

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ctlabs import datafile
+from ctlabs import datafile, kalman
 from ctlabs._check import Array
 from ctlabs.modelfile.errors import meant, shown
 from ctlabs.modelfile.schema import ALGORITHMS, RUNS, STEPS
@@ -205,6 +205,7 @@ class Outcome:
     """
 
     kind: str
+    algorithm: str
     k: Array
     t: Array
     states: tuple[str, ...]
@@ -235,19 +236,18 @@ class Outcome:
     smoothed: Array | None = None
     smoothed_sd: Array | None = None
     log_likelihood: float | None = None
-    algorithm: str = ""
     seconds: float = 0.0
     notes: tuple[str, ...] = ()
 
     @property
     def sd_minus(self) -> Array:
         """Standard deviations that the filter claims before an update, (K, n)."""
-        return _sd(self.P_minus)
+        return kalman.sd(self.P_minus)
 
     @property
     def sd_plus(self) -> Array:
         """Standard deviations that the filter claims after an update, (K, n)."""
-        return _sd(self.P_plus)
+        return kalman.sd(self.P_plus)
 
     @property
     def actual_rms(self) -> Array | None:
@@ -289,7 +289,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _plain(each) for key, each in value.items()}
     return value
-
-
-def _sd(P: Array) -> Array:
-    return np.sqrt(np.diagonal(P, axis1=1, axis2=2).clip(0))

@@ -36,7 +36,7 @@ def python(name: str, model: str, plan: Plan, found: Outcome) -> str:
             "",
         ]
     more, body = (_simulation if simulated else _record)(
-        plan, found.algorithm or plan.algorithms[0], other=design is not None, changed=bool(changes)
+        plan, found.algorithm, other=design is not None, changed=bool(changes)
     )
     imports += more
     ordered = [line for line in imports if line.startswith("import ") and "numpy" not in line]

@@ -25,7 +25,7 @@ def report(name: str, model: str, plan: Plan, found: Outcome) -> Report:
     """The experiment as a report: model, estimates, errors, innovations, algorithms, and the lines that give it again."""
     file, design = files(model, plan)
     simulated = plan.data is None
-    own: list[tuple[str, Any, str, str]] = [("algorithm", _algorithm(plan, found), "", "form of the filter")]
+    own: list[tuple[str, Any, str, str]] = [("algorithm", found.algorithm, "", "form of the filter")]
     own += (
         [("steps", plan.steps, "1", "steps of each run")]
         if simulated
@@ -80,10 +80,6 @@ def _model(made: Report, file: ModelFile) -> None:
     common.show(made, file.discrete(steps=1))
 
 
-def _algorithm(plan: Plan, found: Outcome) -> str:
-    return found.algorithm or plan.algorithms[0]
-
-
 def _data_name(plan: Plan) -> str:
     return "" if plan.data is None else plan.data.name
 
@@ -108,7 +104,7 @@ def _second_route(made: Report, file: ModelFile, plan: Plan, found: Outcome) -> 
     else:
         whole, z, _t = clock.timed(file, plan.data.record(file.measurements))
         whole, z = anomalous(whole, plan.anomalies, len(z) - 1), z[: steps + 1]
-    if _algorithm(plan, found) == "steady":
+    if found.algorithm == "steady":
         limit = dataclasses.replace(whole, P0=found.P_plus[-1])
         again = forms.run(limit, np.zeros((2, whole.m)), "array").P_plus[1]
         made.check("steady error covariance", found.P_plus[-1], again, ("limit", "one period more"))

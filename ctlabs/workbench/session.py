@@ -26,8 +26,9 @@ from ctlabs.modelfile.errors import Path
 from ctlabs.workbench import applying, commands, comparing
 from ctlabs.workbench.commands import Command
 from ctlabs.workbench.comparing import Difference
-from ctlabs.workbench.outcomes import REGISTERED, Data, Outcome, Plan, outcome
+from ctlabs.workbench.outcomes import REGISTERED, Data, Outcome, Plan, outcome, packed
 from ctlabs.workbench.sheet import Cell, Sheet
+from ctlabs.workbench.store import REVISIONS
 from ctlabs.workbench.understanding import Understanding, understand, warm
 
 if TYPE_CHECKING:
@@ -141,7 +142,7 @@ class Session:
         if text == self._text or (text == self.text and not isinstance(command, commands.New | commands.Open)):
             return
         number = self.store.edit(self.draft.id, text, label, after=self._revisions[self._at][0])
-        self._revisions = [each for each in self._revisions[: self._at + 1] if each[0] > number - _remembered()]
+        self._revisions = [each for each in self._revisions[: self._at + 1] if each[0] > number - REVISIONS]
         self._revisions.append((number, label))
         self._at = len(self._revisions) - 1
         before, measured = _told(self.file), self.sheet.measurements
@@ -444,8 +445,6 @@ class Session:
             self.store.note(self.draft.id, result=number)
 
     def _keep(self, found: Outcome, text: str, plan: Plan, name: str) -> int:
-        from ctlabs.workbench.outcomes import packed
-
         title = Sheet(loads(text, "", check=False)).title or "Untitled model"
         words = _line(name) or f"{title}: " + (plan.data.name if plan.data else f"{plan.runs} runs, seed {plan.seed}")
         return self.store.keep(self.draft.owner, words, text, self._settings(plan), plan.seed, packed(found))
@@ -479,9 +478,3 @@ def _told(file: ModelFile) -> dict[str, Any]:
 def _line(text: str) -> str:
     """One line of letters that can be seen."""
     return "".join(each for each in " ".join(text.split()) if each.isprintable())[:LONGEST]
-
-
-def _remembered() -> int:
-    from ctlabs.workbench.store import REVISIONS
-
-    return REVISIONS

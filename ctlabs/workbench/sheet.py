@@ -37,6 +37,8 @@ MEANINGS = {
     "x0": "mean of the state at t0",
     "P0": "covariance of the state at t0",
 }
+#: How a part is written in an equation, where its name is not its letter.
+LETTERS = {"Phi": r"\Phi", "Qd": "Q_d", "Rc": "R_c", "x0": r"\bar x_0", "P0": "P_0"}
 #: The order in which parts are shown.
 ORDER = ("F", "G", "Q", "Phi", "Qd", "B", "u", "offset", "H", "R", "Rc", "N", "x0", "P0")
 
@@ -241,11 +243,7 @@ class Sheet:
         has = self._model.__contains__
 
         def part(name: str) -> str:
-            return (
-                self._matrix(name, inside)
-                if inside
-                else {"Phi": r"\Phi", "Qd": "Q_d", "Rc": "R_c", "x0": r"\bar x_0", "P0": "P_0"}.get(name, name)
-            )
+            return self._matrix(name, inside) if inside else LETTERS.get(name, name)
 
         if self.kind == "continuous":
             drive = (rf" + {part('B')}\,u" if has("B") and has("u") else "") + rf" + {part('G')}\,w"
@@ -278,7 +276,7 @@ class Sheet:
             return r"\square"
         rows, columns = len(grid.rows), max(len(row) for row in grid.rows)
         if max(rows, columns) > LARGEST:
-            letter = {"Phi": r"\Phi", "Qd": "Q_d", "Rc": "R_c", "x0": r"\bar x_0", "P0": "P_0"}.get(name, name)
+            letter = LETTERS.get(name, name)
             return rf"\underbrace{{{letter}}}_{{{rows}\times {columns}}}"
         texts = [[inside(cell) for cell in row] for row in grid.rows]
         if rows == columns == 1:
@@ -294,7 +292,7 @@ class Sheet:
 
     def _symbol(self, cell: Cell) -> str:
         try:
-            return parse(_read(cell.text)).latex()
+            return parse(cell.text).latex()
         except ExpressionError:
             return r"\square"
 
@@ -326,7 +324,7 @@ class Sheet:
         """t and k of the first measurement."""
         first = self.experiment["first"]
         k = float(first) if isinstance(first, int) else 1.0
-        t0, dt = (self._value(_read(text), ()) for text in (self.experiment["t0"], _written(self._model.get("dt", ""))))
+        t0, dt = (self._value(text, ()) for text in (self.experiment["t0"], _written(self._model.get("dt", ""))))
         return {"k": k, "t": (t0 or 0.0) + k * (dt or 0.0)}
 
     def _value(self, text: Any, letters: Sequence[str]) -> float | None:
@@ -393,10 +391,6 @@ def _written(item: Any) -> str:
     return (
         repr(item) if isinstance(item, int | float) and not isinstance(item, bool) else "" if item == "" else str(item)
     )
-
-
-def _read(text: str) -> Any:
-    return text
 
 
 def _atom(text: str) -> bool:

@@ -73,12 +73,12 @@ class Limit:
     @property
     def sd_minus(self) -> Array:
         """Standard deviations before an update, (n,)."""
-        return np.sqrt(np.diag(self.state.P_minus).clip(0))
+        return kalman.sd(self.state.P_minus)
 
     @property
     def sd_plus(self) -> Array:
         """Standard deviations after an update, (n,)."""
-        return np.sqrt(np.diag(self.state.P_plus).clip(0))
+        return kalman.sd(self.state.P_plus)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,12 +131,12 @@ class Transient:
     @property
     def sd_minus(self) -> Array:
         """(steps+1, n)."""
-        return np.sqrt(np.diagonal(self.P_minus, axis1=1, axis2=2).clip(0))
+        return kalman.sd(self.P_minus)
 
     @property
     def sd_plus(self) -> Array:
         """(steps+1, n)."""
-        return np.sqrt(np.diagonal(self.P_plus, axis1=1, axis2=2).clip(0))
+        return kalman.sd(self.P_plus)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

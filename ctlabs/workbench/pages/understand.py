@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from nicegui import background_tasks, ui
 
+from ctlabs.mathml import mathml
 from ctlabs.modelfile import loads
 from ctlabs.text import number
 from ctlabs.workbench import commands, figures
-from ctlabs.workbench.help import mathml
 from ctlabs.workbench.pages.cells import POSITIONS, Slider, slider
 from ctlabs.workbench.pages.help import resume_tour
 from ctlabs.workbench.pages.showing import Show, matrix, table
@@ -351,7 +351,7 @@ class _Understand:
                 for each in found.transfers.value
             ]
             self.transfer.content(
-                "".join(f'<div class="show-equation" tabindex="0">{_mathml(line)}</div>' for line in lines)
+                "".join(f'<div class="show-equation" tabindex="0">{mathml(line, block=True)}</div>' for line in lines)
             )
         else:
             self.transfer.reason(found.transfers)
@@ -523,13 +523,6 @@ def _letter(name: str) -> str:
     """A name inside an equation."""
     plain = "".join(c for c in name if c.isalnum() or c in " _-").replace("_", r"\_")
     return rf"\text{{{plain}}}" if plain else r"\square"
-
-
-def _mathml(latex: str) -> str:
-    try:
-        return mathml(latex, block=True)
-    except Exception:  # the converter has no common class of its errors
-        return f"<code>{escape(latex)}</code>"
 
 
 def _is_number(text: str) -> bool:
