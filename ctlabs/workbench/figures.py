@@ -622,7 +622,8 @@ def _vertical(panel: Panel) -> dict[str, Any]:
     everything = everything[np.isfinite(everything)]
     if panel.kind == "size":
         if len(everything) and everything.min() > 0 and everything.max() > FALLING * np.median(everything):
-            return {"type": "log"}
+            few = everything.max() < 1e3 * everything.min()  # ticks at 1, 2, 5: all nine do not fit into a panel
+            return {"type": "log", "dtick": "D2"} if few else {"type": "log"}
         return {"rangemode": "tozero"}
     if panel.kind == "signed" and len(everything):
         edges = np.abs(np.concatenate([*values, *(_array(band.high) for band in panel.bands)]))
