@@ -268,12 +268,12 @@ class Server:
         """What it printed after its first line."""
         if self.process.poll() is None:
             self.process.send_signal(how)
-        said, _ = self.process.communicate(timeout=20)
+        said, _ = self.process.communicate(timeout=60)
         return said
 
     def ask(self, path: str = "/", method: str = "GET", **headers: str) -> tuple[int, dict[str, str], str]:
         """A request as a program makes it."""
-        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=20)
+        connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
         try:
             sent = {"Host": f"127.0.0.1:{self.port}"} | {key.replace("_", "-"): value for key, value in headers.items()}
             connection.request(method, path, headers=sent)
@@ -392,7 +392,7 @@ class Watched:
 
     def another(self) -> Any:
         tab = self.context.new_page()
-        tab.set_default_timeout(20_000)
+        tab.set_default_timeout(60_000)
         tab.on("request", lambda request: self.requests.append(request.url))
         tab.on("console", lambda message: message.type in {"error", "warning"} and self.complaints.append(message.text))
         tab.on("pageerror", lambda error: self.complaints.append(str(error)))

@@ -33,7 +33,7 @@ ARGUMENTS = [
 ]  # fmt: skip
 DESKTOP, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
 #: How long anything may take before a test says that it has not come, in milliseconds.
-PATIENCE = 20_000
+PATIENCE = 60_000
 
 
 # The browser -----------------------------------------------------------------------------------------------------------
@@ -138,7 +138,7 @@ class Workbench:
         """End it."""
         if self.process.poll() is None:
             self.process.send_signal(how)
-        self.process.communicate(timeout=20)
+        self.process.communicate(timeout=PATIENCE / 1000)
 
     @property
     def address(self) -> str:
