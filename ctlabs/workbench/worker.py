@@ -107,7 +107,7 @@ class Runner:
         self.functions, self.memory, self.seconds = dict(functions), memory, seconds
         self.size = max(1, size if size is not None else cores())
         self._modules = tuple(warm)
-        self._lock = threading.Lock()
+        self._lock, self._starting = threading.Lock(), threading.Lock()
         self._waiting: list[_Job] = []
         self._running: list[_Job] = []
         self._served: dict[str, int] = {}  # when a session was last given a process, counted in runs; the latest last
@@ -175,7 +175,7 @@ class Runner:
 
     def close(self) -> None:
         """End all processes; what is running or waiting is cancelled."""
-        with self._lock:
+        with self._starting, self._lock:  # a process that loses its parent while it starts prints a traceback
             self._closed = True
             idle, self._idle = self._idle, []
             jobs, self._waiting = [*self._waiting, *self._running], []
@@ -281,15 +281,16 @@ class Runner:
 
     def _renew(self) -> None:
         """Have one process ready, unless there is one."""
-        with self._lock:
-            if self._closed or self._idle or len(self._running) >= self.size:
-                return
-        process = _Process(self)
-        with self._lock:
-            if not self._closed and len(self._idle) + len(self._running) < self.size:
-                self._idle.append(process)
-                return
-        process.kill()
+        with self._starting:
+            with self._lock:
+                if self._closed or self._idle or len(self._running) >= self.size:
+                    return
+            process = _Process(self)
+            with self._lock:
+                if not self._closed and len(self._idle) + len(self._running) < self.size:
+                    self._idle.append(process)
+                    return
+            process.kill()
 
 
 class _Job:
