@@ -27,6 +27,7 @@ from tests.reference import EXACT
 from tests.workbench_browser import (  # noqa: F401  # fixtures
     DESKTOP,
     PAGES,
+    PATIENCE,
     PHONE,
     ROOT,
     Tab,
@@ -623,10 +624,21 @@ def lab(visit: Visits, number: str) -> Tab:
     """The page of a lab, found by its number."""
     tab = visit().tab("labs")
     tab.page.get_by_label("Search labs").fill(number)
-    until(lambda: tab.page.locator(".lab-item").count() < 26)
     tab.page.click(f"[data-lab=task{number.zfill(2)}]")
     tab.page.wait_for_selector(".lab-form")
     return tab
+
+
+def test_the_labs_are_found_by_words(visit: Visits) -> None:
+    """All are listed, then those that have the words, then all again."""
+    tab = visit().tab("labs")
+    search, found = tab.page.get_by_label("Search labs"), tab.page.locator(".lab-item:visible")
+    assert found.count() == 26
+    search.fill("oscillator sampling")
+    until(lambda: found.count() == 1)
+    assert found.get_attribute("data-lab") == "task10"
+    search.fill("")
+    until(lambda: found.count() == 26)
 
 
 def test_a_lab_runs_with_other_numbers_and_shows_its_report(visit: Visits) -> None:
@@ -637,7 +649,7 @@ def test_a_lab_runs_with_other_numbers_and_shows_its_report(visit: Visits) -> No
     tab.page.locator(".lab-form").get_by_label("Runs", exact=True).fill("50")
     tab.press("Control+Enter")
     verdict = tab.page.locator(".lab-verdict")
-    verdict.wait_for(timeout=60_000)
+    verdict.wait_for(timeout=4 * PATIENCE)
     assert verdict.get_attribute("data-passed") == "true"
     report = tab.page.frame_locator("iframe.lab-report").locator("body")
     until(lambda: "0.9" in report.inner_text())

@@ -114,9 +114,10 @@ class _Labs:
         with ui.element("div").classes("lab-page") as self.frame:
             with ui.element("section").classes("lab-catalogue").props('aria-label="Catalogue of labs"'):
                 self._draw_search()
-                self.list = ui.element("div").classes("lab-list")
+                with ui.element("div").classes("lab-list"):
+                    self.items = {sheet.name: self._item(sheet) for sheet in catalogue.sheets()}
             self.detail = ui.element("section").classes("lab-detail").props('aria-label="Lab"')
-        self._list()
+        self._find()
         self.shell.shortcut("/", "Search the labs", lambda: self.search.run_method("focus"))
         self.shell.shortcut("mod+enter", "Run the lab", self.run)
         ui.timer(LOOK, self._look)
@@ -126,21 +127,21 @@ class _Labs:
             self._welcome()
 
     def _draw_search(self) -> None:
-        self.search = ui.input("Search labs", placeholder="oscillator, 7, autopilot …", on_change=self._list)
+        self.search = ui.input("Search labs", placeholder="oscillator, 7, autopilot …", on_change=self._find)
         self.search.props("outlined dense clearable debounce=150 type=search").classes("w-full")
         with ui.row().classes("items-center gap-2"):
             ui.label("Variant").props("aria-hidden=true")
             choices = {"": "all", **{letter: letter for letter in "abc"}}
-            self.variant = ui.toggle(choices, value="", on_change=self._list)
+            self.variant = ui.toggle(choices, value="", on_change=self._find)
             self.variant.props('dense no-caps unelevated toggle-color=primary aria-label="Variant"')
             self.variant.tooltip(help_for("labs.variant").what)
         self.count = ui.label().classes("lab-hint").props("role=status aria-live=polite")
 
-    def _list(self) -> None:
-        found = catalogue.search(self.search.value or "", self.variant.value or "")
-        self.list.clear()
-        with self.list:
-            self.items = {sheet.name: self._item(sheet) for sheet in found}
+    def _find(self) -> None:
+        """Show the labs that are searched for; the others are hidden where they are, so that a click meets what it meant."""
+        found = {sheet.name for sheet in catalogue.search(self.search.value or "", self.variant.value or "")}
+        for name, item in self.items.items():
+            item.set_visibility(name in found)
         star = "; * = control lab" if self.variant.value else ""
         self.count.text = f"{len(found)} labs{star}" if len(found) != 1 else f"1 lab{star}"
         if not found:
