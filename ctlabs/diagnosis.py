@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 LAGS = 10
 #: Innovations of one measurement below which its independence is not tested.
 FEWEST = 10
+#: Rows of a record that a program does best to have diagnosed: what would make it more likely takes some hundred filters.
+LONG = 100_000
 #: A factor on R so small that the record would be most likely without any noise.
 NOTHING = 1e-9
 
@@ -62,8 +64,9 @@ class Diagnosis:
 
     ``nis_mean`` per instant with a measurement, its expectation ``nis_expected``, exact 95 % ``nis_band`` and two-sided
     ``nis_p`` · per measurement ``mean`` of the standardised innovations, ``mean_p``, ``whiteness_p`` (NaN: too few innovations)
-    and their ``autocorrelation`` at ``lags`` · ``factor_R``, ``factor_Q``, the factor on R alone and on
-    Qd alone that makes the record most likely, ``factors`` for both together, ``None`` where there is nothing to scale ·
+    and their ``autocorrelation`` at ``lags``, of which 95 % lie within ± ``band`` if they are independent · ``factor_R``,
+    ``factor_Q``, the factor on R alone and on Qd alone that makes the record most likely, ``factors`` for both together,
+    ``None`` where there is nothing to scale ·
     ``tests``, every p-value the verdict rests on, of which a right model fails any with probability ``level`` at most ·
     ``verdict``: "consistent", "R", "Qd", "R and Qd", "input", "bias", "correlated" or "other" · ``suggestion`` in words
     """
@@ -77,6 +80,7 @@ class Diagnosis:
     whiteness_p: Array
     lags: Array
     autocorrelation: tuple[Array, ...]
+    band: tuple[Array, ...]
     factor_R: float | None
     factor_Q: float | None
     factors: tuple[float, float] | None
@@ -92,7 +96,13 @@ class Diagnosis:
 
 
 def diagnose(
-    model: DiscreteModel, filtered: Filtered, z: ArrayLike, first: int = 1, *, level: float = 0.01
+    model: DiscreteModel,
+    filtered: Filtered,
+    z: ArrayLike,
+    first: int = 1,
+    *,
+    level: float = 0.01,
+    longest: int | None = None,
 ) -> Diagnosis:
     """Test one filtered record against its model, and say what to change.
 
@@ -107,6 +117,7 @@ def diagnose(
     z : (steps+1, m), NaN = not measured
     first : 1 (first measurement at t1) or 0 (at t0), as filtered
     level : probability of a false alarm
+    longest : of a longer record only its first so many rows are looked at; all if not given
 
     Raises
     ------
@@ -122,13 +133,12 @@ def diagnose(
     >>> diagnose(m, records.filter_record(m, z), z).verdict
     'R'
     """
-    data, e, nis = _record(model, filtered, z)
+    model, data, own = _record(model, filtered, z, longest)
     if not 0 < level < 1:
         msg = f"level: expected a probability between 0 and 1, received {level!r}"
         raise ValueError(msg)
-    own = _tests(model, e, nis)
     scales = _scales(model, data, first)
-    tests = dict(own.p)
+    tests = _tests(model, own)
     if scales:
         tests[_("size of R and Qd")] = scales[-1].p
     suspicious = min(tests.values()) < _share(level, len(tests))
@@ -138,19 +148,18 @@ def diagnose(
     elif own.dof < FEWEST:
         words += fill(_(" (but so few innovations, {count}, could hardly do so)"), count=own.dof)
     alone = {c.kind: c.size for c in scales}
-    instants = int(np.isfinite(e).any(axis=1).sum())
     lags = max(len(w.lags) for w in own.whiteness)
-    edges = special.chdtri(own.dof, [0.975, 0.025]) / instants
     return Diagnosis(
-        nis_mean=own.nis / instants,
-        nis_expected=own.dof / instants,
-        nis_band=(float(edges[0]), float(edges[1])),
+        nis_mean=own.nis_mean,
+        nis_expected=own.nis_expected,
+        nis_band=own.nis_band,
         nis_p=own.nis_p,
         mean=own.mean,
         mean_p=own.mean_p,
         whiteness_p=np.array([w.p for w in own.whiteness]),
         lags=np.arange(1, lags + 1),
-        autocorrelation=tuple(np.append(w.r, np.full(lags - len(w.r), np.nan)) for w in own.whiteness),
+        autocorrelation=tuple(_padded(w.r, lags) for w in own.whiteness),
+        band=tuple(_padded(w.band, lags) for w in own.whiteness),
         factor_R=alone["R"][0] if "R" in alone else None,
         factor_Q=alone["Qd"][0] if "Qd" in alone else None,
         factors=(alone["R and Qd"][0], alone["R and Qd"][1]) if "R and Qd" in alone else None,
@@ -159,6 +168,10 @@ def diagnose(
         verdict=verdict,
         suggestion=words,
     )
+
+
+def _padded(values: Array, length: int) -> Array:
+    return np.append(values, np.full(length - len(values), np.nan))
 
 
 # --- the tests -------------------------------------------------------------------------------------------------------
@@ -226,37 +239,82 @@ def _partial(r: Array) -> Array:
     return np.array(found)
 
 
-class _Tests(NamedTuple):
-    """The tests of one filtered record; ``p`` are those the verdict rests on."""
+class Innovations(NamedTuple):
+    """Size, mean and independence of one record's innovations.
 
-    nis: float
+    ``dof``, how many innovations · ``nis_mean``, ``nis_expected`` and ``nis_band`` (of 95 %), per instant with a measurement,
+    and the two-sided ``nis_p`` · per measurement ``mean`` of e_k and its ``mean_p`` (NaN: never measured), ``whiteness``
+    """
+
     dof: int
+    nis_mean: float
+    nis_expected: float
+    nis_band: tuple[float, float]
     nis_p: float
     mean: Array
     mean_p: Array
     whiteness: tuple[Whiteness, ...]
-    p: dict[str, float]
 
 
-def _tests(model: DiscreteModel, e: Array, nis: float) -> _Tests:
-    dof = int(np.isfinite(e).sum())
-    below = float(special.gammainc(0.5 * dof, 0.5 * nis))
-    nis_p = min(1.0, 2 * min(below, float(special.gammaincc(0.5 * dof, 0.5 * nis))))
-    count = np.isfinite(e).sum(axis=0)
+def innovations(innovation: ArrayLike, S: ArrayLike, nis: ArrayLike) -> Innovations:
+    """Test the innovations of one record, as a filter returns them, without asking for another model.
+
+    Parameters
+    ----------
+    innovation : ν (steps+1, m), NaN = not measured · S : (steps+1, m, m) · nis : νᵀS⁻¹ν (steps+1,), NaN = none
+
+    Raises
+    ------
+    ValueError
+        Nothing measured.
+
+    Source: as for :func:`diagnose`.
+
+    >>> m = DiscreteModel([[0.5]], [[1]], [[1]], [[1]], x0=[0], P0=[[1]])
+    >>> run = records.filter_record(m, 3 * np.random.default_rng(2).normal(size=(200, 1)))
+    >>> found = innovations(run.innovation, run.S, run.nis)
+    >>> found.nis_mean > found.nis_band[1], found.nis_p < 1e-6
+    (True, True)
+    """
+    given, squares = np.asarray(innovation, dtype=np.float64), np.asarray(nis, dtype=np.float64)
+    there = np.isfinite(given)
+    count, instants, total = there.sum(axis=0), int(there.any(axis=1).sum()), float(np.nansum(squares))
+    if not instants:
+        msg = "z: expected at least one measurement that enters the filter, received none"
+        raise ValueError(msg)
+    variance = np.diagonal(np.asarray(S), axis1=1, axis2=2)
+    e = np.where(there, given / np.sqrt(np.where(there, variance, 1.0)), np.nan)
+    dof = int(count.sum())
+    low, high = (float(edge) / instants for edge in special.chdtri(dof, [0.975, 0.025]))
+    tails = float(special.gammainc(0.5 * dof, 0.5 * total)), float(special.gammaincc(0.5 * dof, 0.5 * total))
     mean = np.where(count > 0, np.nansum(e, axis=0) / np.maximum(count, 1), np.nan)
-    mean_p = special.erfc(np.abs(mean) * np.sqrt(0.5 * count))
-    white = tuple(whiteness(column) for column in e.T)
-    p = {_("NIS"): nis_p}
-    for name, by_mean, independent in zip(model.measurements, mean_p, white, strict=True):
+    return Innovations(
+        dof=dof,
+        nis_mean=total / instants,
+        nis_expected=dof / instants,
+        nis_band=(low, high),
+        nis_p=min(1.0, 2 * min(tails)),
+        mean=mean,
+        mean_p=special.erfc(np.abs(mean) * np.sqrt(0.5 * count)),
+        whiteness=tuple(whiteness(column) for column in e.T),
+    )
+
+
+def _tests(model: DiscreteModel, own: Innovations) -> dict[str, float]:
+    """The p-values on which a verdict rests."""
+    p = {_("NIS"): own.nis_p}
+    for name, by_mean, independent in zip(model.measurements, own.mean_p, own.whiteness, strict=True):
         if np.isfinite(by_mean):
             p[fill(_("mean of {name}"), name=name)] = float(by_mean)
         if np.isfinite(independent.p):
             p[fill(_("independence of {name}"), name=name)] = independent.p
-    return _Tests(nis, dof, nis_p, mean, mean_p, white, p)
+    return p
 
 
-def _record(model: DiscreteModel, filtered: Filtered, z: ArrayLike) -> tuple[Array, Array, float]:
-    """z, the standardised innovations (steps+1, m) and the sum of the NIS, checked."""
+def _record(
+    model: DiscreteModel, filtered: Filtered, z: ArrayLike, longest: int | None = None
+) -> tuple[DiscreteModel, Array, Innovations]:
+    """The model, the record and its innovations, checked, and cut to their first rows."""
     _check.instance("model", model, DiscreteModel)
     data = np.array(z, dtype=np.float64)
     innovation = np.asarray(filtered.innovation)
@@ -265,16 +323,9 @@ def _record(model: DiscreteModel, filtered: Filtered, z: ArrayLike) -> tuple[Arr
     if data.shape != innovation.shape or data.ndim != 2 or data.shape[1] != model.m:
         msg = f"z: expected one record (steps+1, {model.m}), filtered, received {data.shape} and innovations {innovation.shape}"
         raise ValueError(msg)
-    if not np.isfinite(innovation).any():
-        msg = "z: expected at least one measurement that enters the filter, received none"
-        raise ValueError(msg)
-    return data, _standardised(innovation, np.asarray(filtered.S)), float(np.nansum(filtered.nis))
-
-
-def _standardised(innovation: Array, S: Array) -> Array:
-    variance = np.diagonal(S, axis1=1, axis2=2)
-    used = np.isfinite(innovation)
-    return np.where(used, innovation / np.sqrt(np.where(used, variance, 1.0)), np.nan)
+    rows = len(data) if longest is None else min(len(data), _check.count("longest", longest, least=2))
+    own = innovations(innovation[:rows], filtered.S[:rows], filtered.nis[:rows])
+    return model.cut(rows - 1), data[:rows], own
 
 
 def _share(level: float, tests: int) -> float:
@@ -373,12 +424,12 @@ def _best(candidates: Sequence[Candidate], level: float) -> Candidate | None:
 
 
 def _explained(
-    model: DiscreteModel, z: Array, first: int, level: float, own: _Tests, scales: list[Candidate]
+    model: DiscreteModel, z: Array, first: int, level: float, own: Innovations, scales: list[Candidate]
 ) -> tuple[str, str]:
     """Verdict and words where a test has failed: up to two changes, and what they leave unexplained."""
     changes: list[Candidate] = []
     words: list[str] = []
-    left = own
+    left, tests = own, _tests(model, own)
     for again in range(2):
         candidates = [*(_scales(model, z, first) if again else scales), *_constants(model, z, first)]
         best = _best(candidates, level)
@@ -387,10 +438,11 @@ def _explained(
         changes.append(best)
         words.append(_sentence(model, best, candidates))
         model, z = best.model, z - best.shift
-        left = _tests(model, *_record(model, records.filter_record(model, z, first), z)[1:])
-        if min(left.p.values()) >= _share(level, len(left.p)):
+        left = _record(model, records.filter_record(model, z, first), z)[2]
+        tests = _tests(model, left)
+        if min(tests.values()) >= _share(level, len(tests)):
             break
-    share = _share(level, len(left.p))
+    share = _share(level, len(tests))
     if any(w.p < share for w in left.whiteness):
         if own.nis_p >= share:
             return "correlated", _(
@@ -405,11 +457,11 @@ def _explained(
             changes="; ".join(words),
         )
     if not changes:
-        worst = min(own.p, key=lambda name: own.p[name])
+        worst = min(tests, key=lambda name: tests[name])
         return "other", fill(
             _("the record does not fit the model ({test}: p = {p}), and neither R, Qd nor a constant explains it"),
             test=worst,
-            p=_brief(own.p[worst]),
+            p=_brief(tests[worst]),
         )
     return max(changes, key=lambda c: c.gain).kind, "; ".join(words)
 

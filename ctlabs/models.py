@@ -8,7 +8,7 @@ and hold read-only arrays; change one with :func:`dataclasses.replace`.
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -292,6 +292,24 @@ class DiscreteModel(_Display):
             msg = f"matrices that vary: expected one number of steps, received {given}"
             raise ValueError(msg)
         return next(iter(given.values()), None)
+
+    def cut(self, steps: int) -> DiscreteModel:
+        """The model of the first ``steps`` steps; a constant one and one that is no longer stay as they are.
+
+        >>> m = DiscreteModel([[1]], [[1]], [[1]], [[[1]], [[2]], [[3]], [[4]]], x0=[0], P0=[[1]])
+        >>> m.horizon, m.cut(2).horizon, m.cut(2).R.ravel()
+        (3, 2, array([1., 2., 3.]))
+        """
+        if self.horizon is None or self.horizon <= steps:
+            return self
+        varying = {"Phi": (2, steps), "Qd": (2, steps), "offset": (1, steps), "H": (2, steps + 1), "R": (2, steps + 1)}
+        matrices = {name: getattr(self, name) for name in varying}
+        shorter = {
+            name: matrix[: varying[name][1]]
+            for name, matrix in matrices.items()
+            if matrix is not None and matrix.ndim > varying[name][0]
+        }
+        return replace(self, **shorter)
 
     def _matrices(self) -> dict[str, Array]:
         return _present(

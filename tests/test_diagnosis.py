@@ -57,8 +57,8 @@ class TestCalibration:
         for seed in range(400):
             z = record(level(), 60, np.random.default_rng(seed), 0.2)
             run = records.filter_record(level(), z)
-            _, e, nis = diagnosis._record(level(), run, z)
-            found.append(list(diagnosis._tests(level(), e, nis).p.values()))
+            own = diagnosis.innovations(run.innovation, run.S, run.nis)
+            found.append(list(diagnosis._tests(level(), own).values()))
         for column in np.array(found).T:
             assert stats.kstest(column, "uniform").pvalue > 1e-6
 
@@ -182,6 +182,17 @@ class TestNumbers:
         assert found.nis_expected == dof / instants
         assert found.nis_band == pytest.approx(tuple(stats.chi2.ppf([0.025, 0.975], dof) / instants), rel=1e-9)
         assert found.nis_p == pytest.approx(2 * min(stats.chi2.cdf(total, dof), stats.chi2.sf(total, dof)), rel=1e-9)
+
+    @pytest.mark.parametrize("R", [[[2.0]], np.linspace(1, 3, 151)[:, None, None]], ids=["constant", "varying"])
+    def test_of_a_long_record_so_many_rows_are_looked_at(self, R):
+        """As if there were no others; and all, where it is no longer."""
+        model = replace(level(), R=R)
+        z = record(model, 150, np.random.default_rng(5), 0.1)
+        whole, part = records.filter_record(model, z), records.filter_record(model.cut(80), z[:81])
+        short = diagnosis.diagnose(model.cut(80), part, z[:81])
+        assert diagnosis.diagnose(model, whole, z, longest=81).tests == short.tests
+        every = diagnosis.diagnose(model, whole, z)
+        assert diagnosis.diagnose(model, whole, z, longest=500).tests == every.tests != short.tests
 
     def test_the_factors_maximise_the_likelihood(self):
         """5 % beside them the record is less likely."""

@@ -281,7 +281,7 @@ class TestClock:
         """Every matrix that varies, shortened alike."""
         model, record = track(times=np.cumsum(np.linspace(0.1, 1, 30)))
         discrete, z, _t = clock.timed(model, record)
-        part = clock.cut(discrete, 7)
+        part = discrete.cut(7)
         assert part.horizon == 7
         whole = reference.recursion(discrete, z)
         assert close(reference.recursion(part, z[:8]).x_plus, whole.x_plus[:8], 1e-15)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -43,19 +42,6 @@ def timed(model: ModelFile, record: Record) -> tuple[DiscreteModel, Array, Array
     t = np.concatenate([[t0][:first], record.t])
     _begins(record, t0, first)
     return model.discrete(times=t), z, t
-
-
-def cut(model: DiscreteModel, steps: int) -> DiscreteModel:
-    """The first ``steps`` steps of a model that may vary with time."""
-    if model.horizon is None or model.horizon <= steps:
-        return model
-    fields = {"Phi": (2, steps), "Qd": (2, steps), "H": (2, steps + 1), "R": (2, steps + 1), "offset": (1, steps)}
-    shorter = {
-        name: getattr(model, name)[:length]
-        for name, (ndim, length) in fields.items()
-        if getattr(model, name) is not None and getattr(model, name).ndim > ndim
-    }
-    return dataclasses.replace(model, **shorter)
 
 
 def _begins(record: Record, t0: float, first: int) -> None:

@@ -208,7 +208,7 @@ def _case(model: ModelFile, record: Record | None, seed: int, steps: int | None)
         return Case(discrete, z, first, steps is None and length < model.experiment.steps)
     discrete, z, _t = clock.timed(model, record)
     length = min(len(z) - 1, affordable)
-    return Case(clock.cut(discrete, length), z[: length + 1], first, length < len(z) - 1)
+    return Case(discrete.cut(length), z[: length + 1], first, length < len(z) - 1)
 
 
 def _told(report: Report, case: Case, record: Record | None, seed: int) -> None:

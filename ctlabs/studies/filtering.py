@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
-from scipy.special import chdtr, chdtrc, chdtri
 
 from ctlabs import diagnosis, forms, kalman, records, sensitivity, smoothing, steady
 from ctlabs._check import Array
@@ -28,8 +27,6 @@ if TYPE_CHECKING:
 
 #: The second route filters at most so many rows (it is a hundred times slower than the first).
 CHECKED = 2000
-#: Rows of a long record that are tested.
-DIAGNOSED = 100_000
 #: Innovations whose σ is more times the usual one are not drawn.
 WIDE = 5
 #: Standard deviations whose square is beyond double precision.
@@ -191,7 +188,7 @@ def _second_route(report: Report, run: Run) -> None:
         )
         return
     steps = min(len(run.z) - 1, CHECKED)
-    model = clock.cut(run.model, steps)
+    model = run.model.cut(steps)
     other = kalman.filter_runs(model, run.z[: steps + 1], first=run.first)
     routes = (_("this form of the filter"), _("filterpy"))
     report.check(_("estimates"), run.filtered.x_plus[: steps + 1], other.x_plus[:, :, 0], routes, SOLVER)
@@ -236,22 +233,16 @@ def _verdict(report: Report, run: Run, units: Sequence[str]) -> None:
         return
     _innovations(report, run, verdict, units)
     _tests(report, run, verdict)
-    if len(run.z) > DIAGNOSED:
-        report.says(_("The tests of whiteness and the factors are those of the first {rows} rows."), rows=DIAGNOSED)
+    if len(run.z) > diagnosis.LONG:
+        report.says(
+            _("The tests of whiteness and the factors are those of the first {rows} rows."), rows=diagnosis.LONG
+        )
 
 
 def _diagnosed(run: Run) -> Diagnosis:
-    """The diagnosis, of a long record by its first rows: it filters them some hundred times."""
-    length = min(len(run.z), DIAGNOSED)
-    if run.algorithm == "steady":  # its start is not the model's
-        model, z = clock.cut(run.model, length - 1), run.z[:length]
-        return diagnosis.diagnose(model, records.filter_record(model, z, run.first), z, run.first)
-    part = {
-        name: getattr(run.filtered, name)[:length]
-        for name in ("t", "x_minus", "x_plus", "P_minus", "P_plus", "innovation", "S", "nis", "used")
-    }
-    filtered = dataclasses.replace(run.filtered, **part)
-    return diagnosis.diagnose(clock.cut(run.model, length - 1), filtered, run.z[:length], run.first)
+    """The diagnosis by the optimal filter's innovations (the start of one with the steady gain is not the model's)."""
+    found = run.filtered if run.algorithm != "steady" else records.filter_record(run.model, run.z, run.first)
+    return diagnosis.diagnose(run.model, found, run.z, run.first, longest=diagnosis.LONG)
 
 
 def _innovations(report: Report, run: Run, verdict: Diagnosis, units: Sequence[str]) -> None:
@@ -278,15 +269,10 @@ def _innovations(report: Report, run: Run, verdict: Diagnosis, units: Sequence[s
         caption += _(" Left out: {count} of a band more than {wide} times the usual one.")
     report.figure("innovations", figure, caption, count=int((~shown).sum()), wide=WIDE)
     correlations = {}
-    for name, r, count in zip(names, verdict.autocorrelation, measured.sum(axis=0).tolist(), strict=True):
+    for name, r, band in zip(names, verdict.autocorrelation, verdict.band, strict=True):
         tested = np.isfinite(r)
-        lags = verdict.lags[tested]
         if tested.any():
-            correlations[common.label(name)] = (
-                lags,
-                r[tested],
-                1.96 * np.sqrt((count - lags) / (count * (count + 2.0))),
-            )
+            correlations[common.label(name)] = verdict.lags[tested], r[tested], band[tested]
     if correlations:
         report.figure(
             "autocorrelation",
@@ -297,11 +283,11 @@ def _innovations(report: Report, run: Run, verdict: Diagnosis, units: Sequence[s
 
 def _tests(report: Report, run: Run, verdict: Diagnosis) -> None:
     """The tests in numbers and words."""
-    mean, expected, band, p = _nis(run)
-    report.value("nis_mean", mean)
-    report.value("nis_expected", expected)
-    report.value("nis_band", band)
-    report.value("nis_p", p)
+    own = diagnosis.innovations(run.filtered.innovation, run.filtered.S, run.filtered.nis)
+    report.value("nis_mean", own.nis_mean)
+    report.value("nis_expected", own.nis_expected)
+    report.value("nis_band", list(own.nis_band))
+    report.value("nis_p", own.nis_p)
     few = _("too few innovations")
     report.value("mean_p", _known(verdict.mean_p), reason=few)
     report.value("whiteness_p", _known(verdict.whiteness_p), reason=few)
@@ -323,18 +309,9 @@ def _tests(report: Report, run: Run, verdict: Diagnosis) -> None:
     )
     report.says(
         _("The NIS averages {mean} per instant; a right model's lies between {low} and {high} in 95 % of records (p = {p}). **Verdict:** {suggestion}."),
-        mean=mean, low=band[0], high=band[1], p=p,
+        mean=own.nis_mean, low=own.nis_band[0], high=own.nis_band[1], p=own.nis_p,
         suggestion=verdict.suggestion.rstrip("."),
     )  # fmt: skip
-
-
-def _nis(run: Run) -> tuple[float, float, list[float], float]:
-    """NIS averaged over all instants with a measurement, its expectation, exact 95 % band and two-sided p."""
-    dof = run.filtered.used.sum(axis=1)
-    total, freedom, instants = float(np.nansum(run.filtered.nis)), int(dof.sum()), int((dof > 0).sum())
-    low, high = (float(edge) / instants for edge in chdtri(freedom, [0.975, 0.025]))
-    tails = float(chdtr(freedom, total)), float(chdtrc(freedom, total))
-    return total / instants, freedom / instants, [low, high], min(1.0, 2 * min(tails))
 
 
 def _truth(report: Report, model: ModelFile, run: Run) -> None:

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import chdtr, chdtrc, chdtri, erfc
+from scipy.special import chdtri
 
 from ctlabs import diagnosis, forms, kalman, montecarlo, records, sensitivity, smoothing, steady
 from ctlabs._check import Array
@@ -31,8 +31,6 @@ __all__ = ["Outcome", "Plan", "anomalous", "prepared", "run"]
 SHOWN, POINTS = 3, 2000
 #: Products of numbers with 50 digits that the reference may take, about a second; a longer record is compared in its first steps.
 PATIENCE = 3e5
-#: Rows of a long record that are tested.
-DIAGNOSED = 100_000
 
 
 def run(
@@ -162,7 +160,7 @@ def _simulated(file: ModelFile, other: ModelFile | None, plan: Plan, progress: A
         actual_P=None if theory.actual is None else theory.actual.P_plus[k],
         actual_bias=None if theory.actual is None else theory.actual.bias_plus[k],
         optimal_sd=None if theory.optimal is None else theory.optimal[k],
-        verdict=_tested(own.innovation[:, :, 0], own.S, own.nis[:, 0], own.used),
+        verdict=_tested(own),
         algorithms=_algorithms(design, few.z[:, :, 0], plan, tried, true),
         log_likelihood=float(own.log_likelihood[0]),
         summary=_summary(other or file, stats, theory, float(own.log_likelihood[0])),
@@ -191,7 +189,7 @@ def _tried(model: DiscreteModel, z: Array, plan: Plan) -> Tried:
     for name in plan.algorithms:
         # What is loaded at the first call is not the algorithm's time.
         with contextlib.suppress(ValueError, ArithmeticError):
-            forms.run(clock.cut(model, 1), z[:2], name, plan.first)
+            forms.run(model.cut(1), z[:2], name, plan.first)
         start = time.perf_counter()
         try:
             if name == "joseph" and z.ndim == 2:
@@ -233,7 +231,7 @@ def _algorithms(model: DiscreteModel, z: Array, plan: Plan, tried: Tried, true: 
         per_step = model.n**3 + model.n**2 * model.m + model.m**3
         steps = min(len(z) - 1, max(int(PATIENCE / per_step), 2))
         compared = {
-            each.name: each for each in forms.compare(clock.cut(model, steps), z[: steps + 1], list(tried), plan.first)
+            each.name: each for each in forms.compare(model.cut(steps), z[: steps + 1], list(tried), plan.first)
         }
         sd = kalman.sd(_first(tried)[1].P_plus[: steps + 1]).max(axis=0)
     rows = []
@@ -246,7 +244,7 @@ def _algorithms(model: DiscreteModel, z: Array, plan: Plan, tried: Tried, true: 
             continue
         rms = None if true is None else np.sqrt(np.mean((filtered.x_plus[-1] - true[-1]) ** 2, axis=-1))
         if each is None:
-            rows.append(Algorithm(name, forms.flops(clock.cut(model, 1), name), seconds, rms=rms))
+            rows.append(Algorithm(name, forms.flops(model.cut(1), name), seconds, rms=rms))
         else:
             error_x = None if each.error_x is None else float((each.error_x / np.where(sd > 0, sd, 1.0)).max())
             rows.append(Algorithm(name, each.flops, each.seconds, each.error_P, error_x, rms))
@@ -356,13 +354,10 @@ def _measured(file: ModelFile, other: ModelFile | None, plan: Plan) -> Outcome:
 
 def _diagnosed(model: DiscreteModel, own: Filtered, z: Array, first: int) -> Verdict | None:
     """The tests of the record, of a long one in its first rows, and what would make it more likely."""
-    tested = _tested(own.innovation, own.S, own.nis, own.used)
+    tested = _tested(own)
     if tested is None:
         return None
-    length = min(len(z), DIAGNOSED)
-    over_time = ("t", "x_minus", "x_plus", "P_minus", "P_plus", "innovation", "S", "nis", "used")
-    part = dataclasses.replace(own, **{name: getattr(own, name)[:length] for name in over_time})
-    found = diagnosis.diagnose(clock.cut(model, length - 1), part, z[:length], first)
+    found = diagnosis.diagnose(model, own, z, first, longest=diagnosis.LONG)
     return dataclasses.replace(
         tested, verdict=found.verdict, suggestion=found.suggestion, factor_R=found.factor_R, factor_Q=found.factor_Q
     )
@@ -371,32 +366,24 @@ def _diagnosed(model: DiscreteModel, own: Filtered, z: Array, first: int) -> Ver
 # Both ----------------------------------------------------------------------------------------------------------------
 
 
-def _tested(innovation: Array, S: Array, nis: Array, used: Array) -> Verdict | None:
-    """NIS, mean and whiteness of one record's innovations."""
-    measured = np.isfinite(innovation)
-    if not measured.any():
+def _tested(found: Filtered) -> Verdict | None:
+    """NIS, mean and whiteness of the innovations of a record, or of the first run."""
+    innovation, nis = (a if found.x_plus.ndim == 2 else a[..., 0] for a in (found.innovation, found.nis))
+    if not np.isfinite(innovation).any():
         return None
-    variance = np.diagonal(S, axis1=1, axis2=2)
-    e = np.where(measured, innovation / np.sqrt(np.where(measured, variance, 1.0)), np.nan)
-    dof = used.sum(axis=1)
-    total, freedom, instants = float(np.nansum(nis)), int(dof.sum()), int((dof > 0).sum())
-    count = measured.sum(axis=0)
-    mean = np.nansum(e, axis=0) / np.maximum(count, 1)
-    white = [diagnosis.whiteness(column) for column in e.T]
-    lags = np.arange(1, max(len(each.lags) for each in white) + 1)
-    correlation, band = np.full((2, len(white), len(lags)), np.nan)
-    for row, width, each, N in zip(correlation, band, white, count.tolist(), strict=True):
-        row[: len(each.r)] = each.r
-        width[: len(each.r)] = 1.96 * np.sqrt((N - each.lags) / (N * (N + 2.0)))
-    low, high = (float(edge) / instants for edge in chdtri(freedom, [0.975, 0.025]))
+    own = diagnosis.innovations(innovation, found.S, nis)
+    lags = np.arange(1, max(len(each.lags) for each in own.whiteness) + 1)
+    correlation, band = np.full((2, len(own.whiteness), len(lags)), np.nan)
+    for row, width, each in zip(correlation, band, own.whiteness, strict=True):
+        row[: len(each.r)], width[: len(each.r)] = each.r, each.band
     return Verdict(
-        nis_mean=total / instants,
-        nis_expected=freedom / instants,
-        nis_low=low,
-        nis_high=high,
-        nis_p=min(1.0, 2 * min(float(chdtr(freedom, total)), float(chdtrc(freedom, total)))),
-        mean_p=np.where(count > 0, erfc(np.abs(mean) * np.sqrt(0.5 * count)), np.nan),
-        whiteness_p=np.array([each.p for each in white]),
+        nis_mean=own.nis_mean,
+        nis_expected=own.nis_expected,
+        nis_low=own.nis_band[0],
+        nis_high=own.nis_band[1],
+        nis_p=own.nis_p,
+        mean_p=own.mean_p,
+        whiteness_p=np.array([each.p for each in own.whiteness]),
         lags=lags,
         correlation=correlation,
         band=band,

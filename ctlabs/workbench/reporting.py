@@ -114,7 +114,7 @@ def _second_route(made: Report, file: ModelFile, plan: Plan, found: Outcome) -> 
         if len(at) != steps + 1 and absent[plan.first :].any():
             return
         z[at] = np.where(absent, np.nan, 0.0)
-    other = forms.run(clock.cut(whole, steps), z, "array", plan.first).P_plus[at]
+    other = forms.run(whole.cut(steps), z, "array", plan.first).P_plus[at]
     made.check("error covariances", wanted, other, ("covariance", "square root of it"))
 
 
