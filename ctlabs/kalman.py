@@ -115,7 +115,7 @@ def schedule(model: DiscreteModel, steps: int, first: int = 1) -> Schedule:
     ValueError
         steps < 1, or more steps than a time-varying model is given for.
     FloatingPointError
-        The covariance overflows: the step and the time are in the message.
+        The covariance overflows, or that of the innovation is singular by rounding: the step and the time are in the message.
 
     >>> m = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]])
     >>> schedule(m, 2).P_plus[1:, 0, 0].round(6)
@@ -229,7 +229,12 @@ def _covariances(model: DiscreteModel, steps: int, first: int, gaps: Mask | None
         R = at(model.R, k, 2)
         if k < first or (gaps is not None and gaps[k].any()):
             R = _absent(R, np.full(model.m, True) if k < first or gaps is None else gaps[k])
-        step = _update(kf, at(model.H, k, 2), R)
+        try:
+            step = _update(kf, at(model.H, k, 2), R)
+        except np.linalg.LinAlgError as error:
+            received = f"one singular by rounding at step {k} (t = {k * model.dt:g} s)"
+            msg = f"S: expected a covariance of the innovation with an inverse, received {received}"
+            raise FloatingPointError(msg) from error
         kf.P = step.P_plus
         rows.append((P_minus, step))
     K, S, P_plus, used = (np.array(stack) for stack in zip(*(step for _, step in rows), strict=True))
