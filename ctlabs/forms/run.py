@@ -318,14 +318,7 @@ def _used(model: DiscreteModel, z: Array, first: int) -> NDArray[np.bool_]:
     steps, gaps = kalman._horizon(model, len(z) - 1, first), kalman._gaps(z)
     matrices = model.R[: steps + 1] if model.R.ndim == 3 else model.R[None]
     if any(kalman._perfect(R).any() for R in matrices):
-        try:
-            return kalman._covariances(model, steps, first, gaps).measured
-        except np.linalg.LinAlgError as error:
-            msg = (
-                "S: expected a covariance with an inverse beside a perfect measurement (a singular R), "
-                "received one singular by rounding"
-            )
-            raise FloatingPointError(msg) from error
+        return kalman._covariances(model, steps, first, gaps).measured
     used = np.isfinite(np.diagonal(matrices, axis1=1, axis2=2)) & ~gaps
     used[:first] = False
     return used
