@@ -148,7 +148,6 @@ def diagnose(
     elif own.dof < FEWEST:
         words += fill(_(" (but so few innovations, {count}, could hardly do so)"), count=own.dof)
     alone = {c.kind: c.size for c in scales}
-    lags = max(len(w.lags) for w in own.whiteness)
     return Diagnosis(
         nis_mean=own.nis_mean,
         nis_expected=own.nis_expected,
@@ -156,10 +155,10 @@ def diagnose(
         nis_p=own.nis_p,
         mean=own.mean,
         mean_p=own.mean_p,
-        whiteness_p=np.array([w.p for w in own.whiteness]),
-        lags=np.arange(1, lags + 1),
-        autocorrelation=tuple(_padded(w.r, lags) for w in own.whiteness),
-        band=tuple(_padded(w.band, lags) for w in own.whiteness),
+        whiteness_p=own.whiteness_p,
+        lags=own.lags,
+        autocorrelation=tuple(own.autocorrelation),
+        band=tuple(own.band),
         factor_R=alone["R"][0] if "R" in alone else None,
         factor_Q=alone["Qd"][0] if "Qd" in alone else None,
         factors=(alone["R and Qd"][0], alone["R and Qd"][1]) if "R and Qd" in alone else None,
@@ -168,10 +167,6 @@ def diagnose(
         verdict=verdict,
         suggestion=words,
     )
-
-
-def _padded(values: Array, length: int) -> Array:
-    return np.append(values, np.full(length - len(values), np.nan))
 
 
 # --- the tests -------------------------------------------------------------------------------------------------------
@@ -255,6 +250,30 @@ class Innovations(NamedTuple):
     mean_p: Array
     whiteness: tuple[Whiteness, ...]
 
+    @property
+    def whiteness_p(self) -> Array:
+        """The p-values of the whiteness, (m,)."""
+        return np.array([w.p for w in self.whiteness])
+
+    @property
+    def lags(self) -> Array:
+        """1, 2, … to the largest lag of any measurement, (L,)."""
+        return np.arange(1, max(len(w.lags) for w in self.whiteness) + 1)
+
+    @property
+    def autocorrelation(self) -> Array:
+        """Of every measurement at these lags, (m, L); NaN beyond its own."""
+        return self._beside([w.r for w in self.whiteness])
+
+    @property
+    def band(self) -> Array:
+        """Within ± which 95 % of those of independent innovations lie, (m, L)."""
+        return self._beside([w.band for w in self.whiteness])
+
+    def _beside(self, rows: Sequence[Array]) -> Array:
+        length = len(self.lags)
+        return np.array([np.append(row, np.full(length - len(row), np.nan)) for row in rows])
+
 
 def innovations(innovation: ArrayLike, S: ArrayLike, nis: ArrayLike) -> Innovations:
     """Test the innovations of one record, as a filter returns them, without asking for another model.
@@ -312,7 +331,7 @@ def _tests(model: DiscreteModel, own: Innovations) -> dict[str, float]:
 
 
 def _record(
-    model: DiscreteModel, filtered: Filtered, z: ArrayLike, longest: int | None = None
+    model: DiscreteModel, filtered: Filtered, z: ArrayLike, longest: int | None
 ) -> tuple[DiscreteModel, Array, Innovations]:
     """The model, the record and its innovations, checked, and cut to their first rows."""
     _check.instance("model", model, DiscreteModel)
@@ -438,7 +457,8 @@ def _explained(
         changes.append(best)
         words.append(_sentence(model, best, candidates))
         model, z = best.model, z - best.shift
-        left = _record(model, records.filter_record(model, z, first), z)[2]
+        found = records.filter_record(model, z, first)
+        left = innovations(found.innovation, found.S, found.nis)
         tests = _tests(model, left)
         if min(tests.values()) >= _share(level, len(tests)):
             break

@@ -353,7 +353,7 @@ def _measured(file: ModelFile, other: ModelFile | None, plan: Plan) -> Outcome:
 
 
 def _diagnosed(model: DiscreteModel, own: Filtered, z: Array, first: int) -> Verdict | None:
-    """The tests of the record, of a long one in its first rows, and what would make it more likely."""
+    """The tests of the record, and what would make it (of a long one, its first rows) more likely."""
     tested = _tested(own)
     if tested is None:
         return None
@@ -372,10 +372,6 @@ def _tested(found: Filtered) -> Verdict | None:
     if not np.isfinite(innovation).any():
         return None
     own = diagnosis.innovations(innovation, found.S, nis)
-    lags = np.arange(1, max(len(each.lags) for each in own.whiteness) + 1)
-    correlation, band = np.full((2, len(own.whiteness), len(lags)), np.nan)
-    for row, width, each in zip(correlation, band, own.whiteness, strict=True):
-        row[: len(each.r)], width[: len(each.r)] = each.r, each.band
     return Verdict(
         nis_mean=own.nis_mean,
         nis_expected=own.nis_expected,
@@ -383,10 +379,10 @@ def _tested(found: Filtered) -> Verdict | None:
         nis_high=own.nis_band[1],
         nis_p=own.nis_p,
         mean_p=own.mean_p,
-        whiteness_p=np.array([each.p for each in own.whiteness]),
-        lags=lags,
-        correlation=correlation,
-        band=band,
+        whiteness_p=own.whiteness_p,
+        lags=own.lags,
+        correlation=own.autocorrelation,
+        band=own.band,
     )
 
 
