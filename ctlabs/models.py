@@ -280,14 +280,7 @@ class DiscreteModel(_Display):
     @property
     def horizon(self) -> int | None:
         """The number of steps a time-varying model is given for; ``None`` for a constant one."""
-        spans = {
-            "Phi": len(self.Phi) if self.Phi.ndim == 3 else None,
-            "Qd": len(self.Qd) if self.Qd.ndim == 3 else None,
-            "offset": len(self.offset) if self.offset is not None and self.offset.ndim == 2 else None,
-            "H": len(self.H) - 1 if self.H.ndim == 3 else None,
-            "R": len(self.R) - 1 if self.R.ndim == 3 else None,
-        }
-        given = {name: span for name, span in spans.items() if span is not None}
+        given = {name: len(matrix) - extra for name, (matrix, extra) in self._varying().items()}
         if len(set(given.values())) > 1:
             msg = f"matrices that vary: expected one number of steps, received {given}"
             raise ValueError(msg)
@@ -302,14 +295,14 @@ class DiscreteModel(_Display):
         """
         if self.horizon is None or self.horizon <= steps:
             return self
-        varying = {"Phi": (2, steps), "Qd": (2, steps), "offset": (1, steps), "H": (2, steps + 1), "R": (2, steps + 1)}
-        matrices = {name: getattr(self, name) for name in varying}
-        shorter = {
-            name: matrix[: varying[name][1]]
-            for name, matrix in matrices.items()
-            if matrix is not None and matrix.ndim > varying[name][0]
-        }
+        shorter: dict[str, Any] = {name: matrix[: steps + extra] for name, (matrix, extra) in self._varying().items()}
         return replace(self, **shorter)
+
+    def _varying(self) -> dict[str, tuple[Array, int]]:
+        """The matrices that vary, each with how many more entries it has than there are steps."""
+        able = {"Phi": (2, 0), "Qd": (2, 0), "offset": (1, 0), "H": (2, 1), "R": (2, 1)}
+        found = {name: (getattr(self, name), axes, extra) for name, (axes, extra) in able.items()}
+        return {name: (M, extra) for name, (M, axes, extra) in found.items() if M is not None and M.ndim > axes}
 
     def _matrices(self) -> dict[str, Array]:
         return _present(
