@@ -283,10 +283,7 @@ class Session:
             The plan or the model cannot be run; it was cancelled, too large or too long. One line.
         """
         job, text, plan = self.job(), self.text, self.plan
-        found = await self._ran(job, progress, cancel)
-        self._show(found, None)  # it can be looked at even where it cannot be kept
-        self._show(found, self._keep(found, text, plan, name))
-        return found
+        return self._finished(await self._ran(job, progress, cancel), text, plan, name)
 
     async def rerun(
         self,
@@ -299,9 +296,7 @@ class Session:
         old = self._kept(number)
         plan = self._plan(old.settings)
         found = await self._ran((REGISTERED, {"model": old.model, "plan": plan.plain()}), progress, cancel)
-        self._show(found, None)
-        self._show(found, self._keep(found, old.model, plan, f"{old.name} (again)"))
-        return found
+        return self._finished(found, old.model, plan, f"{old.name} (again)")
 
     # What is kept ----------------------------------------------------------------------------------------------------
 
@@ -438,6 +433,11 @@ class Session:
             return outcome(await asyncio.to_thread(experiments.run, **arguments))
         result = await self.runner.run(name, arguments, session=self.draft.id, progress=progress, cancel=cancel)
         return outcome(result)
+
+    def _finished(self, found: Outcome, text: str, plan: Plan, name: str) -> Outcome:
+        self._show(found, None)  # it can be looked at even where it cannot be kept
+        self._show(found, self._keep(found, text, plan, name))
+        return found
 
     def _show(self, found: Outcome, number: int | None) -> None:
         self._result, self.result_id = found, number
