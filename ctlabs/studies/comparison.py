@@ -111,7 +111,7 @@ def study(
     exact = forms.reference(case.model, case.z, case.first)
     found = forms.compare(case.model, case.z, chosen, case.first, exact=exact)
     _condition(report, exact)
-    marked = judged(found, exact)
+    marked = judged(found, exact.P_plus)
     _side_by_side(report, marked)
     sentences = advice(marked)
     for sentence in sentences:
@@ -142,9 +142,9 @@ def names(algorithms: str) -> list[str]:
     return list(dict.fromkeys(words))
 
 
-def judged(found: Sequence[Comparison], exact: forms.Filtered) -> list[Judged]:
-    """The forms with their errors of the estimate in units of its σ."""
-    sd = kalman.sd(exact.P_plus).max(axis=0)
+def judged(found: Sequence[Comparison], P: Array) -> list[Judged]:
+    """The forms with their errors of the estimate in units of its σ, by its covariances P (steps+1, n, n)."""
+    sd = kalman.sd(P).max(axis=0)
     return [
         Judged(one, None if one.error_x is None else float((one.error_x / np.where(sd > 0, sd, 1.0)).max()))
         for one in found

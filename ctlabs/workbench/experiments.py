@@ -22,7 +22,7 @@ from ctlabs.experiment import Experiment
 from ctlabs.forms import Filtered
 from ctlabs.modelfile import ModelFile, loads
 from ctlabs.models import DiscreteModel
-from ctlabs.studies import clock, common
+from ctlabs.studies import clock, common, comparison
 from ctlabs.workbench.outcomes import Algorithm, Anomaly, Outcome, Plan, Statistics, Verdict, packed
 
 __all__ = ["Outcome", "Plan", "anomalous", "prepared", "run"]
@@ -225,29 +225,25 @@ def _constant(model: DiscreteModel, own: Filtered) -> kalman.Schedule:
 
 def _algorithms(model: DiscreteModel, z: Array, plan: Plan, tried: Tried, true: Array | None) -> tuple[Algorithm, ...]:
     """The chosen algorithms on the first record: cost, and (if there are several) accuracy against 50 digits."""
-    compared: dict[str, forms.Comparison] = {}
-    sd = np.ones(model.n)
+    compared: dict[str, comparison.Judged] = {}
     if len(tried) > 1:
         per_step = model.n**3 + model.n**2 * model.m + model.m**3
         steps = min(len(z) - 1, max(int(PATIENCE / per_step), 2))
-        compared = {
-            each.name: each for each in forms.compare(model.cut(steps), z[: steps + 1], list(tried), plan.first)
-        }
-        sd = kalman.sd(_first(tried)[1].P_plus[: steps + 1]).max(axis=0)
+        found = forms.compare(model.cut(steps), z[: steps + 1], list(tried), plan.first)
+        compared = {each.name: each for each in comparison.judged(found, _first(tried)[1].P_plus[: steps + 1])}
     rows = []
     for name, (filtered, seconds, failed) in tried.items():
         each = compared.get(name)
-        if filtered is None or (each is not None and each.failed):
-            rows.append(
-                Algorithm(name, failed=(failed or each.failed if each else failed).removeprefix(f"form {name}: "))
-            )
+        why = failed or (each.form.failed if each else "")
+        if filtered is None or why:
+            rows.append(Algorithm(name, failed=why.removeprefix(f"form {name}: ")))
             continue
         rms = None if true is None else np.sqrt(np.mean((filtered.x_plus[-1] - true[-1]) ** 2, axis=-1))
         if each is None:
             rows.append(Algorithm(name, forms.flops(model.cut(1), name), seconds, rms=rms))
         else:
-            error_x = None if each.error_x is None else float((each.error_x / np.where(sd > 0, sd, 1.0)).max())
-            rows.append(Algorithm(name, each.flops, each.seconds, each.error_P, error_x, rms))
+            form = each.form
+            rows.append(Algorithm(name, form.flops, form.seconds, form.error_P, each.error_x, rms))
     return tuple(rows)
 
 
