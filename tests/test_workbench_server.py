@@ -237,7 +237,7 @@ class Server:
         self.folder, self.host, self.port = folder, host, 0
         pages = folder / "trial"
         pages.mkdir()
-        (pages / "__init__.py").write_text("")
+        (pages / "__init__.py").write_text("def over(session, shell):\n    return None\n")
         for name in PAGES:
             (pages / f"{name}.py").write_text(_MODEL if name == "model" else _OTHER.format(name=name))
         (folder / "trial_session.py").write_text(_SESSION)

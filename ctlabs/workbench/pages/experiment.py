@@ -15,7 +15,6 @@ from ctlabs.workbench.bench import said
 from ctlabs.workbench.commands import SetConstant
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.outcomes import LARGEST, Anomaly
-from ctlabs.workbench.pages.help import resume_tour
 from ctlabs.workbench.pages.keep import export_dialog
 from ctlabs.workbench.pages.results import Results
 from ctlabs.workbench.pages.running import running
@@ -71,7 +70,6 @@ _TO_RESULTS = """
 def page(session: Session, shell: Shell) -> None:
     """Draw the page."""
     _Experiment(session, shell).draw()
-    resume_tour(session, shell)
 
 
 class _Experiment:

@@ -77,7 +77,6 @@ def page(session: Session, shell: Shell) -> None:
         _Topics(shell)
         _algorithms()
         _keys(shell)
-    resume_tour(session, shell)
 
 
 # The tour ----------------------------------------------------------------------------------------------------------------

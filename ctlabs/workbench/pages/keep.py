@@ -13,7 +13,6 @@ from nicegui import ui
 
 from ctlabs.workbench import figures, tour
 from ctlabs.workbench.bench import said
-from ctlabs.workbench.pages.help import resume_tour
 from ctlabs.workbench.pages.running import running
 from ctlabs.workbench.pages.showing import Show, difference, help_button, table
 
@@ -56,7 +55,6 @@ _STYLE = """
 def page(session: Session, shell: Shell) -> None:
     """Draw the page."""
     _Keep(session, shell).draw()
-    resume_tour(session, shell)
 
 
 class _Keep:

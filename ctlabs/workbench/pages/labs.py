@@ -19,7 +19,6 @@ from ctlabs.workbench import catalogue
 from ctlabs.workbench.bench import Bench, said
 from ctlabs.workbench.catalogue import Field, Outcome, Sheet, Typed
 from ctlabs.workbench.help import help_for
-from ctlabs.workbench.pages.help import resume_tour
 
 if TYPE_CHECKING:
     from ctlabs.workbench.pages.shell import Shell
@@ -88,7 +87,6 @@ _benches: weakref.WeakKeyDictionary[Session, Bench] = weakref.WeakKeyDictionary(
 def page(session: Session, shell: Shell) -> None:
     """Draw the page."""
     _Labs(session, shell).draw()
-    resume_tour(session, shell)
 
 
 class _Labs:

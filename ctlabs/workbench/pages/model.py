@@ -22,7 +22,6 @@ from ctlabs.workbench.pages import grid, math, model_dialogs
 from ctlabs.workbench.pages import model_parts as parts
 from ctlabs.workbench.pages.cells import Label
 from ctlabs.workbench.pages.grid import Field, Grid
-from ctlabs.workbench.pages.help import resume_tour
 from ctlabs.workbench.pages.math import Equations
 from ctlabs.workbench.pages.model_constants import Constants
 from ctlabs.workbench.pages.model_edits import (
@@ -53,7 +52,6 @@ KEYS = (
 def page(session: Session, shell: Shell) -> None:
     """Draw the page."""
     ModelPage(session, shell).draw()
-    resume_tour(session, shell)
 
 
 class ModelPage:

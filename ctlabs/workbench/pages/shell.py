@@ -1,7 +1,7 @@
 """The frame of every page: header, the list of pages, a place for the content, the state of saving, keys, light and dark.
 
-A page is a module of this package with one function ``page(session, shell)`` that draws into the place it is called in.
-It may use
+A page is a module of this package with one function ``page(session, shell)`` that draws into the place it is called in;
+the package's own function ``over(session, shell)`` draws what stays over every page. A page may use
 
 - ``shell.saving()``, ``shell.saved()``, ``shell.not_saved(line)``: what stands beside the title; ``saved`` also lets
   other tabs with the same draft show what has changed
@@ -319,6 +319,7 @@ class Shell:
                 module = importlib.import_module(f"{self._pages}.{name}")
                 with self._main:
                     module.page(self.place.session, self)
+                importlib.import_module(self._pages).over(self.place.session, self)
             except Exception as why:
                 log.exception("page %s", name)
                 self._instead(why)

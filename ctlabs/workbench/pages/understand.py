@@ -17,7 +17,6 @@ from ctlabs.modelfile import loads
 from ctlabs.text import number
 from ctlabs.workbench import commands, figures
 from ctlabs.workbench.pages.cells import POSITIONS, Slider, slider
-from ctlabs.workbench.pages.help import resume_tour
 from ctlabs.workbench.pages.showing import Show, matrix, table
 from ctlabs.workbench.understanding import Part, Poles, Understanding, understand
 
@@ -44,7 +43,6 @@ _STYLE = """
 def page(session: Session, shell: Shell) -> None:
     """Draw the page."""
     _Understand(session, shell).draw()
-    resume_tour(session, shell)
 
 
 class _Understand:
