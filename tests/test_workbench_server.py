@@ -27,6 +27,7 @@ pytest.importorskip("nicegui", reason="the workbench is not installed: pip insta
 from ctlabs.workbench import command, server
 from ctlabs.workbench.server import Desk, listen
 from ctlabs.workbench.store import FILE, Store
+from tests.workbench_browser import until
 
 ROOT = Path(__file__).parent.parent
 PAGES = ("model", "understand", "experiment", "keep", "labs", "help")
@@ -219,7 +220,7 @@ from nicegui import ui
 
 def page(session, shell):
     ui.label("This is {name}")
-    ui.plotly({{"data": [{{"y": [1, 2, 0]}}], "layout": {{}}}})
+    ui.plotly({{"data": [{{"y": [1, 2, 0]}}], "layout": {{}}}}).classes("w-full")
     ui.markdown("**bold** $x$")
 """
 _SERVE = """
@@ -455,8 +456,8 @@ def test_in_a_browser_every_page_works_and_nothing_leaves_the_machine(served: Se
         tab.wait_for_function(f"() => document.body.classList.contains('body--dark') === {str(dark).lower()}")
     tab.reload()
     _shows(tab, "model")
-    assert tab.evaluate("document.body.classList.contains('body--dark')")
-    assert tab.input_value(FIELD) == "one"
+    until(lambda: tab.evaluate("document.body.classList.contains('body--dark')"))
+    until(lambda: tab.input_value(FIELD) == "one")
     assert seen.elsewhere == []
     assert seen.complaints == []
     assert len(seen.requests) > 20
@@ -470,10 +471,10 @@ def test_in_a_browser_the_keyboard_alone_and_a_phone(served: Server, browser: An
     tab.goto(seen.address)
     _shows(tab, "model")
     tab.keyboard.press("Tab")
-    assert tab.evaluate("document.activeElement.textContent") == "Skip to the page"
+    until(lambda: tab.evaluate("document.activeElement.textContent") == "Skip to the page")
     tab.keyboard.press("Enter")
-    assert tab.evaluate("document.activeElement.className") == "ctl-main"
-    assert tab.locator("main").count() == tab.locator("nav").count() == tab.locator("header").count() == 1
+    until(lambda: tab.evaluate("document.activeElement.className") == "ctl-main")
+    until(lambda: tab.locator("main").count() == tab.locator("nav").count() == tab.locator("header").count() == 1)
     tab.focus("[aria-label^='Theme']")
     tab.keyboard.press("Shift+Tab")
     outline = tab.evaluate(
@@ -498,7 +499,7 @@ def test_in_a_browser_the_keyboard_alone_and_a_phone(served: Server, browser: An
     tab.click("nav a[href^='/keep']")
     _shows(tab, "keep")
     tab.wait_for_selector("nav a[href^='/keep']", state="hidden")
-    assert tab.evaluate("document.documentElement.scrollWidth") <= 375
+    until(lambda: tab.evaluate("document.documentElement.scrollWidth") <= 375)
     assert seen.complaints == phone.complaints == []
 
 
@@ -518,7 +519,7 @@ def test_in_a_browser_tabs_and_browsers_are_apart(served: Server, browser: Any) 
     same = seen.another()
     same.goto(one.url)
     _shows(same, "model")
-    assert same.input_value(FIELD) == "mine"
+    until(lambda: same.input_value(FIELD) == "mine")
     same.fill(FIELD, "ours")
     one.wait_for_function(f"() => document.querySelector(\"{FIELD}\")?.value === 'ours'")
     other = Watched(browser, served)
@@ -549,7 +550,7 @@ def test_in_a_browser_a_killed_server_comes_back_with_everything(served: Server,
     tab.wait_for_selector(".ctl-main:not([inert])[aria-busy=false]")
     _shows(tab, "model")
     assert tab.url == address
-    assert tab.input_value(FIELD) == "second"
+    until(lambda: tab.input_value(FIELD) == "second")
     tab.focus(FIELD)
     tab.keyboard.press("Control+z")
     tab.wait_for_function(f"() => document.querySelector(\"{FIELD}\")?.value === 'first'")
