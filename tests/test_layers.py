@@ -18,7 +18,7 @@ ROOT = Path(ctlabs.__file__).parent
 
 #: Modules and packages of ctlabs, lowest layer first. A name that does not exist yet is no error; one that is missing here is.
 LAYERS: list[set[str]] = [
-    {"_check", "compiled", "text"},
+    {"_check", "compiled", "linalg", "text"},
     {"models", "interop"},
     {"discretise", "shaping", "kinematics", "observability", "spectra", "symbolic", "linearise"},
     {

@@ -1,0 +1,1 @@
+"""Atoms of linear algebra that know no model."""
