@@ -228,15 +228,20 @@ class Report:
         routes: tuple[str, str],
         kind: float = SOLVER,
         *,
-        scale: float | None = None,
+        scale: ArrayLike | None = None,
     ) -> None:
-        """Two routes agree within ``kind`` relative to the largest expected element (or to ``scale``)."""
+        """Two routes agree, element by element.
+
+        The difference allowed is ``kind`` times the expected element, in covariances times σ_iσ_j, so that the smallest
+        variance is judged like the largest in whatever units. An expected 0 is measured by the largest element. Where
+        elements pass through zero, ``scale`` (a number, or one for each element) says what they are measured by.
+        """
         self._two(routes)
         if kind not in KINDS:
             msg = f"check {name}: expected the tolerance EXACT or SOLVER, received {kind}"
             raise ValueError(msg)
-        worst, reference, error, size = _worst(value, expected)
-        limit = kind * (size if scale is None else scale)
+        worst, reference, error, size = _worst(value, expected, scale)
+        limit = kind * size
         self.blocks.append(Check(name, self.part, routes, worst, reference, limit, KINDS[kind], error <= limit))
 
     def holds(self, name: str, margin: ArrayLike, routes: tuple[str, str], *, size: float) -> None:
@@ -319,8 +324,8 @@ class Report:
             raise ValueError(msg)
 
 
-def _worst(value: Any, expected: Any) -> tuple[float | None, float | None, float, float]:
-    """The element that differs most: value, expected, their difference, and the size of what was expected (1 for 0)."""
+def _worst(value: Any, expected: Any, scale: ArrayLike | None) -> tuple[float | None, float | None, float, float]:
+    """The element that differs most in its own scale: value, expected, their difference, and that scale."""
     if value is None or expected is None:
         return (
             (None, None, 0.0, 1.0)
@@ -338,10 +343,22 @@ def _worst(value: Any, expected: Any) -> tuple[float | None, float | None, float
     with np.errstate(invalid="ignore"):
         difference = np.where(same, 0.0, np.abs(found - wanted))
     difference = np.where(np.isnan(difference), np.inf, difference)
-    at = np.unravel_index(int(np.argmax(difference)), difference.shape)
-    finite = np.abs(wanted[np.isfinite(wanted)])
-    size = float(finite.max(initial=0.0)) or 1.0
-    return _known(found[at]), _known(wanted[at]), float(difference[at]), size
+    size = np.broadcast_to(_sizes(wanted) if scale is None else np.asarray(scale, dtype=np.float64), wanted.shape)
+    share = np.divide(difference, size, out=np.where(difference > 0, np.inf, 0.0), where=size > 0)
+    at = np.unravel_index(int(np.argmax(share)), difference.shape)
+    return _known(found[at]), _known(wanted[at]), float(difference[at]), float(size[at])
+
+
+def _sizes(wanted: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """What each element is measured by: σ_iσ_j in a covariance, otherwise its own size; the largest one's where that is 0."""
+    finite = np.where(np.isfinite(wanted), np.abs(wanted), 0.0)
+    size = finite
+    if wanted.ndim >= 2 and wanted.shape[-1] == wanted.shape[-2] and np.array_equal(finite, np.swapaxes(finite, -1, -2)):
+        sd = np.sqrt(np.diagonal(finite, axis1=-2, axis2=-1))
+        both = sd[..., :, None] * sd[..., None, :]
+        if (finite <= both * (1 + 1e-9)).all():
+            size = both
+    return np.where(size > 0, size, finite.max(initial=0.0) or 1.0)
 
 
 def _known(element: float) -> float | None:

@@ -12,6 +12,7 @@ takes one with R = 0 as the state.
 
 import math
 from dataclasses import replace
+from decimal import Decimal, localcontext
 from functools import partial
 
 import numpy as np
@@ -77,16 +78,34 @@ def analytic(p):
 
 
 def conditioned(P0, Qd, R):
-    """Var(x(t_i) | z_1…z_i) for every i, by conditioning the joint Gaussian distribution: Cov(x_i, x_j) = P0 + min(i, j)Qd."""
-    found = []
-    for i in range(1, len(R) + 1):
-        used = [j for j in range(1, i + 1) if math.isfinite(R[j - 1])]
-        between = np.array([[P0 + min(j, k) * Qd for k in used] for j in used]).reshape(len(used), len(used))
-        cross = np.array([P0 + j * Qd for j in used])
-        solved = np.linalg.lstsq(between + np.diag([R[j - 1] for j in used]), cross, rcond=None)[0] if used else cross
-        left = P0 + i * Qd - float(cross @ solved)
-        found.append(left if R[i - 1] > 0 else 0.0)
+    """Var(x(t_i) | z_1…z_i) for every i, by conditioning the joint Gaussian distribution: Cov(x_i, x_j) = P0 + min(i, j)Qd.
+
+    Cov(z) = L diag(d) Lᵀ grows by a row with every measurement. What is left of x_i is a difference of numbers as large as
+    P0 + iQd, so it is formed with 60 digits, of the same doubles.
+    """
+    with localcontext() as digits:
+        digits.prec = 60
+        start, step = Decimal(float(P0)), Decimal(float(Qd))
+        used, L, d, found = [], [], [], []
+        for i, r in enumerate(R, start=1):
+            row = weights([start + j * step for j in used], L, d)
+            before = start + i * step - sum((a * a * v for a, v in zip(row, d, strict=True)), Decimal(0))
+            if math.isfinite(r):
+                noise = Decimal(float(r))
+                known = before + noise <= Decimal("1e-40") * (start + i * step + noise)
+                used, L, d = [*used, i], [*L, row], [*d, Decimal(0) if known else before + noise]
+                before = Decimal(0) if known else before - before * before / (before + noise)
+            found.append(float(before) if r > 0 else 0.0)
     return found
+
+
+def weights(covariances, L, d):
+    """a with covariances = L diag(d) a, row by row; a measurement that says nothing new (d = 0) has none."""
+    a = []
+    for c, row, v in zip(covariances, L, d, strict=True):
+        rest = c - sum((x * y * w for x, y, w in zip(row, a, d, strict=False)), Decimal(0))
+        a.append(rest / v if v else Decimal(0))
+    return a
 
 
 def gain_of(P, R):

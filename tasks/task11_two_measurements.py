@@ -317,7 +317,7 @@ def weights(r, p, answer, system, N):
     if p.R and np.linalg.cond(C) < 1e6:
         whole = conditioned(start(p), p.Q, p.R, N)
         whole[:, 0] *= p.x1_mean
-        r.check(fill(_("coefficients of all estimates up to {n} measurements"), n=N), own, whole, (_("filter's answer to unit measurements"), _("conditioning on all measurements at once")), SOLVER)
+        r.check(fill(_("coefficients of all estimates up to {n} measurements"), n=N), own, whole, (_("filter's answer to unit measurements"), _("conditioning on all measurements at once")), SOLVER, scale=max(1.0, abs(p.x1_mean)))
     recent = np.arange(max(1, N - 11), N + 1)
     figure = plots.lines(
         recent, {fill(_("weight of measurement j in the estimate after measurement {n}"), n=N): last[recent - 1]}, xlabel=_("measurement number j"), ylabel=_("weight (gain K times later 1 − K)"), marker=".", steps=True,

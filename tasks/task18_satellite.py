@@ -464,7 +464,7 @@ def part_d(r, p, experiment, trial):
     if not regular(q):
         r.says(_("P0 is singular: both filters take some combinations of the states for exactly known for ever. On the nonlinear truth these combinations curve, however little, and an error against a variance of zero has no size; so the filters are not compared there (a start with small variances instead of zeros allows it)."))
         return None
-    small(r, q, experiment, steps, flow, names)
+    small(r, q, experiment, steps, parts, flow, names)
     return large(r, q, experiment, steps, flow, names)
 
 
@@ -485,13 +485,17 @@ def linear(r, p, experiment, names):
             r.figure("ensemble", plots.ensemble_against_theory(stats, theory, xlabel=TIME, units=UNITS, names=STATES), _("RMS and mean of the filtering errors of {runs} runs against theory, in the bands of 95 % of ensembles; NEES and NIS averaged over the runs."), runs=experiment.runs)
 
 
-def small(r, q, experiment, steps, flow, names):
+def small(r, q, experiment, steps, parts, flow, names):
     """Deviations and noises so small that the equations are linear."""
     least = float((kalman.schedule(designed(q, [0, 1]), steps).sd_plus[-1] / units(q)).min())
     bend = 4 * relative(q, q.P0) ** 2 * (1 + 3 * rate(q) * q.dt * steps)
     factor = min(1.0, 0.01 * least / bend) if bend and least else 1.0
-    tiny = q.model_copy(update={"P0": tuple(map(tuple, (np.array(q.P0) * factor**2).tolist())), "sigma_r": q.sigma_r * factor, "sigma_theta": q.sigma_theta * factor})
+    rounding = np.finfo(float).eps * math.sqrt(steps * parts) * (1 + 3 * rate(q) * q.dt * steps)
     r.says(_("**Nonlinear truth, small deviations.** All σ (start and measurements) are multiplied by {factor}, so that the quadratic terms are below a hundredth of the smallest error; the gains stay the same. The linear filter (here with both measurements) must then be right on the nonlinear truth, up to the ensemble's chance."), factor=factor)
+    if factor * least < 30 * rounding:  # its square, what the variances would be off by, must stay below 0.1 %
+        r.says(_("(Left out here: the smallest error would be {share} of the orbit, and a position on the orbit is known in double precision to {rounding} of it after so many steps.)"), share=factor * least, rounding=rounding)
+        return
+    tiny = q.model_copy(update={"P0": tuple(map(tuple, (np.array(q.P0) * factor**2).tolist())), "sigma_r": q.sigma_r * factor, "sigma_theta": q.sigma_theta * factor})
     design = designed(tiny, SETS["both"])
     stats = experiment.statistics(nonlinear(tiny, flow), design, steps=steps)
     agreement(r, fill(_("small deviations, {name}"), name=names["both"]), stats, kalman.schedule(design, steps).P_plus)

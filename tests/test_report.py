@@ -73,6 +73,27 @@ class TestCheck:
         report.check("wrong", wrong, right, ROUTES, SOLVER)
         assert [check.passed for check in report.checks] == [True, False]
 
+    @pytest.mark.parametrize("size", [1e-20, 1e-6, 1.0])
+    def test_the_smallest_element_wrong_by_one_percent_fails(self, report, size):
+        """A gain per second beside one per second squared, a bias beside a position: each is judged by its own size."""
+        right = np.array([1.0, size])
+        report.check("right", right * (1 + 1e-9), right, ROUTES)
+        report.check("wrong", right * [1.0, 1.01], right, ROUTES)
+        assert [check.passed for check in report.checks] == [True, False]
+        assert report.checks[1].expected == size
+
+    @pytest.mark.parametrize("sd", [1e-8, 1e-3, 1.0])
+    @pytest.mark.parametrize("place", [(1, 1), (0, 1)])
+    def test_a_covariance_is_judged_in_unit_variances(self, report, sd, place):
+        """The smallest variance, or its covariance, wrong by 1 % of σ_iσ_j fails; a small correlation is no small unit."""
+        right = np.array([[1.0, 1e-9 * sd], [1e-9 * sd, sd**2]])
+        wrong = right.copy()
+        wrong[place] += 0.01 * (sd if place == (0, 1) else sd**2)
+        wrong[place[::-1]] = wrong[place]
+        report.check("right", right + 1e-9 * np.array([[1, sd], [sd, sd**2]]), right, ROUTES)
+        report.check("wrong", wrong, right, ROUTES)
+        assert [check.passed for check in report.checks] == [True, False]
+
     def test_expected_zero_is_compared_absolutely(self, report):
         """Where zero is expected the tolerance itself is the limit."""
         report.check("rounding", 0.5e-12, 0.0, ROUTES, EXACT)

@@ -9,16 +9,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ctlabs import bucy, kalman, observability, plots, sensitivity, steady
+from ctlabs._check import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.report import SOLVER, Report
-from ctlabs.studies import common
+from ctlabs.studies import common, second
 from ctlabs.text import _, fill
 
 if TYPE_CHECKING:
     from ctlabs.modelfile import ModelFile
 
-#: The limit of the recursion is looked for in so many steps; a slower filter is checked by the equation it solves.
-LONGEST = 5000
+#: The settling step is looked for in so many steps.
+SETTLING = 20_000
 #: Frequency responses are drawn and listed for so many pairs of a state and a measurement.
 PAIRS = 6
 
@@ -163,8 +164,8 @@ def _steady(report: Report, model: DiscreteModel) -> steady.SteadyState | None:
         },
         _("Standard deviations of the steady filter's errors, and its gains."),
     )
-    settled = steady.settling(model, longest=20_000)
-    reason = _("a variance that tends to 0 like 1/k never stays within 1 % of it, or not within 20 000 steps")
+    settled = steady.settling(model, longest=SETTLING)
+    reason = _never(np.diag(limit.P_plus), fill(_("{steps} steps"), steps=SETTLING))
     report.value("settling_step", settled, reason=reason)
     report.value("settling_time", None if settled is None else settled * model.dt, "s", reason=reason)
     report.figure(
@@ -179,16 +180,18 @@ def _steady(report: Report, model: DiscreteModel) -> steady.SteadyState | None:
 
 
 def _limit_check(report: Report, model: DiscreteModel, limit: steady.SteadyState) -> None:
-    """The Riccati solver against the recursion: followed to its end, or (where it is slow) over one more step."""
-    slowest = float(np.abs(limit.poles).max(initial=0.0))
-    decay = math.log(1e-12) / (2 * math.log(slowest)) if 0 < slowest < 1 else 0.0
-    steps = math.ceil(decay) + model.n + 10 if slowest < 1 else LONGEST + 1
-    size = np.diag(limit.P_minus).max(initial=0.0) or 1.0
-    far = steps <= LONGEST
-    start = size * np.eye(model.n) if far else limit.P_plus
-    found = kalman.schedule(dataclasses.replace(model, P0=start), steps if far else 1).P_minus[-1]
-    routes = (_("Riccati solver"), _("recursion to its limit") if far else _("one step of the recursion"))
-    report.check(_("steady covariance"), limit.P_minus, found, routes, SOLVER, scale=size)
+    """The Riccati solver against the covariance that its gain really has, however slow the filter."""
+    report.check(
+        _("steady covariance"), limit.P_minus, second.covariance_of_gain(model, limit),
+        (_("Riccati solver"), _("errors under its gain, 50 digits")), SOLVER,
+    )  # fmt: skip
+
+
+def _never(limit: Array, longest: str) -> str:
+    """Why a filter has no settling time: a variance that tends to zero, or one that takes too long."""
+    if (limit == 0).any():
+        return _("a variance that tends to 0 never stays within 1 % of it")
+    return fill(_("the variances are not within 1 % of their limits after {longest}"), longest=longest)
 
 
 def _responses(report: Report, model: DiscreteModel) -> None:
@@ -259,15 +262,16 @@ def _bucy(report: Report, model: ContinuousModel) -> None:
     report.value("filter_poles_continuous", limit.poles, "1/s")
     settled = bucy.settling_time(model)
     report.value(
-        "settling_time_continuous", settled, "s", reason=_("a variance that tends to 0 never stays within 1 % of it")
+        "settling_time_continuous", settled, "s", reason=_never(np.diag(limit.P), _("any time that was searched"))
     )
     slowest = -float(limit.poles.real.max(initial=-np.inf))
     if 0 < slowest < math.inf:
-        size = np.diag(limit.P).max(initial=0.0) or 1.0
-        far = bucy.transient(dataclasses.replace(model, P0=size * np.eye(model.n)), [20 / slowest])
+        variance = np.diag(limit.P)
+        start = np.diag(np.where(variance > 0, variance, np.diag(model.P0)))
+        far = bucy.transient(dataclasses.replace(model, P0=start), [20 / slowest])
         report.check(
             _("steady covariance of the continuous filter"), limit.P, far.P[-1],
-            (_("Riccati solver"), _("transient to its limit")), SOLVER, scale=size,
+            (_("Riccati solver"), _("transient to its limit")), SOLVER,
         )  # fmt: skip
     report.figure(
         "poles_continuous",

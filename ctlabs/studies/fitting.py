@@ -170,11 +170,12 @@ def _likelihood(report: Report, found: Fit, z: Array, first: int) -> None:
     if not common.delicacy(run.schedule.P_minus, run.schedule.P_plus, run.schedule.S, 1000) < common.SINGULAR:
         report.says(_("The error covariance is nearly singular: forms of the filter differ by their rounding."))
         return
-    total = 0.0
+    total, count = 0.0, 0
     for nu, S, used in zip(run.innovation[:, :, 0], run.schedule.S, run.schedule.measured, strict=True):
         seen = used & ~np.isnan(nu)
         if seen.any():
             e, own = nu[seen], S[np.ix_(seen, seen)]
+            count += len(e)
             total -= 0.5 * (e @ np.linalg.solve(own, e) + np.linalg.slogdet(own)[1] + seen.sum() * np.log(2 * np.pi))
     routes = (_("compiled filter"), _("innovations of filterpy"))
-    report.check(_("log-likelihood of the estimates"), found.log_likelihood, float(total), routes, SOLVER)
+    report.check(_("log-likelihood of the estimates"), found.log_likelihood, float(total), routes, SOLVER, scale=count + abs(total))

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import Any
 
 import numpy as np
 
-from ctlabs import forms
+from ctlabs import forms, kalman, steady
 from ctlabs.modelfile import ModelFile
 from ctlabs.report import Report
-from ctlabs.studies import clock, common
+from ctlabs.studies import clock, common, second
 from ctlabs.workbench.drawings import drawings
 from ctlabs.workbench.experiments import anomalous
 from ctlabs.workbench.outcomes import Outcome, Plan
@@ -55,12 +54,12 @@ def report(name: str, model: str, plan: Plan, found: Outcome) -> Report:
     drawn = drawings(found)
     sections = {"b": ("Estimates", "estimates_", "gain"), "c": ("Errors", "errors_", "nees"),
                 "d": ("Innovations", "innovations", "autocorrelation"), "e": ("Algorithms", "algorithms", "-")}  # fmt: skip
-    for part, (title, first, second) in sections.items():
+    for part, (title, opening, other) in sections.items():
         if part == "c" and not simulated:
             continue
         made.section(part, title)
         for key, (draw, caption, words) in drawn.items():
-            if key.startswith((first, second)):
+            if key.startswith((opening, other)):
                 made.figure(key, draw(), caption, **words)
         {"b": _numbers, "c": _second_route, "d": _tests, "e": _costs}[part](
             made, file if design is None else design, plan, found
@@ -105,9 +104,8 @@ def _second_route(made: Report, file: ModelFile, plan: Plan, found: Outcome) -> 
         whole, z, _t = clock.timed(file, plan.data.record(file.measurements))
         whole, z = anomalous(whole, plan.anomalies, len(z) - 1), z[: steps + 1]
     if found.algorithm == "steady":
-        limit = dataclasses.replace(whole, P0=found.P_plus[-1])
-        again = forms.run(limit, np.zeros((2, whole.m)), "array").P_plus[1]
-        made.check("steady error covariance", found.P_plus[-1], again, ("limit", "one period more"))
+        again = kalman.update(second.covariance_of_gain(whole, steady.solve(whole)), whole.H, whole.R).P_plus
+        made.check("steady error covariance", found.P_plus[-1], again, ("limit", "errors under its gain, 50 digits"))
         return
     if plan.data is None:  # where the truth is not measured, its filter has nothing
         absent = np.isnan(found.z[: len(at), :, 0])
