@@ -343,7 +343,8 @@ def plan(r, lab, experiment):
     chosen = [(name, [level * getattr(p, name) for level in LEVELS[name]]) for name in ("sigma_w2", "R", "tau")]
     units = {"sigma_w2": str(kinematics.units(continuous(p))["Q"][0][0]), "R": "m²", "tau": "s"}
     r.table("plan", [_("quantity"), _("value"), _("why")], [
-        [_("measurements in a run"), steps, _("two settling times of the given parameters, at least 20 and at most 300 (40 where nothing settles); for each level of a factor its own")],
+        [_("measurements in a run"), steps, fill(_("at most 300, of the {settled} that the given filter takes to settle: the figures show its transient, not its limits"), settled=lab.settled) if lab.settled is not None and lab.settled > steps
+         else _("two settling times of the given parameters, at least 20 and at most 300 (40 where nothing settles); for each level of a factor its own")],
         [_("initial mean x̄0"), list(p.x0_mean), _("given; then wrong by one standard deviation (by 1 where P0 is 0)")],
         [_("initial covariance P0"), [list(row) for row in p.P0], fill(_("given; then times {levels}"), levels=list(LEVELS["P0"]))],
         *([f"{name}, {units[name]}", getattr(p, name), fill(_("given; then {levels}"), levels=levels)] for name, levels in chosen),
@@ -459,13 +460,15 @@ def constant(r, lab, steps):
     direction = np.zeros(n + 1)
     direction[-2:] = 1 / math.sqrt(2), -1 / math.sqrt(2)
     r.check(_("direction that is not observable"), np.abs(seen.unobservable[:, 0]) * np.sign(direction), direction, (_("staircase"), "c − β"))
-    schedule = kalman.schedule(discretise(apart, p.tau, [[p.R]]), steps)
-    variance = schedule.P_plus[:, n - 1, n - 1]
+    known = discretise(apart, p.tau, [[p.R]])
+    variance = kalman.schedule(known, steps).P_plus[:, n - 1, n - 1]
     unit = squared(lab)[-1]
+    end = ending(lab, known, steps)
     r.says(_("What becomes known of c comes from β(t0) = 0: the first measurements, before β has moved away. Its variance falls from {start} to {end} {unit} after {steps} measurements, {words}."),
            start=variance[0], end=variance[-1], unit=unit, steps=steps,
            words=_("as it is known from the start") if not variance[0] else _("and tends to 0: without noise the constant is the state") if not p.sigma_w2
-           else _("and stays there: no later measurement tells of it") if variance[-1] > 0.99 * variance[steps // 2] else _("and falls on to a limit that is not 0"))  # fmt: skip
+           else _("and falls on") if end is None
+           else _("and stays there: no later measurement tells of it") if variance[-1] <= 1.01 * end else fill(_("and falls on to its limit {end} {unit}"), end=end, unit=unit))  # fmt: skip
     r.value("constant_variance", variance[-1], unit)
     if p.R:
         k = min(steps, 40)
@@ -475,6 +478,13 @@ def constant(r, lab, steps):
     if variance[0]:
         figure = plots.lines(range(steps + 1), {_("constant c"): variance, fill(_("current {quantity}"), **words): current}, xlabel=STEP, ylabel=fill(_("error variance, {unit}"), unit=unit), log="y" if min(variance.min(), current.min()) > 0 else "", steps=True, marker=".")
         r.figure("constant", figure, _("Error variance of the constant and of the current {quantity}."), **words)
+
+
+def ending(lab, known, steps):
+    """The limit of the constant's variance: what is left of it when the filter has settled three times over; None where it does not settle."""
+    if lab.settled is None or not lab.p.sigma_w2:
+        return None
+    return float(kalman.schedule(known, max(steps, 3 * lab.settled)).P_plus[-1, lab.n - 1, lab.n - 1])
 
 
 def conclusions(r, lab):
@@ -493,9 +503,9 @@ def conclusions(r, lab):
         lines.append(_("P0 decides how the limit is approached and not the limit; σ_w², R and τ act on the shape of the filter through ρ alone. A correct initial mean does not enter the errors."))
     else:
         lines.append(noiseless(lab))
-    kept = r.values["constant_variance"].value
+    kept, steps = r.values["constant_variance"].value, length(lab.settled)
     if p.sigma_w2 and p.P0[-1][-1]:
-        lines.append(fill(_("The result of the estimation is the current {quantity}, not its constant part: of that {share} % of the initial variance is left."), **words, share=100 * kept / p.P0[-1][-1]))
+        lines.append(fill(_("The result of the estimation is the current {quantity}, not its constant part: of that {share} % of the initial variance is left after {steps} measurements."), **words, share=100 * kept / p.P0[-1][-1], steps=steps))
     lines.append(largest(r))
     r.items(lines)
 
