@@ -2,7 +2,8 @@
 
 A lab receives an :class:`Experiment` and asks it for statistics or histories; workers and checkpoints are the caller's
 business. Every ``stream`` is an independent sequence of random numbers; the default one is common to all filters of a
-lab, so that they are compared on the same data.
+lab, so that they are compared on the same data. Labs of different names have different sequences: their experiments are
+as many experiments, and not one.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ class Experiment:
 
     ``workers`` : blocks of runs computed at a time (all cores) · ``executor`` : where, as for
     :func:`ctlabs.montecarlo.run` · ``checkpoint`` : folder in which finished blocks are kept, one folder for each
-    ensemble of the lab in their order · neither changes a number.
+    ensemble of the lab in their order · neither changes a number · ``name`` : of the lab, for its own random numbers.
     """
 
     runs: int = 1000
@@ -36,6 +37,7 @@ class Experiment:
     workers: int | None = None
     executor: montecarlo.Team | str | None = None
     checkpoint: Path | None = None
+    name: str = ""
     _ensembles: Iterator[int] = field(default_factory=count, repr=False, compare=False)
 
     @contextmanager
@@ -76,4 +78,4 @@ class Experiment:
         return replace(kalman.filter_runs(design or truth, simulation.z, first=first), x=simulation.x)
 
     def _seed(self, stream: int) -> int:
-        return int(np.random.SeedSequence([self.seed, stream]).generate_state(1, np.uint64)[0])
+        return int(np.random.SeedSequence([self.seed, stream, *self.name.encode()]).generate_state(1, np.uint64)[0])

@@ -12,7 +12,7 @@ import importlib.util
 import re
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -155,7 +155,7 @@ def run(lab: Lab, values: LabParameters, experiment: Experiment) -> Report:
         The parameters are allowed, but the numbers leave the range of double precision.
     """
     try:
-        with experiment.crewed() as crewed:
+        with replace(experiment, name=lab.name).crewed() as crewed:
             return load(lab).report(values, crewed)
     except (OverflowError, FloatingPointError) as error:
         msg = (

@@ -23,6 +23,7 @@ from ctlabs.experiment import Experiment
 from ctlabs.fields import RandomField, stability
 from ctlabs.montecarlo import chance
 from ctlabs.params import Count, Flag, LabParameters, Positive, Variance, given
+from ctlabs.portrait import largest
 from ctlabs.report import EXACT, Report
 from ctlabs.text import _, fill
 
@@ -1055,11 +1056,7 @@ def conclusions(r, p):
                 "The gain reaches so far that a field of 241 nodes has no interior where it is a convolution; only longer ones gain by it."
             )
         )
-    chances = [check for check in r.checks if check.kind == "CHANCE"]
-    if chances:
-        worst = max(chances, key=lambda check: abs(check.value))
-        lines.append(fill(_("In {tests} tests of the ensembles the largest deviation from theory is {worst} standard errors ({name}); more than {bound} would occur once in a million experiments."),
-                          tests=len(chances), worst=round(abs(worst.value), 2), name=worst.name, bound=round(worst.tolerance, 2)))  # fmt: skip
+    lines.append(largest(r))
     r.items(lines)
 
 

@@ -152,7 +152,7 @@ def _steady(report: Report, model: DiscreteModel) -> steady.SteadyState | None:
     for name, value in zip(names, (limit.P_minus, limit.P_plus, limit.K, limit.K_pred, S), strict=True):
         report.value(name, value)
     report.value("filter_poles", limit.poles)
-    _limit_check(report, model, limit)
+    limit_check(report, model, limit)
     common.states_table(
         report,
         "steady",
@@ -179,7 +179,7 @@ def _steady(report: Report, model: DiscreteModel) -> steady.SteadyState | None:
     return limit
 
 
-def _limit_check(report: Report, model: DiscreteModel, limit: steady.SteadyState) -> None:
+def limit_check(report: Report, model: DiscreteModel, limit: steady.SteadyState) -> None:
     """The Riccati solver against the covariance that its gain really has, however slow the filter."""
     report.check(
         _("steady covariance"), limit.P_minus, second.covariance_of_gain(model, limit),
