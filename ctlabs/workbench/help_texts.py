@@ -588,7 +588,7 @@ _RESULT = (
         "Statistics and theory",
         "Mean and mean square of the errors over the runs, with the probability that so much deviation from theory is "
         "chance.",
-        note="All steps and states are tested together: a right filter fails once in a million experiments.",
+        note="All steps and states are tested together: a right filter fails once in a hundred million experiments.",
     ),
     Help(
         "result.diagnosis",
@@ -652,8 +652,8 @@ _LABS = (
         "Checks",
         "Every number that the lab asks for is computed in two ways that have nothing in common. A check says whether "
         "they agree within its tolerance.",
-        note="EXACT: the same algebra twice, 1e-12. SOLVER: a solver against a formula, 1e-8. ORDER: an approximation "
-        "within its own error. CHANCE: an experiment that fails once in a million.",
+        note="EXACT: the same algebra twice, 1e-12 of each element. SOLVER: a solver against a formula, 1e-8. ORDER: an "
+        "approximation within its own error. CHANCE: an ensemble; all of a lab together fail once in a million by chance.",
     ),
     Help(
         "labs.variant",
