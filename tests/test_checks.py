@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from ctlabs import kalman, labs, montecarlo, steady
+from ctlabs import kalman, labs, montecarlo, records, smoothing, steady
 from ctlabs.discretise import discretise
 from ctlabs.experiment import Experiment
 from ctlabs.models import DiscreteModel
 from ctlabs.montecarlo import chance
 from ctlabs.report import Report
-from ctlabs.studies import analysis, second
+from ctlabs.studies import analysis, filtering, second
 from tests import cases
 
 WALK = DiscreteModel([[0.9]], [[1.0]], [[1.0]], [[2.0]], x0=[0], P0=[[3.0]])
@@ -94,6 +94,38 @@ class TestSecondRoute:
         walk = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[1]])
         dead = replace(steady.solve(walk), K_pred=np.zeros((1, 1)))
         assert np.isinf(second.covariance_of_gain(walk, dead)).all()
+
+
+class TestSmoother:
+    """The checks of ``ctlabs filter --smooth``."""
+
+    def test_they_pass_for_the_right_answer_and_for_no_other(self):
+        """A moving average observed exactly: σ = 0, or 1 % less than is right, at the first instant."""
+        case = cases.read(cases.NUMERICS / "k5_smoother_ma1.json")
+        model, z, first = cases.model(case["model"]), cases.record(case["given"]), case["given"]["first"]
+        x, P = second.smoothed(model, z, first)
+        np.testing.assert_allclose(np.sqrt(P[0, 1, 1]), case["right"]["sd"][0][1], rtol=1e-12)
+        assert self.passes(model, z, first, x, P)
+        for broken in case["broken"]:
+            wrong = P.copy()
+            wrong[0] = np.diag(np.square(broken["sd"][0]))
+            assert not self.passes(model, z, first, x, wrong), broken["what"]
+        assert not self.passes(model, z, first, x + 0.01 * np.sqrt(P[0, 1, 1]) * (np.arange(2) == 1), P)
+
+    def test_the_library_passes(self):
+        """Its smoother agrees with conditioning, gaps and a time-varying model included."""
+        model = replace(PAIR, H=np.repeat(PAIR.H[None], 13, axis=0) * np.linspace(0.5, 2, 13)[:, None, None])
+        z = np.cos(np.arange(13.0))[:, None]
+        z[[0, 4, 5]] = np.nan
+        found = smoothing.smooth(model, records.filter_record(model, z))
+        assert self.passes(model, z, 1, found.x, found.P)
+
+    @staticmethod
+    def passes(model, z, first, x, P) -> bool:
+        made = report()
+        made.part = "a"
+        filtering.smoothed_check(made, model, z, first, x, P)
+        return made.passed
 
 
 class TestEnsembles:
