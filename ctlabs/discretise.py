@@ -1,79 +1,17 @@
 r"""From a continuous model to the equivalent discrete one, exactly, at any stiffness.
 
-Van Loan's single block exponential overflows its accuracy on stiff models: it contains :math:`e^{-F\,dt}`, and at
-:math:`|\lambda| dt = 50` its relative error is 1e26. Here the integrals are computed over dt/2^s, where nothing
-is stiff, and doubled s times; every doubling adds positive terms only, so nothing cancels.
+The transition matrix and the integrals come from :func:`ctlabs.linalg.exponential.interval`, every element to its own digits.
 """
 
 from __future__ import annotations
 
-import math
-from typing import NamedTuple
-
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike
 
 from ctlabs import _check
 from ctlabs._check import Array
+from ctlabs.linalg.exponential import interval as interval
 from ctlabs.models import ContinuousModel, DiscreteModel
-
-
-class Interval(NamedTuple):
-    r"""What a continuous model does over one interval h.
-
-    ``Phi`` = :math:`e^{Fh}`; ``Qd`` = :math:`\int_0^h e^{Fs}GQG^Te^{F^Ts}ds`; ``Gamma`` = :math:`\int_0^h e^{Fs}ds`.
-    """
-
-    Phi: Array
-    Qd: Array
-    Gamma: Array
-
-
-def interval(F: ArrayLike, W: ArrayLike, h: float) -> Interval:
-    r"""Transition matrix, noise covariance and input integral over an interval h.
-
-    .. math:: \Phi(2h) = \Phi(h)^2, \quad Q_d(2h) = Q_d(h) + \Phi(h)Q_d(h)\Phi(h)^T, \quad
-              \Gamma(2h) = \Gamma(h) + \Phi(h)\Gamma(h)
-
-    Parameters
-    ----------
-    F : (n, n), 1/s
-    W : (n, n), strength of the noise on the states, GQGᵀ, unit²/s
-    h : s, > 0
-
-    Raises
-    ------
-    ValueError
-        An unstable model grows beyond double precision within h.
-
-    Source: Van Loan (1978), IEEE Trans. AC-23, for the short interval; doubling after Stillfjord & Tronarp (2023).
-
-    >>> interval([[0, 1], [0, 0]], [[0, 0], [0, 1]], 2.0).Qd
-    array([[2.66666667, 2.        ],
-           [2.        , 2.        ]])
-    """
-    F, W = _check.shaped("F", F, ("n", "n")), _check.shaped("GQG'", W, ("n", "n"))
-    h = _check.positive("dt", h)
-    n = F.shape[0]
-    doublings = max(0, math.ceil(math.log2(max(np.abs(F).sum(axis=1).max(initial=0.0) * h, 1e-300))) + 1)
-    short = h / 2**doublings
-    zero, one = np.zeros((n, n)), np.eye(n)
-    size = np.abs(W).max(initial=0.0) or 1.0  # Qd is linear in W: its units must not steer the exponential
-    block = scipy.linalg.expm(short * np.block([[-F, W / size, zero], [zero, F.T, zero], [zero, one, zero]]))
-    Gamma = block[2 * n :, n : 2 * n].T
-    # Squaring Φ doubles the relative rounding of slow modes every time; Φ − I keeps it, as long as a mode is left.
-    change = F @ Gamma
-    Phi = one + change
-    Qd = size * (block[n : 2 * n, n : 2 * n].T @ block[:n, n : 2 * n])
-    with np.errstate(over="ignore", invalid="ignore"):  # an overflow is reported below
-        for _ in range(doublings):
-            Qd, Gamma, change = Qd + Phi @ Qd @ Phi.T, Gamma + Phi @ Gamma, 2 * change + change @ change
-            Phi = one + change if np.abs(one + change).max() > 0.5 else Phi @ Phi
-    if not (np.isfinite(Phi).all() and np.isfinite(Qd).all() and np.isfinite(Gamma).all()):
-        msg = f"dt: expected an interval over which the model stays within double precision, received {h:g} s"
-        raise ValueError(msg)
-    return Interval(Phi, 0.5 * (Qd + Qd.T), Gamma)
 
 
 def discretise(

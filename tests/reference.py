@@ -7,6 +7,7 @@ row 0 of z is not used. Nothing here is fast, and nothing here is imported from 
 
 from __future__ import annotations
 
+from fractions import Fraction
 from typing import Any, NamedTuple
 
 import mpmath
@@ -325,3 +326,34 @@ def information(model: Any, steps: int, first: int = 1) -> Array:
         if k < steps:
             Psi = at(model.Phi, k) @ Psi
     return J
+
+
+# --- exponentials in integers --------------------------------------------------------------------------------------------
+
+
+def exponential(M: ArrayLike, h: float, bits: int) -> list[list[Fraction]]:
+    """e^{Mh} by Taylor's series and squaring in integers of ``bits`` bits after the point."""
+    step = Fraction(h) * 2**bits
+    A = np.array([[int(Fraction(float(x)) * step) for x in row] for row in np.asarray(M)], dtype=object)
+    halvings = max(0, int(abs(A).sum(axis=1).max()).bit_length() - bits) + 24
+    A, one = A >> halvings, np.eye(len(A), dtype=object) * (1 << bits)
+    total, term, j = one, one, 0
+    while (abs(term) > 1).any():
+        j += 1
+        term = (A @ term >> bits) // j
+        total = total + term
+    for _ in range(halvings):
+        total = total @ total >> bits
+    return [[Fraction(x, 1 << bits) for x in row] for row in total.tolist()]
+
+
+def interval(F: ArrayLike, W: ArrayLike, h: float) -> tuple[Array, Array, Array]:
+    """Φ, Qd and Γ by Van Loan's block exponential, with bits enough for its e^{−Fh}: every double has all its digits."""
+    F, W = np.array(F, dtype=float), np.array(W, dtype=float)
+    n, zero = len(F), np.zeros_like(F)
+    bits = 1500 + int(4 * np.abs(np.linalg.eigvals(F)).max() * h)
+    van_loan = np.array(exponential(np.block([[-F, W], [zero, F.T]]), h, bits), dtype=object)
+    inputs = np.array(exponential(np.block([[F, np.eye(n)], [zero, zero]]), h, bits), dtype=object)
+    Phi, Gamma = inputs[:n, :n], inputs[:n, n:]
+    Qd = van_loan[n:, n:].T @ van_loan[:n, n:]
+    return Phi.astype(float), Qd.astype(float), Gamma.astype(float)

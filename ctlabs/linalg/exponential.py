@@ -1,0 +1,149 @@
+r"""The matrix exponential and its integrals over an interval, every element to its own digits.
+
+.. math:: \Phi = e^{Fh}, \qquad Q_d = \int_0^h e^{Fs}We^{F^Ts}ds, \qquad \Gamma = \int_0^h e^{Fs}ds
+
+A Padé approximant of low order does not contain the elements of high order in h of a chain of integrators, and an error
+that is small beside the largest element may be larger than all of a small one. Van Loan's single block exponential
+contains :math:`e^{-Fh}` and overflows its accuracy on stiff systems. Here a Taylor series, summed until no element
+changes, serves for a short step, and doubling leads from there to h.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ctlabs import _check
+from ctlabs._check import Array
+from ctlabs.linalg.units import balanced
+
+#: So many terms beyond the longest simple path leave 2^-16/16!·e of an element: less than half a unit of its last place.
+BEYOND = 15
+#: A term below this part of the sum, divided by the number of terms that may follow, ends a series.
+LAST = np.finfo(float).eps / 4
+#: Units are kept within this factor of the user's, lest their products leave double precision.
+WIDEST = 2.0**400
+
+
+class Interval(NamedTuple):
+    r"""What a linear system does over one interval h.
+
+    ``Phi`` = :math:`e^{Fh}`; ``Qd`` = :math:`\int_0^h e^{Fs}We^{F^Ts}ds`; ``Gamma`` = :math:`\int_0^h e^{Fs}ds`.
+    """
+
+    Phi: Array
+    Qd: Array
+    Gamma: Array
+
+
+def interval(F: ArrayLike, W: ArrayLike, h: float) -> Interval:
+    r"""Transition matrix, noise covariance and input integral over an interval h.
+
+    .. math:: \Phi(2h) = \Phi(h)^2, \quad Q_d(2h) = Q_d(h) + \Phi(h)Q_d(h)\Phi(h)^T, \quad
+              \Gamma(2h) = \Gamma(h) + \Phi(h)\Gamma(h)
+
+    Units are chosen in which the elements of Fh are near 1, and h is halved s times until the rows of \|F\|h have sums
+    ≤ ½. There :math:`\Phi = \sum_jP_j` with :math:`P_j = (Fh)^j/j!`, and
+
+    .. math:: \Gamma = h\sum_j\frac{P_j}{j+1}, \qquad Q_d = h\sum_{a,b}\frac{P_aWP_b^T}{a+b+1}
+
+    *How many terms.* A walk of N steps from state j to state i is a simple path of d ≤ n − 1 steps with closed walks,
+    N − d steps in all, inserted in one of C(N, d) ways, and closed walks of m steps weigh no more than :math:`2^{-m}`.
+    With σ_d for the simple paths' part of the sum, :math:`(|F|h)^N_{ij}/N! \le \sum_d\sigma_d2^{d-N}/(N-d)!` and
+    :math:`\sum_d\sigma_d \le (e^{|F|h})_{ij}`: each element has its digits after n − 1 + 15 terms, however small it is, and
+    the summation ends sooner where no element of the last term counts. The same holds for Γ and, with \|W\|, for Qd.
+
+    *Rounding.* Each product adds a few units of the last place of its own sum of terms, which the doublings after it
+    carry on. Where the terms have one sign (integrators, lags, compartments) an element's relative error is about
+    (n + 2^s)ε at worst, that is (n + \|λ\|h)ε, which is also what a change of F by its own rounding makes. Squaring would
+    double it for slow modes too; their diagonal elements are kept as Φ_ii − 1, in which nothing grows.
+    An element that is zero because no path leads to it is exactly zero.
+
+    Parameters
+    ----------
+    F : (n, n), 1/s
+    W : (n, n), symmetric, strength of the noise on the states, GQGᵀ, unit²/s
+    h : s, > 0
+
+    Raises
+    ------
+    ValueError
+        An unstable system grows beyond double precision within h, or F h itself is beyond it.
+
+    Source: doubling after Stillfjord & Tronarp (2023); elementwise accuracy of the exponential: Xue & Ye (2008), SIAM J.
+    Matrix Anal. Appl. 30; units: :mod:`ctlabs.linalg.units`.
+
+    >>> interval([[0, 1], [0, 0]], [[0, 0], [0, 1]], 2.0).Qd
+    array([[2.66666667, 2.        ],
+           [2.        , 2.        ]])
+    """
+    F, W = _check.shaped("F", F, ("n", "n")), _check.shaped("GQG'", W, ("n", "n"))
+    h = _check.positive("dt", h)
+    with np.errstate(over="ignore", invalid="ignore"):  # what is beyond double precision is reported below
+        found = _interval(F, W, h) if np.isfinite(F * h).all() else None
+    if found is None or not all(np.isfinite(part).all() for part in found):
+        msg = f"dt: expected an interval over which the model stays within double precision, received {h:g} s"
+        raise ValueError(msg)
+    return found
+
+
+def _interval(F: Array, W: Array, h: float) -> Interval:
+    """:func:`interval` of checked matrices; what overflows is not finite."""
+    unit = balanced(F * h, continuous=False).states.clip(1 / WIDEST, WIDEST)
+    ratio, product = unit[:, None] / unit, unit[:, None] * unit
+    A = F * h / ratio
+    rows = float(np.abs(A).sum(axis=1).max(initial=0.0))
+    doublings = max(0, math.ceil(math.log2(2 * rows))) if 0 < rows < np.inf else 0
+    size = np.abs(W).max(initial=0.0) or 1.0  # Qd is linear in W, whatever its units
+    change, Qd, Gamma = _series(np.ldexp(A, -doublings), W / size / product)
+    step = math.ldexp(h, -doublings)
+    Phi, slow, Qd, Gamma = np.eye(len(F)) + change, np.diag(change), step * Qd, step * Gamma
+    for _ in range(doublings):
+        Qd, Gamma = Qd + Phi @ Qd @ Phi.T, Gamma + Phi @ Gamma
+        Phi, slow = _squared(Phi, slow)
+    return Interval(Phi * ratio, size * product * (0.5 * (Qd + Qd.T)), Gamma * ratio)
+
+
+def _series(A: Array, W: Array) -> tuple[Array, Array, Array]:
+    """Φ − I, Qd and Γ over a unit of time, in which the rows of |A| have sums ≤ ½."""
+    n = len(A)
+    P = _powers(A)
+    index = np.arange(len(P))
+    sums = (1 / (index[:, None] + index + 1)) @ P.reshape(len(P), n * n)  # Σ_b P_b/(a + b + 1) for every a
+    left, right = P @ W, sums.reshape(P.shape)
+    wide = n, n * len(P)
+    Qd = left.swapaxes(0, 1).reshape(wide) @ right.swapaxes(0, 1).reshape(wide).T
+    return P[:0:-1].sum(axis=0), Qd, right[0]
+
+
+def _powers(A: Array) -> Array:
+    """The terms A^j/j! of the exponential, j = 0, 1, …, as many as count in some element."""
+    n = len(A)
+    most = n + BEYOND
+    powers = np.empty((most, n, n))
+    powers[:2] = np.eye(n), A
+    weights = np.cumprod(1 / np.maximum(np.arange(most), 1.0))
+    known = 2
+    while known < most:
+        if known > 8:
+            P = weights[:known, None, None] * powers[:known]
+            if (np.abs(P[-1]) <= LAST / most * np.abs(P.sum(axis=0))).all():
+                return P
+        more = min(known - 1, most - known)
+        powers[known : known + more] = powers[1 : more + 1] @ powers[known - 1]
+        known += more
+    return weights[:, None, None] * powers
+
+
+def _squared(Phi: Array, slow: Array) -> tuple[Array, Array]:
+    """Φ² and its diagonal − 1, from Φ and its diagonal − 1: of a slow mode the second is accurate, of a fast one the first."""
+    square, others = Phi @ Phi, Phi * Phi.T
+    diagonal = slice(None, None, len(Phi) + 1)
+    others.reshape(-1)[diagonal] = 0.0
+    slow = slow * (2 + slow) + others.sum(axis=1)
+    near, squares = slow > -0.5, square.reshape(-1)[diagonal]
+    np.copyto(squares, 1 + slow, where=near)
+    return square, np.where(near, slow, squares - 1)
