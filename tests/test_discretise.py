@@ -13,9 +13,11 @@ import scipy.linalg
 from hypothesis import given, settings
 from numpy.typing import NDArray
 
-from ctlabs.discretise import discretise, factor, interval, unit_triangular
+from ctlabs import bucy, steady
+from ctlabs.discretise import discretise, factor, interval, to_continuous, unit_triangular
 from ctlabs.models import ContinuousModel, DiscreteModel
-from tests.reference import EXACT, SOLVER, broken, close, deviation
+from tests import cases
+from tests.reference import EXACT, SOLVER, broken, close, deviation, order
 from tests.strategies import continuous_models, covariance, seeds
 
 Array = NDArray[Any]
@@ -187,7 +189,7 @@ def test_discretised_model_keeps_what_time_does_not_touch(model: ContinuousModel
     assert close(split.Qd, d.Qd, EXACT)
 
 
-def test_a_given_covariance_replaces_the_averaged_one() -> None:
+def test_a_given_covariance_replaces_that_of_the_strength() -> None:
     """R is the covariance of the samples, with ∞ for absent ones and a value per step, whatever Rc says."""
     model = ContinuousModel(F=[[-1]], G=[[1]], Q=[[2]], H=[[1]], Rc=[[16]], P0=[[1]])
     assert discretise(model, 0.5, R=[[3]]).R == 3
@@ -198,7 +200,7 @@ def test_a_given_covariance_replaces_the_averaged_one() -> None:
 
 @properties
 @given(continuous_models(correlated=True))
-def test_cross_covariance_of_averaged_noise_is_its_integral(model: ContinuousModel) -> None:
+def test_cross_covariance_of_equivalent_noise_is_its_integral(model: ContinuousModel) -> None:
     """N_d = E[∫e^{F(dt−s)}Gw ds · (1/dt)∫vᵀ ds] = (1/dt)∫e^{F(dt−s)}GN ds."""
     dt = 0.4
     expected, _ = scipy.integrate.quad_vec(
@@ -257,6 +259,176 @@ def test_growth_beyond_double_precision_is_refused() -> None:
     """e^{1000} has no double: the interval is refused instead of returning infinities."""
     message = r"^dt: expected an interval over which .* double precision, received 1000 s$"
     refused(message, lambda: interval([[1]], [[1]], 1000))
+
+
+# --- averages ------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("case", cases.numerics("k6_average_*"))
+def test_averages_of_a_continuous_measurement(case: cases.Case) -> None:
+    """H, R, N and the error that averages leave, between samples with R = Rc/dt that claim too much or too little."""
+    right, dt = case["right"], case["given"]["dt"]
+    model = discretise(cases.model(case["model"]), dt, average=True)
+    for name in ("H", "R", "N"):
+        cases.near(getattr(model, name), right[name], case["tolerance"][name])
+    for name in ("Phi", "Qd"):
+        cases.near(getattr(model, name), right[name], "relative 1e-12")
+    cases.near(steady.solve(model).P_minus, right["P_minus"], case["tolerance"]["P_minus"])
+    sampled = discretise(cases.model(case["model"]), dt)
+    cases.near(sampled.R, case["given"]["sampled_approximation"]["R"], "relative 1e-12")
+    cases.near(steady.solve(sampled).P_minus, case["given"]["sampled_approximation"]["P_minus"], "sigma 1e-9")
+
+
+@properties
+@given(continuous_models(stable=None, singular=False))
+def test_averages_are_the_integrals_they_are_defined_by(model: ContinuousModel) -> None:
+    """With K(s) = H∫e^{Fr}dr over s: H = K(dt)/dt, and R, N from the noise that a time s is left to act on z, by quadrature."""
+    dt, W = 0.7, strength(model)
+    GN = np.zeros((model.n, model.m)) if model.N is None else model.G @ model.N
+
+    def rates(s: float) -> Array:
+        Phi, _, Gamma = interval(model.F, W, s) if s > 0 else (np.eye(model.n), W, np.zeros_like(W))
+        K = model.H @ Gamma
+        R = K @ W @ K.T + K @ GN + (K @ GN).T + model.Rc
+        return np.concatenate([R.ravel(), (Phi @ (W @ K.T + GN)).ravel()])
+
+    total, _ = scipy.integrate.quad_vec(rates, 0.0, dt, epsrel=1e-12)
+    R, N = total[: model.m**2].reshape(model.m, model.m) / dt**2, total[model.m**2 :].reshape(GN.shape) / dt
+    found = discretise(model, dt, average=True)
+    for value, expected in ((found.H, model.H @ interval(model.F, W, dt).Gamma / dt), (found.R, R), (found.N, N)):
+        assert close(value, expected, SOLVER)
+        assert not expected.any() or not close(broken(value), expected, 1e-3)
+    assert close(found.Qd, discretise(model, dt, R=np.eye(model.m)).Qd if model.N is None else found.Qd, EXACT)
+    assert (found.states, found.measurements, found.dt) == (model.states, model.measurements, dt)
+
+
+@pytest.mark.parametrize("N", [None, [[0.3]]])
+def test_the_filter_of_short_averages_is_the_continuous_one(N: Any) -> None:
+    """P⁻ of averages tends to the Kalman–Bucy limit like dt², that of samples with R = Rc/dt like dt."""
+    model = ContinuousModel([[0, 1], [-4, -0.4]], [[0], [1]], [[2]], [[1, 0]], Rc=[[0.5]], P0=np.eye(2), N=N)
+    limit = bucy.steady(model).P
+    periods = (0.04, 0.02, 0.01)
+    averaged, sampled = (
+        [np.abs(steady.solve(discretise(model, dt, average=kind)).P_minus - limit).max() for dt in periods]
+        for kind in (True, False)
+    )
+    assert np.allclose(order(averaged), 2, atol=0.2)
+    assert np.allclose(order(sampled), 1, atol=0.2)
+
+
+def test_shorter_averages_tell_more() -> None:
+    """P⁻ given the averages over dt is never below that given those over dt/2, which include them; nor below the limit."""
+    model = ContinuousModel([[0, 1], [-4, -0.4]], [[0], [1]], [[2]], [[1, 0]], Rc=[[0.5]], P0=np.eye(2))
+    found = [steady.solve(discretise(model, dt, average=True)).P_minus for dt in (4.0, 2.0, 1.0, 0.5, 0.25)]
+    for longer, shorter in zip(found, [*found[1:], bucy.steady(model).P], strict=True):
+        assert np.linalg.eigvalsh(longer - shorter).min() > -EXACT
+
+
+# --- the way back --------------------------------------------------------------------------------------------------------
+
+
+def sampled(case: cases.Case) -> DiscreteModel:
+    """The discrete model of a case that gives Φ, Qd, R and dt alone."""
+    given, n = case["given"], len(case["given"]["Phi"])
+    return DiscreteModel(
+        given["Phi"], given["Qd"], np.eye(1, n), given["R"], x0=np.zeros(n), P0=np.eye(n), dt=given["dt"]
+    )
+
+
+@pytest.mark.parametrize("case", cases.numerics("k6_back_*"))
+def test_the_way_back(case: cases.Case) -> None:
+    """F, GQGᵀ and Rc of what was sampled, or the reason why nothing was."""
+    model, right = sampled(case), case["right"]
+    if right.get("refused"):
+        with pytest.raises(ValueError, match=".*".join(right["says"])):
+            to_continuous(model)
+        return
+    found = to_continuous(model)
+    W, sd = np.array(right["GQG"]), np.sqrt(np.diag(right["GQG"]))
+    unit = np.where(np.outer(sd, sd) > 0, np.outer(sd, sd), W.max())
+    assert close(found.F, right["F"], 1e-9)
+    assert (np.abs(strength(found) - W) <= 1e-8 * unit).all()
+    assert close(found.Rc, right["Rc"], EXACT)
+
+
+@properties
+@given(continuous_models(stable=None, correlated=False, driven=False))
+def test_there_and_back(model: ContinuousModel) -> None:
+    """F and GQGᵀ come back, whatever the rank of Q, where no mode turns by half a turn in the period."""
+    dt = min(0.3, 2.5 / np.abs(np.linalg.eigvals(model.F)).max())
+    found = to_continuous(discretise(model, dt))
+    assert close(found.F, model.F, SOLVER)
+    assert close(strength(found), strength(model), SOLVER)
+    assert close(found.Rc, model.Rc, EXACT)
+    assert np.array_equal(found.H, model.H)
+    assert found.states == model.states
+
+
+@pytest.mark.parametrize("n", [2, 5, 8, 12])
+@pytest.mark.parametrize("dt", [1e-3, 1.0, 100.0])
+def test_integrators_come_back(n: int, dt: float) -> None:
+    """A chain of integrators at any period, in another order of its states: what is zero stays zero, and no strength appears."""
+    order = np.random.default_rng(n).permutation(n)
+    F, W = np.eye(n, k=1)[order][:, order], np.diag(np.eye(n)[-1])[order][:, order]
+    Phi, Qd, _ = interval(F, W, dt)
+    found = to_continuous(DiscreteModel(Phi, Qd, np.eye(1, n), [[1]], x0=np.zeros(n), P0=np.eye(n), dt=dt))
+    unit = dt ** -order.astype(float)  # in which the elements of F dt are 1
+    assert (np.abs(found.F - F) * dt * unit / unit[:, None] <= 1e-12).all()
+    assert close(found.Q, W, 1e-12)
+    assert np.count_nonzero(found.Q) == 1
+
+
+def test_weak_strengths_come_back_beside_strong_ones() -> None:
+    """Velocity, tilt and gyro bias of an inertial channel, strengths 2.8e-6, 8.5e-12 and 1e-18, from samples at 100 Hz."""
+    F, W = np.array([[0, 9.81, 0], [-1.57e-7, 0, 1], [0, 0, 0]]), np.diag([2.8e-6, 8.5e-12, 1e-18])
+    Phi, Qd, _ = interval(F, W, 0.01)
+    found = to_continuous(DiscreteModel(Phi, Qd, np.eye(1, 3), [[1]], x0=np.zeros(3), P0=np.eye(3), dt=0.01))
+    np.testing.assert_allclose(np.diag(found.Q), np.diag(W), rtol=1e-9)
+
+
+def test_a_mode_beyond_the_nyquist_frequency_comes_back_as_its_alias() -> None:
+    """An oscillation of 4 rad per period is one of 2π − 4 backwards: another F with the same samples."""
+    fast = ContinuousModel([[0, 4], [-4, 0]], np.eye(2), np.eye(2), [[1, 0]], Rc=[[1]], P0=np.eye(2))
+    found = to_continuous(discretise(fast, 1.0))
+    assert close(found.F, [[0, 4 - 2 * np.pi], [2 * np.pi - 4, 0]], SOLVER)
+    again = discretise(found, 1.0)
+    assert close(again.Phi, discretise(fast, 1.0).Phi, SOLVER)
+    assert close(again.Qd, discretise(fast, 1.0).Qd, SOLVER)
+
+
+def test_what_has_no_continuous_model_is_refused() -> None:
+    """Each reason by its name: what varies, what is not known apart, what no differential equation does."""
+    start: dict[str, Any] = {"x0": [0, 0], "P0": np.eye(2)}
+    walk = DiscreteModel(np.eye(2), np.eye(2), [[1, 0]], [[1]], **start)
+
+    def back(**changes: Any) -> Any:
+        return lambda: to_continuous(replace(walk, **changes))
+
+    refused("^model: expected a DiscreteModel, received", lambda: to_continuous("walk"), TypeError)  # type: ignore[arg-type]
+    refused("^model: expected constant matrices, received some that vary over 3 steps", back(Qd=[np.eye(2)] * 3))
+    refused("^N: expected none", back(N=[[0.5], [0]]))
+    refused("^offset: expected none", back(offset=[0, 1]))
+    refused("^R: expected finite variances", back(R=[[np.inf]]))
+    turn = np.array([[np.cos(0.3), np.sin(0.3)], [-np.sin(0.3), np.cos(0.3)]])
+    for Phi in (np.diag([1.0, 0.0]), [[1, 2], [2, 4]], [[0.1, 0.2], [0.3, 0.6]], turn @ np.diag([1.0, 0.0]) @ turn.T):
+        refused("^Phi: .* singular", back(Phi=Phi))
+    for Phi in (np.diag([1.0, -0.25]), -np.eye(2), [[-0.5, 1], [0, -0.5]], turn @ [[-0.5, 1], [0, -0.5]] @ turn.T):
+        refused("^Phi: expected no negative eigenvalue .* received the eigenvalue -", back(Phi=Phi))
+    refused("^Qd: .* needs a strength with eigenvalue -", back(Phi=[[1, 1], [0, 1]], Qd=[[0.25, 0.5], [0.5, 1]]))
+    refused("^Qd: .* needs a strength with eigenvalue -", back(Phi=[[1, 1], [0, 1]], Qd=[[0.333, 0.5], [0.5, 1]]))
+    assert to_continuous(replace(walk, N=[[0], [0]], offset=[0, 0])).Q.tolist() == np.eye(2).tolist()
+
+
+def test_what_cannot_be_averaged_is_refused() -> None:
+    """No Rc, an R of its own, a known input."""
+    model = ContinuousModel([[-1]], [[1]], [[2]], [[1]], P0=[[1]], Rc=[[3]], B=[[1]])
+    refused("^average: expected a model with Rc", lambda: discretise(replace(model, Rc=None), 1, average=True))
+    refused("^R: expected none with average=True", lambda: discretise(model, 1, R=[[1]], average=True))
+    refused("^u: expected none with average=True", lambda: discretise(model, 1, u=[1], average=True))
+    assert discretise(replace(model, Rc=[[0]]), 1, average=True).R[0, 0] > 0
+
+
+# --- factors -------------------------------------------------------------------------------------------------------------
 
 
 @properties

@@ -133,7 +133,7 @@ _MODEL = (
         "model.Rc",
         "Strength of continuous measurement noise, Rc",
         "For a measurement taken all the time: the height of the flat spectrum of v. It gives the Kalman–Bucy filter, "
-        "and without R also the sampled measurement, averaged over a period.",
+        "and without R also samples that stand for it where the period is short.",
         r"E[v(t)\,v(t')^T] = R_c\,\delta(t-t'), \qquad R = R_c/\Delta t",
         "(unit of the measurement)²·s",
         '[["sigma^2*0.2"]]',
