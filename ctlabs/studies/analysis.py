@@ -12,7 +12,7 @@ from ctlabs import bucy, kalman, observability, plots, sensitivity, steady
 from ctlabs._check import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.report import SOLVER, Report
-from ctlabs.studies import common, second
+from ctlabs.studies import common, sampling, second
 from ctlabs.text import _, fill
 
 if TYPE_CHECKING:
@@ -72,15 +72,7 @@ def _model(report: Report, continuous: ContinuousModel | None, discrete: Discret
         report.says(_("Sampled every {dt} s, exactly:"), dt=discrete.dt)
     common.show(report, discrete)
     if continuous is not None:
-        from scipy.linalg import expm
-
-        report.check(
-            _("transition matrix"),
-            discrete.Phi,
-            expm(continuous.F * discrete.dt),
-            (_("doubling of short steps"), _("matrix exponential")),
-            SOLVER,
-        )
+        sampling.check(report, continuous, discrete)
 
 
 def _observability(report: Report, continuous: ContinuousModel | None, model: DiscreteModel) -> None:
