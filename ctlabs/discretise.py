@@ -173,17 +173,25 @@ def to_continuous(model: DiscreteModel) -> ContinuousModel:
 def _strength(F: Array, Qd: Array, dt: float) -> Array:
     """W ≥ 0 whose integral is Qd; refused where the nearest one leads to another Qd."""
     W, error = strength(F, Qd, dt)
-    unit = np.sqrt(np.maximum(np.abs(np.diag(W)), np.diag(error)))
+    # In units of their own uncertainty the elements move by no more than that when negative eigenvalues are set to zero.
+    unit = np.sqrt(np.diag(error))
     unit = np.where(unit > 0, unit, 1.0)
     values, vectors = np.linalg.eigh(W / np.outer(unit, unit))
     nearest = (vectors * np.maximum(values, 0.0)) @ vectors.T * np.outer(unit, unit)
     none = (np.abs(W) <= error).all(axis=1)  # a row that is the rounding of its own terms
     nearest[none, :] = nearest[:, none] = 0.0
-    sd = np.sqrt(np.diag(Qd))
-    if (np.abs(interval(F, nearest, dt).Qd - Qd) > _check.ROUNDING * np.outer(sd, sd)).any():
+    sd = np.where(np.diag(Qd) > 0, np.sqrt(np.diag(Qd)), 1.0)
+    off = (np.abs(interval(F, nearest, dt).Qd - Qd) / np.outer(sd, sd)).max()
+    if off > _check.ROUNDING:
+        size = np.sqrt(np.maximum(np.abs(np.diag(W)), np.diag(error)))
+        size = np.where(size > 0, size, 1.0)
+        lowest = np.linalg.eigvalsh(W / np.outer(size, size))[0]
         msg = (
             "Qd: expected the integral of a nonnegative definite strength over dt, received one that needs a strength "
-            f"with eigenvalue {values[0]:.3g} (scaled to unit diagonal)"
+            f"with eigenvalue {lowest:.3g} (scaled to unit diagonal)"
+            if lowest < -_check.ROUNDING
+            else "Qd: expected one that determines its strength, received one beside modes of Phi so fast that the strength "
+            f"found leads back to another Qd ({off:.2g} of its standard deviations off)"
         )
         raise ValueError(msg)
     return nearest

@@ -1,7 +1,6 @@
 r"""The way back from an interval: F from :math:`\Phi = e^{Fh}`, and W from :math:`Q_d = \int_0^h e^{Fs}We^{F^Ts}ds`.
 
-Both are solved in units in which the elements are near 1 (:mod:`ctlabs.linalg.units`), so that a chain of integrators at a
-small period has its digits.
+Both are solved in units of the system's own, so that a chain of integrators at a small period has its digits.
 """
 
 from __future__ import annotations
@@ -57,17 +56,36 @@ def logarithm(Phi: Array) -> Array:
         A = np.real(scipy.linalg.logm(Phi / ratio)) * ratio
     reached = np.linalg.matrix_power((np.eye(n) + (Phi != 0) > 0).astype(float), n) > 0
     A = np.where(reached, A, 0.0)
-    zero = np.zeros((n, n))
-    # The size of an element's own terms, in e^A = e^{0.382A} e^{0.618A}: where they cancel, their rounding stays.
-    terms = np.abs(interval(A, zero, 0.382).Phi) @ np.abs(interval(A, zero, 0.618).Phi)
-    off = np.abs(interval(A, zero, 1.0).Phi - Phi)
-    if (off > _check.ROUNDING * (terms + np.abs(Phi))).any():
+    try:
+        for _ in range(3):
+            A = np.where(reached, A + _step(A, Phi), 0.0)
+        # The size of an element's own terms, in e^A = e^{0.382A} e^{0.618A}: where they cancel, their rounding stays.
+        terms = np.abs(_exponential(0.382 * A)) @ np.abs(_exponential(0.618 * A))
+        off = float((np.abs(_exponential(A) - Phi) / np.maximum(terms + np.abs(Phi), np.finfo(float).tiny)).max(initial=0.0))
+    except ValueError:  # e^{-A} beyond double precision
+        off = np.inf
+    if not off <= _check.ROUNDING:
         msg = (
             "Phi: expected modes that have not decayed below the rounding of others, received a matrix "
-            f"whose logarithm leads back to one that differs by {off.max():.2g}"
+            f"whose logarithm leads back to another one ({off:.2g} off)"
         )
         raise ValueError(msg)
     return A
+
+
+def _exponential(A: Array) -> Array:
+    return interval(A, np.zeros_like(A), 1.0).Phi
+
+
+def _step(A: Array, Phi: Array) -> Array:
+    r"""Newton's: D with :math:`\int_{-1/2}^{1/2}e^{-As}De^{As}ds = e^{-A/2}(\Phi - e^A)e^{-A/2}`, every element to its own size."""
+    n, one = len(A), np.eye(len(A))
+    back = _exponential(-0.5 * A)
+    residual = back @ (Phi - _exponential(A)) @ back
+    K = np.kron(one, A.T) - np.kron(A, one)
+    half = interval(K, np.zeros_like(K), 0.5).Gamma + interval(-K, np.zeros_like(K), 0.5).Gamma
+    step: Array = np.linalg.solve(half, residual.ravel()).reshape(n, n)
+    return step
 
 
 def _principal(Phi: Array) -> None:
@@ -75,7 +93,9 @@ def _principal(Phi: Array) -> None:
     n = len(Phi)
     try:
         # The smallest relative change of the elements that makes Φ singular is about one over this, in any units.
-        distance = np.abs(np.linalg.eigvals(np.abs(np.linalg.inv(Phi)) @ np.abs(Phi))).max(initial=0.0)
+        with np.errstate(over="ignore", invalid="ignore"):
+            both = np.abs(np.linalg.inv(Phi)) @ np.abs(Phi)
+        distance = np.abs(np.linalg.eigvals(both)).max(initial=0.0) if np.isfinite(both).all() else np.inf
     except np.linalg.LinAlgError:
         distance = np.inf
     if not distance * n * EPS < 1:
@@ -99,9 +119,9 @@ def strength(F: Array, Qd: Array, h: float) -> Strength:
 
     .. math:: \mathrm{vec}\,Q_d = \int_0^h e^{(F\otimes I+I\otimes F)s}ds\ \mathrm{vec}\,W,
 
-    n(n+1)/2 equations for the elements on and above the diagonal. They have one solution unless two eigenvalues of F differ by
-    a multiple of 2πi/h. The residual is brought to the rounding of its own terms by refinement, and ``error`` is
-    :math:`|L^{-1}|(|Q_d| + |L||W|)` times that rounding.
+    n(n+1)/2 equations for the elements on and above the diagonal, of the states that are driven, in units in which Qd/h has
+    the diagonal 1. They have one solution unless two eigenvalues of F differ by a multiple of 2πi/h. The residual is brought
+    to the rounding of its own terms by refinement, and ``error`` is :math:`|L^{-1}|(|Q_d| + |L||W|)` times that rounding.
 
     Parameters
     ----------
@@ -113,19 +133,21 @@ def strength(F: Array, Qd: Array, h: float) -> Strength:
     array([[0., 0.],
            [0., 1.]])
     """
-    n = len(F)
-    unit = balanced(F * h, continuous=False).states
-    product = unit[:, None] * unit
-    A, rows, one = F * h / (unit[:, None] / unit), np.triu_indices(n), np.eye(n)
-    both = np.zeros((n * n, len(rows[0])))  # vec W from the elements on and above the diagonal
-    for k, (i, j) in enumerate(zip(*rows, strict=True)):
+    driven = np.flatnonzero(np.diag(Qd) > 0)
+    n, size = len(driven), np.sqrt(np.diag(Qd)[driven] / h)
+    A = F[np.ix_(driven, driven)] * h * size / size[:, None]
+    rows, columns = np.triu_indices(n)
+    both = np.zeros((n * n, len(rows)))  # vec W from the elements on and above the diagonal
+    for k, (i, j) in enumerate(zip(rows, columns, strict=True)):
         both[[i * n + j, j * n + i], k] = 1.0
-    upper = rows[0] * n + rows[1]
-    K = (np.kron(A, one) + np.kron(one, A))[upper] @ both
+    K = (np.kron(A, np.eye(n)) + np.kron(np.eye(n), A))[rows * n + columns] @ both
     L = interval(K, np.zeros_like(K), 1.0).Gamma
-    q, inverse = (Qd / h / product)[rows], np.linalg.inv(L)
+    q, inverse = (Qd[np.ix_(driven, driven)] / h / np.outer(size, size))[rows, columns], np.linalg.inv(L)
     w = inverse @ q
     for _ in range(4):
         w = w + inverse @ (q - L @ w)
     error = len(w) * EPS * (np.abs(inverse) @ (np.abs(q) + np.abs(L) @ np.abs(w)))
-    return Strength(*((both @ part).reshape(n, n) * product for part in (w, error)))
+    found = Strength(np.zeros(F.shape), np.zeros(F.shape))
+    for whole, part in zip(found, (w, error), strict=True):
+        whole[np.ix_(driven, driven)] = (both @ part).reshape(n, n) * np.outer(size, size)
+    return found
