@@ -6,8 +6,10 @@ no direct term.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -15,10 +17,11 @@ from numpy.typing import ArrayLike
 
 from ctlabs import _check
 from ctlabs._check import Array
+from ctlabs.linalg.companion import Companion, companion, double
 from ctlabs.models import ContinuousModel, DiscreteModel
 
-#: State-space forms of a transfer function, as python-control names them.
-REALISATIONS = {"observable": "observable_form", "reachable": "reachable_form"}
+#: State-space forms of a transfer function.
+REALISATIONS = ("observable", "reachable")
 
 
 def from_control(
@@ -44,8 +47,9 @@ def from_control(
     Parameters
     ----------
     system : continuous, or discrete with a period; or a continuous transfer function's coefficients ``(num, den)``. A
-        transfer function gets the states of ``realisation``; a
-        state-space system keeps its own
+        transfer function gets the states of ``realisation``, made from its coefficients as they stand: none is dropped, and
+        common factors stay. With several inputs each has its own states, named ``u1_1``, ``u1_2``, … after it, one set
+        for each different denominator in its column. A state-space system keeps its own
     Q : (s, s), strength of the noise inputs, unit²·s; of a discrete system their covariance, unit², and Qd = B Q Bᵀ
     P0, x0 : covariance (n, n) and mean (n,) of the initial state; x0 defaults to zeros
     Rc : (m, m), strength of the measurement noise of a continuous system, unit²·s
@@ -54,16 +58,17 @@ def from_control(
         a direct path from noise to output becomes part of the measurement noise; left out, all inputs are noise and a
         direct path is refused
     u : (r,) or (steps, r), the known inputs of a discrete system (those of a continuous one go to ``discretise``)
-    realisation : ``"observable"`` (F = [[−a1, 1], [−a2, 0]], H = [1, 0]) or ``"reachable"``
-    states, units, measurements : names; by default those of a state-space system
+    realisation : ``"observable"`` (F = [[−a1, 1], [−a2, 0]], H = [1, 0]) or ``"reachable"``, its transpose; outputs that
+        share a denominator share its states, which are then in the reachable form
+    states, units, measurements : names; by default those of the system
 
     Raises
     ------
     TypeError
         Something else than a python-control system.
     ValueError
-        An improper transfer function, a direct path that nothing was said about, a transfer function with several
-        inputs or outputs, no period, R for a continuous system or Rc for a discrete one.
+        An improper transfer function, a direct path that nothing was said about, no period or no kind of time (dt=None),
+        R for a continuous system or Rc for a discrete one.
 
     >>> import control
     >>> G = control.tf([0.3, 0.003], [1, 0.006, 0.003])
@@ -99,6 +104,59 @@ def from_control(
         offset=_offset(u, B),
         **common,
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Delay:
+    """A delay as a transfer function: ``num``, ``den`` (order+1,), descending powers of s · ``error``, of its response."""
+
+    num: Array
+    den: Array
+    error: float
+
+
+def delay(seconds: float, order: int, up_to: float) -> Delay:
+    r"""A delay by Padé's approximation, and a bound of its error.
+
+    .. math:: e^{-sT} \approx \frac{q(-sT)}{q(sT)}, \quad q(z) = \sum_k\frac{(2n-k)!\,n!}{(2n)!\,k!\,(n-k)!}z^k, \quad
+              \left|e^{-j\omega T} - \frac{q(-j\omega T)}{q(j\omega T)}\right|
+              \le \frac{n!^2}{(2n)!\,(2n+1)!}\frac{(\omega T)^{2n+1}}{|q(j\omega T)|}
+
+    An all-pass: the gain is 1, the error is one of phase. What the rounding of the coefficients adds is in the bound.
+
+    Parameters
+    ----------
+    seconds : T > 0, s
+    order : n ≥ 1
+    up_to : rad/s, > 0; ``error`` bounds the difference of the two responses at all frequencies up to this one. It is 2,
+        which says nothing, where the approximation does not reach
+
+    Raises
+    ------
+    ValueError
+        Numbers that are not positive, or coefficients beyond double precision (a high order of a short delay).
+
+    Source: Padé's remainder :math:`e^{-z}q(z) - q(-z) = \pm\frac{z^{2n+1}}{(2n)!}\int_0^1u^n(1-u)^ne^{-uz}du`, and |q| ≥ 1,
+    which grows on the imaginary axis; Golub & Van Loan, *Matrix Computations*, section 9.3.
+
+    >>> lag = delay(0.5, order=2, up_to=1.0)
+    >>> lag.den.tolist(), f"{lag.error:.1e}"
+    ([1.0, 12.0, 48.0], '4.3e-05')
+    >>> model = from_control((lag.num, lag.den), Q=[[1.0]], P0=np.zeros((2, 2)), noise="input")
+    """
+    T, w, n = _check.positive("seconds", seconds), _check.positive("up_to", up_to), _check.count("order", order)
+    f = math.factorial
+    q = [Fraction(f(2 * n - k) * f(n), f(2 * n) * f(k) * f(n - k)) for k in range(n + 1)]
+    t, x = Fraction(T), Fraction(T) * Fraction(w)
+    monic = [q[k] * t**k / (q[n] * t**n) for k in range(n, -1, -1)]
+    den = np.array([double("delay", c) for c in monic])
+    terms = [q[k] * x**k for k in range(n + 1)]
+    size = sum(terms[::4] + [-c for c in terms[2::4]]) ** 2 + sum(terms[1::4] + [-c for c in terms[3::4]]) ** 2
+    least = Fraction(f(n) ** 2, f(2 * n) * f(2 * n + 1)) * x ** (2 * n + 1)
+    # A coefficient that is off by ε/2 turns q by at most that share of its own term: two of them to a quotient.
+    rounding = 2 * Fraction(np.finfo(float).eps) * sum(terms[1:])
+    bound = math.sqrt(min(Fraction(4), least**2 / size)) + float(min(Fraction(2), rounding))
+    return Delay(den * (-1.0) ** np.arange(n, -1, -1), den, min(2.0, math.nextafter(bound * (1 + 1e-14), 3)))
 
 
 def to_control(model: ContinuousModel | DiscreteModel) -> Any:
@@ -245,39 +303,75 @@ def _state_space(system: Any, realisation: str, names: tuple[Any, Any]) -> tuple
         msg = f"realisation: expected one of {', '.join(REALISATIONS)}, received {realisation!r}"
         raise ValueError(msg)
     if isinstance(system, tuple):
-        system = control.tf(*system)
-    if isinstance(system, control.StateSpace):
-        own = (_own(system.state_labels, "x"), _own(system.output_labels, "y"))
-        return system, (own[0] if names[0] is None else names[0], own[1] if names[1] is None else names[1])
-    if not isinstance(system, control.TransferFunction):
+        if len(system) != 2:
+            msg = f"system: expected coefficients (num, den), received a tuple of {len(system)}"
+            raise ValueError(msg)
+        system = control.tf(*system, 0)
+    if not isinstance(system, control.StateSpace | control.TransferFunction):
         msg = f"system: expected a control.StateSpace or control.TransferFunction, received a {type(system).__name__}"
         raise TypeError(msg)
-    if system.ninputs != 1 or system.noutputs != 1:
+    if isinstance(system, control.StateSpace):
+        states = _own(system.state_labels, "x")
+        made = system
+    else:
+        made, states = _realised(system, realisation)
+    if system.dt is None:
         msg = (
-            f"system: expected a transfer function with one input and one output (join several by control.append), "
-            f"received {system.ninputs} and {system.noutputs}"
+            "system: expected the kind of its time, dt=0 (continuous) or a period in seconds, received dt=None, "
+            "which leaves it open"
         )
         raise ValueError(msg)
-    num, den = (np.trim_zeros(np.atleast_1d(c[0][0]), "f") for c in (system.num, system.den))
-    if len(num) > len(den):
-        msg = (
-            f"system: expected a proper transfer function, received degree {len(num) - 1} over {len(den) - 1} "
-            "(it differentiates white noise; give the signal before the differentiation)"
-        )
+    own = (states, _own(system.output_labels, "y"))
+    return made, (own[0] if names[0] is None else names[0], own[1] if names[1] is None else names[1])
+
+
+def _realised(system: Any, realisation: str) -> tuple[Any, list[str] | None]:
+    """The companion blocks of a transfer function side by side, and names of their states where there are several inputs."""
+    import control
+
+    nums, dens = ([[_trimmed(p) for p in row] for row in part] for part in (system.num_list, system.den_list))
+    for num, den in ((nums[i][j], dens[i][j]) for i in range(system.noutputs) for j in range(system.ninputs)):
+        if len(num) > len(den):
+            msg = (
+                f"system: expected a proper transfer function, received degree {len(num) - 1} over {len(den) - 1} "
+                "(it differentiates white noise; give the signal before the differentiation)"
+            )
+            raise ValueError(msg)
+    A, B, C = np.zeros((0, 0)), np.zeros((0, system.ninputs)), np.zeros((system.noutputs, 0))
+    D = np.zeros((system.noutputs, system.ninputs))
+    names: list[str] = []
+    for j, label in enumerate(_own(system.input_labels, "u") or [f"u{j + 1}" for j in range(system.ninputs)]):
+        column = [row[j] for row in dens]
+        for i in (i for i, den in enumerate(column) if den not in column[:i]):
+            outputs = [k for k, den in enumerate(column) if den == column[i]]
+            block = _block([nums[k][j] for k in outputs], column[i], realisation)
+            n, size = len(A), len(block.F)
+            A = np.block([[A, np.zeros((n, size))], [np.zeros((size, n)), block.F]])
+            B, C = np.pad(B, ((0, size), (0, 0))), np.pad(C, ((0, 0), (0, size)))
+            B[n:, j], C[outputs, n:], D[outputs, j] = block.G[:, 0], block.H, block.D[:, 0]
+        names += [f"{label}_{i + 1}" for i in range(len(A) - len(names))]
+    if not len(A):
+        msg = f"system: expected a transfer function with poles, received the constant {_constants(D)}"
         raise ValueError(msg)
-    if len(den) == 1:
-        msg = f"system: expected a transfer function with poles, received the constant {num[0] / den[0]:g}"
-        raise ValueError(msg)
-    plain = control.tf(num, den, system.dt)
-    try:
-        form, _ = getattr(control, REALISATIONS[realisation])(control.ss(plain))
-    except (ValueError, np.linalg.LinAlgError):
-        msg = (
-            "system: expected a numerator and denominator without common factors (control.minreal removes them), "
-            f"received the {realisation} form's singular transformation for {num.tolist()} over {den.tolist()}"
-        )
-        raise ValueError(msg) from None
-    return form, names
+    dt = 0 if system.dt is None else system.dt
+    made = control.ss(A, B, C, D, dt, remove_useless_states=False)
+    return made, names if system.ninputs > 1 else None
+
+
+def _trimmed(p: Any) -> list[float]:
+    """Coefficients without leading zeros."""
+    return [float(c) for c in np.trim_zeros(np.atleast_1d(p), "f")]
+
+
+def _block(nums: list[list[float]], den: list[float], realisation: str) -> Companion:
+    """One denominator's states from one input; several outputs share them in the reachable form alone."""
+    if len(nums) == 1 and realisation == "observable":
+        return companion(nums, den)
+    return companion(nums, den).transposed
+
+
+def _constants(D: Array) -> str:
+    return f"{D[0, 0]:g}" if D.size == 1 else str(D.tolist())
 
 
 def _own(names: list[str], letter: str) -> list[str] | None:
