@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 from ctlabs import _check, observability
 from ctlabs._check import Array
 from ctlabs.discretise import ldl
+from ctlabs.linalg.resolvent import resolvent
 from ctlabs.models import ContinuousModel
 
 if TYPE_CHECKING:
@@ -154,15 +155,8 @@ def transfer_function(model: ContinuousModel, state: int = 0, measurement: int =
     (array([0.5]), array([1. , 0.5]))
     """
     limit = steady(model)
-    A, b = model.F - limit.Kc @ model.H, limit.Kc[:, measurement]
-    den = np.real(np.poly(A))
-    response, size = [b], [np.abs(b)]
-    while len(response) < model.n:
-        response.append(A @ response[-1])
-        size.append(np.abs(A) @ size[-1])
-    num = np.convolve(den, [h[state] for h in response])[: model.n]
-    rounding = 1e-13 * np.convolve(np.abs(den), [h[state] for h in size])[: model.n]
-    num = np.trim_zeros(np.where(np.abs(num) > rounding, num, 0.0), "f")
+    num, den = resolvent(model.F - limit.Kc @ model.H, limit.Kc[:, measurement], np.eye(model.n)[state])
+    num = np.trim_zeros(num, "f")
     return (num if num.size else np.zeros(1)), den
 
 

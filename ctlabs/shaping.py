@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ctlabs import _check
 from ctlabs._check import Array
+from ctlabs.linalg.resolvent import resolvent
 from ctlabs.models import ContinuousModel
 
 #: A mode is on the imaginary axis when its distance from it is below this fraction of the size of F.
@@ -278,16 +279,9 @@ def transfer_function(block: ContinuousModel, output: int = 0) -> tuple[Array, A
     if block.s != 1:
         msg = f"block: expected one noise input, received {block.s}"
         raise ValueError(msg)
-    den = np.real(np.poly(block.F))
-    g = block.G[:, 0] * np.sqrt(block.Q[0, 0])
-    # The coefficients of num are the Markov parameters HFᵏG convolved with den.
-    markov = []
-    for _ in range(block.n):
-        markov.append(block.H[output] @ g)
-        g = block.F @ g
-    num = np.convolve(den, markov)[: block.n]
-    significant = np.flatnonzero(np.abs(num) > 1e-13 * np.abs(num).max(initial=0.0))
-    return (num[significant[0] :] if significant.size else np.zeros(1)), den
+    num, den = resolvent(block.F, block.G[:, 0] * np.sqrt(block.Q[0, 0]), block.H[output])
+    num = np.trim_zeros(num, "f")
+    return (num if num.size else np.zeros(1)), den
 
 
 def stationary_covariance(model: ContinuousModel) -> Array:
