@@ -12,22 +12,24 @@ model of it, whose output has that spectrum; :func:`wiener` finds the best causa
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike
 
 from ctlabs import _check, shaping
 from ctlabs._check import Array
+from ctlabs.linalg import polynomials as poly
+from ctlabs.linalg.companion import companion, double
+from ctlabs.linalg.polynomials import Polynomial
+from ctlabs.linalg.resolvent import polynomials
 from ctlabs.models import ContinuousModel
 
-#: Roots: numpy returns real or complex ones.
-Complex = Any
-#: A root is on the imaginary axis when its real part is below this fraction of its size (double ones are known to √eps).
-AXIS = 1e-7
 #: The longest text and the largest exponent that are read.
 LONGEST, LARGEST = 500, 20
 
@@ -38,13 +40,15 @@ class Spectrum:
 
     Parameters
     ----------
-    num, den : coefficients in descending powers of ω²
+    num, den : coefficients in descending powers of ω², numbers or fractions
 
     Raises
     ------
     ValueError
         What no process has: a density that is negative somewhere or grows beyond all bounds (num of higher degree than
-        den), and what is none: a pole at a real frequency, where the power is infinite.
+        den), and what is none: a pole at a real frequency, where the power is infinite. Coefficients are taken as known to
+        their rounding: a density that falls below zero by less than that of its own terms touches zero, and a denominator
+        that is not above it has an undamped line.
 
     >>> S = Spectrum([10], [1, 25])
     >>> float(S(0.0)), float(S.power)
@@ -54,23 +58,23 @@ class Spectrum:
     num: Array
     den: Array
 
-    def __init__(self, num: ArrayLike, den: ArrayLike) -> None:
-        top, bottom = (_trimmed(_check.shaped(name, p, ("terms",))) for name, p in (("num", num), ("den", den)))
-        if not bottom.any():
+    def __init__(self, num: ArrayLike | Sequence[Fraction], den: ArrayLike | Sequence[Fraction]) -> None:
+        top, bottom = (_coefficients(name, p) for name, p in (("num", num), ("den", den)))
+        if not bottom[0]:
             msg = "den: expected a polynomial other than 0, received 0"
             raise ValueError(msg)
-        top, bottom = top / bottom[0], bottom / bottom[0]
         if len(top) > len(bottom):
             msg = (
                 f"spectrum: expected a numerator of degree at most {len(bottom) - 1} in w^2, received degree "
                 f"{len(top) - 1}: the density grows without bound"
             )
             raise ValueError(msg)
-        for array in (top, bottom):
+        for name, p in (("num", top), ("den", bottom)):
+            array = np.array([double(name, c / bottom[0]) for c in p])
             array.setflags(write=False)
-        object.__setattr__(self, "num", top)
-        object.__setattr__(self, "den", bottom)
-        factor(self)  # refuses what cannot be factorised
+            object.__setattr__(self, name, array)
+        _no_line(poly.exact(self.den))
+        _nowhere_negative(poly.exact(self.num))
 
     def __call__(self, w: ArrayLike) -> Array:
         """S(ω) at ω in rad/s, any shape."""
@@ -79,8 +83,7 @@ class Spectrum:
 
     def __add__(self, other: Spectrum) -> Spectrum:
         """The spectrum of the sum of two uncorrelated processes."""
-        num = np.polyadd(np.polymul(self.num, other.den), np.polymul(other.num, self.den))
-        return Spectrum(num, np.polymul(self.den, other.den))
+        return Spectrum(_total(self, other), poly.times(poly.exact(self.den), poly.exact(other.den)))
 
     @property
     def floor(self) -> float:
@@ -92,7 +95,7 @@ class Spectrum:
         """The variance of the process; ∞ with a white part."""
         if self.floor:
             return np.inf
-        return _power(*factor(self))
+        return float(poly.power(*_factors(self)))
 
     def through(self, num: ArrayLike, den: ArrayLike) -> Spectrum:
         """The spectrum behind a stable filter H(s) = num/den (descending powers of s): |H(jω)|²S(ω).
@@ -100,8 +103,8 @@ class Spectrum:
         >>> Spectrum([1], [1]).through([1], [1, 2]).den
         array([1., 4.])
         """
-        top, bottom = _filter(num, den)
-        return Spectrum(np.polymul(self.num, _squared(top)), np.polymul(self.den, _squared(bottom)))
+        parts = zip((self.num, self.den), _filter(num, den), strict=True)
+        return Spectrum(*(poly.times(poly.exact(own), poly.squared(p)) for own, p in parts))
 
 
 class Wiener(NamedTuple):
@@ -146,12 +149,12 @@ def parse(text: str, symbol: str = "w") -> Spectrum:
         raise ValueError(msg)
     found = []
     for part in sympy.fraction(expression):
-        coefficients = sympy.Poly(part, w).all_coeffs()
+        coefficients = [Fraction(int(c.p), int(c.q)) for c in sympy.Poly(part, w).all_coeffs()]
         # Even as a whole: an odd factor common to both parts has been cancelled.
         if any(c != 0 for c in coefficients[-2::-2]):
             msg = f"text: expected an even function of {symbol}, received {text!r}"
             raise ValueError(msg)
-        found.append([float(c) for c in coefficients[::-1][::2][::-1]])
+        found.append(coefficients[::-1][::2][::-1])
     return Spectrum(*found)
 
 
@@ -174,18 +177,29 @@ def exponentials(terms: Iterable[tuple[complex, complex]]) -> Spectrum:
     if not pairs or not all(np.isfinite([c, a]).all() and a.real > 0 for c, a in pairs):
         msg = f"terms: expected pairs (c, a) with a of positive real part, received {pairs}"
         raise ValueError(msg)
-    num, den = np.zeros(1, dtype=complex), np.ones(1, dtype=complex)
-    for c, a in pairs:
-        num = np.polyadd(np.polymul(num, [1, a * a]), 2 * a * c * den)
-        den = np.polymul(den, [1, a * a])
-    for name, p in (("num", num), ("den", den)):
-        if np.abs(p.imag).max() > 1e-12 * np.abs(p).max():
+    num, size, den = _sum_of_exponentials(pairs)
+    for name, p, terms in (("num", num, size), ("den", den, [abs(c) for c in den])):
+        if any(abs(c.imag) > 1e-12 * t for c, t in zip(p, terms, strict=True)):
             msg = f"terms: expected complex ones in conjugate pairs, received {pairs} ({name} is not real)"
             raise ValueError(msg)
     # Leading terms that cancel (Σ ac = 0: a process that can be differentiated) leave rounding.
-    size = np.polyadd(*[np.abs(num)] * 2) / 2
-    real = np.where(size > 1e-13 * np.abs(num).max(initial=0.0), num.real, 0.0)
-    return Spectrum(real, den.real)
+    real = poly.without_rounding([c.real for c in num], size)
+    return Spectrum([float(c) for c in real], [float(c.real) for c in den])
+
+
+def _sum_of_exponentials(pairs: Sequence[tuple[complex, complex]]) -> tuple[Polynomial, Polynomial, Polynomial]:
+    """Numerator, the sum of its terms' magnitudes, and denominator in ω², complex numbers of mpmath."""
+    import mpmath
+
+    with mpmath.workdps(poly.DIGITS):
+        zero, one = mpmath.mpc(0), mpmath.mpc(1)
+        num, size, den = [zero], [zero], [one]
+        for c, a in ((mpmath.mpmathify(c), mpmath.mpmathify(a)) for c, a in pairs):
+            term = [2 * a * c * d for d in den]
+            size = poly.plus(poly.times(size, [one, abs(a * a)]), [abs(t) for t in term])
+            num = poly.plus(poly.times(num, [one, a * a]), term)
+            den = poly.times(den, [one, a * a])
+    return num, [t.real for t in size], den
 
 
 def white(strength: float) -> Spectrum:
@@ -210,22 +224,22 @@ def of(model: ContinuousModel, output: int = 0) -> Spectrum:
     """
     _check.instance("model", model, ContinuousModel)
     shaping.psd(model, [], output)  # refuses unstable modes and outputs that do not exist, in its own words
-    den = np.real(np.poly(model.F))
-    markov, columns = [], model.G
-    for _ in range(model.n):
-        markov.append(model.H[output] @ columns)
-        columns = model.F @ columns
-    rows = [np.convolve(den, h)[: model.n] for h in np.array(markov).T]
-    num = np.zeros(1)
-    for i, p in enumerate(rows):
-        for j, q in enumerate(rows):
-            num = np.polyadd(num, model.Q[i, j] * np.polymul(p, _mirrored(q)))
+    rows, den = [], [Fraction(1)]
+    for column in model.G.T:
+        row, den = polynomials(model.F, column, model.H[output])
+        rows.append(row)
+    # Σ Q_ij p_i(s)p_j(−s) + Rc a(s)a(−s) + Σ N_i (p_i(s)a(−s) + a(s)p_i(−s)), and the magnitudes of what is added.
+    terms = [(Q, rows[i], rows[j]) for (i, j), Q in np.ndenumerate(model.Q) if Q]
     if model.Rc is not None:
-        num = np.polyadd(num, model.Rc[output, output] * np.polymul(den, _mirrored(den)))
+        terms.append((model.Rc[output, output], den, den))
     if model.N is not None:
-        for p, n in zip(rows, model.N[:, output], strict=True):
-            num = np.polyadd(num, n * np.polyadd(np.polymul(p, _mirrored(den)), np.polymul(_mirrored(p), den)))
-    return Spectrum(_without_noise(_in_square(num)), _squared(den))
+        terms += [(N, *pair) for N, p in zip(model.N[:, output], rows, strict=True) for pair in ((p, den), (den, p))]
+    num, size = [Fraction(0)], [Fraction(0)]
+    for factor_, p, q in terms:
+        weight, product = Fraction(float(factor_)), poly.times(p, poly.mirrored(q))
+        num = poly.plus(num, [weight * c for c in product])
+        size = poly.plus(size, [abs(weight) * c for c in poly.times([abs(c) for c in p], [abs(c) for c in q])])
+    return Spectrum(poly.without_rounding(poly.in_square(num), [abs(c) for c in poly.in_square(size)]), poly.squared(den))
 
 
 def factor(spectrum: Spectrum) -> tuple[Array, Array]:
@@ -237,24 +251,14 @@ def factor(spectrum: Spectrum) -> tuple[Array, Array]:
     -------
     num, den : descending powers of s; den is monic, num[0] ≥ 0
 
+    A zero of order 2k on the axis of S becomes one of order k; rounding of the coefficients, which parts the zeros by the k-th
+    root of it, parts them here too.
+
     >>> factor(parse("(w^2+16)/(4*(w^2+4))"))
     (array([0.5, 2. ]), array([1., 2.]))
     """
-    poles = np.roots(spectrum.den)
-    for x in poles:
-        if _on_axis(x):
-            msg = (
-                f"spectrum: expected no pole at a real frequency, received one at w = {np.sqrt(max(x.real, 0.0)):g}: "
-                "a line or a drift has no rational density"
-            )
-            raise ValueError(msg)
-    if not spectrum.num.any():
-        return np.zeros(1), _polynomial(_left(poles))
-    if spectrum.num[0] < 0:
-        msg = "spectrum: expected a density >= 0 at every frequency, received a negative one for w → ∞"
-        raise ValueError(msg)
-    zeros = _zeros(np.roots(spectrum.num))
-    return np.sqrt(spectrum.num[0]) * _polynomial(zeros), _polynomial(_left(poles))
+    num, den = _factors(spectrum)
+    return np.array([float(c) for c in num]), np.array([float(c) for c in den])
 
 
 def shaping_filter(
@@ -280,13 +284,8 @@ def shaping_filter(
     if not n:
         msg = "spectrum: expected one with a pole (white noise needs no filter), received a constant"
         raise ValueError(msg)
-    D = float(num[0]) if len(num) > n else 0.0
-    direct = np.polysub(num, D * den) if D else num
-    G = np.zeros((n, 1))
-    tail = direct[-n:]
-    G[n - len(tail) :, 0] = tail / root
-    F = np.eye(n, k=1)
-    F[:, 0] = -den[1:]
+    F, G, _, direct = companion([num], den)
+    G, D = G / root, float(direct[0, 0])
     model = ContinuousModel(
         F,
         G,
@@ -335,24 +334,27 @@ def wiener(signal: Spectrum, noise: Spectrum) -> Wiener:
     if signal.floor:
         msg = f"signal: expected a finite power, received a white part of strength {signal.floor:g}"
         raise ValueError(msg)
-    total = signal + noise
-    if not total.num.any():
+    total = poly.trimmed(_total(signal, noise))
+    if not total[0]:
         msg = "signal, noise: expected one that is not zero, received neither"
         raise ValueError(msg)
-    B, _ = factor(total)
-    A_s, A_n = factor(signal)[1], factor(noise)[1]
-    zeros = np.roots(B)
-    if (np.abs(zeros.real) <= AXIS * np.abs(zeros)).any():
-        w = np.abs(zeros[np.abs(zeros.real) <= AXIS * np.abs(zeros)].imag).min()
-        msg = f"signal, noise: expected power at every frequency, received none at w = {w:g}"
+    silent = poly.negative(total, -poly.ROUNDING)
+    if silent or not total[-1]:
+        w = _frequency(*silent) if silent else "0"
+        msg = f"signal, noise: expected power at every frequency, received none at w = {w}"
         raise ValueError(msg)
-    # N_s(s)A_n(−s) = C(s)B(−s) + E(s)A_s(s): C/A_s is the causal part.
-    right = np.polymul(_in_s(signal.num), _mirrored(A_n))
-    C = _diophantine(_mirrored(B), A_s, right)
-    lead = B[0]
-    num, den = np.polymul(C, A_n) / lead, B / lead
-    num = _trimmed(_without_noise(num))
-    return Wiener(num, den, mean_square_error(num, den, signal, noise))
+    import mpmath
+
+    with mpmath.workdps(poly.DIGITS):
+        B, A_s, A_n = _half(total), _factors(signal)[1], _factors(noise)[1]
+        # N_s(s)A_n(−s) = C(s)B(−s) + E(s)A_s(s): C/A_s is the causal part.
+        right = poly.times(poly.in_s(poly.digits(poly.exact(signal.num))), poly.mirrored(A_n))
+        C = _diophantine(poly.mirrored(B), A_s, right)
+        # H is bounded: terms of C that would make it improper are 0 but for rounding.
+        num = poly.times(C, A_n)[-len(B) :]
+        num, den = [c / B[0] for c in num], [c / B[0] for c in B]
+        mse = float(_error(num, den, signal, noise))
+    return Wiener(_trimmed(np.array([float(c) for c in num])), np.array([float(c) for c in den]), mse)
 
 
 def mean_square_error(num: ArrayLike, den: ArrayLike, signal: Spectrum, noise: Spectrum) -> float:
@@ -367,131 +369,136 @@ def mean_square_error(num: ArrayLike, den: ArrayLike, signal: Spectrum, noise: S
     >>> round(384 * mean_square_error([0.5, 2], [1, 2], S, N), 9)
     19.0
     """
-    top, bottom = _filter(num, den)
-    total = 0.0
-    for through, spectrum in ((_trimmed(np.polysub(bottom, top)), signal), (top, noise)):
-        b, a = factor(spectrum)
-        upper, lower = np.polymul(through, b), np.polymul(bottom, a)
-        upper = _trimmed(np.where(np.abs(upper) > 1e-14 * np.abs(upper).max(initial=0.0), upper, 0.0))
-        if len(upper) >= len(lower) and upper.any():
+    import mpmath
+
+    with mpmath.workdps(poly.DIGITS):
+        top, bottom = (poly.digits(p) for p in _filter(num, den))
+        return float(_error(top, bottom, signal, noise))
+
+
+def _error(top: Polynomial, bottom: Polynomial, signal: Spectrum, noise: Spectrum) -> Any:
+    total = 0
+    for through, spectrum in ((poly.plus(bottom, [-c for c in top]), signal), (top, noise)):
+        b, a = _factors(spectrum)
+        upper, lower = poly.trimmed(poly.times(poly.trimmed(through), b)), poly.times(bottom, a)
+        if len(upper) >= len(lower) and upper[0]:
             msg = "num, den: expected a filter that white noise does not pass unattenuated, received an infinite error"
             raise ValueError(msg)
-        total += _power(upper, lower)
+        total += poly.power(upper, lower) if len(lower) > 1 else 0
     return total
 
 
-# Polynomials: descending powers; those in x = ω² become even ones in s by x = −s².
+# A spectrum and its factor ---------------------------------------------------------------------------------------------
+
+
+def _no_line(den: Polynomial) -> None:
+    """Refuse a denominator that is zero at a real frequency, or not above the rounding of its own terms."""
+    real, near = poly.negative(den, poly.ROUNDING), poly.negative(den, -poly.ROUNDING)
+    if real or not den[-1]:
+        where = math.sqrt(max(x.real for x in poly.roots(den) if x.imag == 0))
+        msg = (
+            f"spectrum: expected no pole at a real frequency, received one at w = {where:g}: "
+            "a line or a drift has no rational density"
+        )
+        raise ValueError(msg)
+    if near:
+        msg = (
+            "spectrum: expected a damping above the precision of the coefficients, received a denominator that is zero at "
+            f"w = {_frequency(*near)} to the rounding of its terms: a resonance with less damping looks like an undamped "
+            "line, which has no rational density"
+        )
+        raise ValueError(msg)
+
+
+def _nowhere_negative(num: Polynomial) -> None:
+    """Refuse a density that is negative by more than the rounding of its terms."""
+    found = poly.negative(num, poly.ROUNDING)
+    if found:
+        where = "for w → ∞" if found[1] is None else f"at w = {_frequency(*found)}"
+        msg = f"spectrum: expected a density >= 0 at every frequency, received a negative one {where}"
+        raise ValueError(msg)
+
+
+def _frequency(low: Fraction, high: Fraction | None) -> str:
+    """A frequency whose square is between two numbers, with as many digits as that takes."""
+    high = 4 * low + 1 if high is None else high
+    middle = math.sqrt((low + high) / 2)
+    texts = (f"{middle:.{digits}g}" for digits in range(3, 18))
+    return next((text for text in texts if low < Fraction(text) ** 2 < high), f"{middle!r}")
+
+
+def _factors(spectrum: Spectrum) -> tuple[Polynomial, Polynomial]:
+    """H = num/den with the digits of mpmath."""
+    return _root_polynomials(tuple(spectrum.num.tolist()), tuple(spectrum.den.tolist()))
+
+
+@lru_cache(maxsize=64)
+def _root_polynomials(num: tuple[float, ...], den: tuple[float, ...]) -> tuple[Polynomial, Polynomial]:
+    return _half(poly.exact(num)), _half(poly.exact(den))
+
+
+def _half(p: Polynomial) -> Polynomial:
+    """The polynomial h(s) without zeros in the right half-plane for which |h(jω)|² = p(ω²), p ≥ 0."""
+    import mpmath
+
+    with mpmath.workdps(poly.DIGITS):
+        roots = poly.roots(p)
+        touching = sorted(x.real for x in roots if x.imag == 0 and x.real > 0)
+        zeros = [-mpmath.sqrt(-x) for x in roots if x.imag != 0 or x.real <= 0]
+        # Where p touches zero its roots are double, or parted by rounding: p has none in between.
+        middles = (1j * mpmath.sqrt((a + b) / 2) for a, b in zip(touching[::2], touching[1::2], strict=True))
+        zeros += [zero for middle in middles for zero in (middle, -middle)]
+        h = [mpmath.sqrt(poly.digits(p)[0])]
+        for zero in zeros:
+            h = poly.times(h, [1, -zero])
+        return [mpmath.re(c) for c in h]
+
+
+def _total(signal: Spectrum, noise: Spectrum) -> Polynomial:
+    """The numerator of the sum of two spectra over the product of their denominators, exact."""
+    (n, d), (m, e) = ((poly.exact(each.num), poly.exact(each.den)) for each in (signal, noise))
+    return poly.plus(poly.times(n, e), poly.times(m, d))
+
+
+def _coefficients(name: str, p: Any) -> Polynomial:
+    """Numbers as fractions, without leading zeros."""
+    if isinstance(p, list) and p and all(isinstance(c, Fraction) for c in p):
+        return poly.trimmed(p)
+    return poly.trimmed(poly.exact(_check.shaped(name, p, ("terms",)).tolist()))
 
 
 def _trimmed(p: Array) -> Array:
     """Without leading zeros; 0 is [0]."""
-    p = np.trim_zeros(np.asarray(p, dtype=np.float64), "f")
+    p = np.trim_zeros(p, "f")
     return p if p.size else np.zeros(1)
 
 
-def _without_noise(p: Array) -> Array:
-    """Leading coefficients at the rounding level are zero."""
-    size = np.abs(p).max(initial=0.0)
-    significant = np.flatnonzero(np.abs(p) > 1e-13 * size)
-    start = int(significant[0]) if significant.size else 0
-    return np.where(np.arange(len(p)) < start, 0.0, p)
-
-
-def _mirrored(p: Array) -> Array:
-    """p(−s)."""
-    return np.where((np.arange(len(p))[::-1] % 2).astype(bool), -p, p)
-
-
-def _in_square(p: Array) -> Array:
-    """An even polynomial in s as one in ω² = −s²."""
-    even = p[::-1][::2][::-1]
-    return _mirrored(even)
-
-
-def _in_s(p: Array) -> Array:
-    """A polynomial in ω² as one in s."""
-    even = _mirrored(p)
-    wide = np.zeros(2 * len(p) - 1)
-    wide[::2] = even
-    return wide
-
-
-def _squared(p: Array) -> Array:
-    """|p(jω)|² as a polynomial in ω²."""
-    return _in_square(np.polymul(p, _mirrored(p)))
-
-
-def _polynomial(roots: Complex) -> Array:
-    return np.atleast_1d(np.real(np.poly(roots)))
-
-
-def _filter(num: ArrayLike, den: ArrayLike) -> tuple[Array, Array]:
+def _filter(num: ArrayLike, den: ArrayLike) -> tuple[Polynomial, Polynomial]:
     """The polynomials of a stable filter."""
-    top, bottom = (_trimmed(_check.shaped(name, p, ("terms",))) for name, p in (("num", num), ("den", den)))
-    poles = np.roots(bottom)
-    if not bottom.any() or len(top) > len(bottom) or (poles.real >= 0).any():
+    top, bottom = (_coefficients(name, p) for name, p in (("num", num), ("den", den)))
+    if not bottom[0] or len(top) > len(bottom) or not poly.stable(bottom):
+        poles = np.roots([float(c) for c in bottom])
         msg = f"num, den: expected a stable proper filter, received the poles {poles.tolist()}"
         raise ValueError(msg)
-    return top / bottom[0], bottom / bottom[0]
+    return [c / bottom[0] for c in top], [c / bottom[0] for c in bottom]
 
 
-def _left(x: Complex) -> Complex:
-    """The roots s of s² = −x in the left half-plane."""
-    return -np.sqrt(-x.astype(complex))
-
-
-def _on_axis(x: complex) -> bool:
-    s = np.sqrt(complex(-x))
-    return bool(abs(s.real) <= AXIS * abs(s))
-
-
-def _zeros(x: Complex) -> Complex:
-    """Zeros of the factor from those of S in ω²; at a real frequency S only touches zero, so they come in pairs."""
-    axis = np.array([_on_axis(value) and value != 0 for value in x], dtype=bool)
-    touching = np.sort(x[axis].real)
-    gaps = touching[1::2] - touching[::2] if len(touching) % 2 == 0 else np.array([np.inf])
-    if (gaps > 1e-5 * np.abs(touching[-1:])).any():
-        msg = (
-            "spectrum: expected a density >= 0 at every frequency, received one that changes its sign at w = "
-            f"{np.sqrt(abs(touching[0])):g}"
-        )
-        raise ValueError(msg)
-    middle = 1j * np.sqrt(np.abs(0.5 * (touching[::2] + touching[1::2])))
-    return np.concatenate([_left(x[~axis]), middle, -middle])
-
-
-def _diophantine(P: Array, A: Array, right: Array) -> Array:
+def _diophantine(P: Polynomial, A: Polynomial, right: Polynomial) -> Polynomial:
     """C of C·P + E·A = right with deg C < deg A, by the coefficients; P and A have no common root."""
+    import mpmath
+
     n, m = len(A) - 1, max(len(P) - 1, len(right) - len(A) + 1)
     size = n + m
     if not n:
-        return np.zeros(1)
+        return [mpmath.mpf(0)]
     columns = [_shifted(P, j, size) for j in range(n)] + [_shifted(A, j, size) for j in range(m)]
-    matrix = np.array(columns).T
-    scale = np.abs(matrix).max(axis=0)
-    solved = np.linalg.solve(matrix / scale, np.pad(right, (size - len(right), 0))) / scale
-    return solved[:n][::-1]
+    solved = mpmath.lu_solve(mpmath.matrix(columns).T, mpmath.matrix(_shifted(right, 0, size)))
+    return list(solved)[:n][::-1]
 
 
-def _shifted(p: Array, j: int, size: int) -> Array:
+def _shifted(p: Polynomial, j: int, size: int) -> Polynomial:
     """The coefficients of sʲp(s), padded to ``size`` (descending)."""
-    wide = np.concatenate([p, np.zeros(j)])
-    return np.pad(wide, (size - len(wide), 0))
-
-
-def _power(num: Array, den: Array) -> float:
-    """(1/2π)∫|num/den|²dω of a stable strictly proper filter: Lyapunov's equation of a companion form."""
-    n = len(den) - 1
-    if not n or not num.any():
-        return 0.0
-    # Time in units of the geometric mean of the poles, so that the companion form is balanced.
-    rate = abs(den[-1] / den[0]) ** (1 / n)
-    den = den / den[0] / rate ** np.arange(n + 1)
-    num = np.pad(num, (n - len(num), 0)) / rate ** np.arange(1, n + 1)
-    F = np.eye(n, k=1)
-    F[:, 0] = -den[1:]
-    P = scipy.linalg.solve_continuous_lyapunov(F, -np.outer(num, num))
-    return float(P[0, 0] * rate)
+    return [0] * (size - len(p) - j) + p + [0] * j
 
 
 def _expression(node: ast.AST, symbol: str, w: Any, text: str) -> Any:

@@ -159,7 +159,7 @@ def test_text_is_read_exactly() -> None:
         ("w/(w^2+1)", "text: expected an even function of w"),
         (
             "(w^2-1)/(w^2+4)^2",
-            "expected a density >= 0 at every frequency, received one that changes its sign at w = 1",
+            "expected a density >= 0 at every frequency, received a negative one at w = 0.7",
         ),
         ("-1/(w^2+4)", "expected a density >= 0 at every frequency, received a negative one for w → ∞"),
         ("1/(w^2+4", "text: expected a rational expression in w, received"),
@@ -187,7 +187,7 @@ def test_bad_numbers_are_refused() -> None:
             spectra.exponentials(terms)
     with pytest.raises(ValueError, match="terms: expected complex ones in conjugate pairs"):
         spectra.exponentials([(1.0, 1 + 1j)])
-    with pytest.raises(ValueError, match=r"changes its sign|negative"):
+    with pytest.raises(ValueError, match="received a negative one at w = "):
         spectra.exponentials([(1.0, 1.0), (-0.9, 0.5)])
     with pytest.raises(ValueError, match="den: expected a polynomial other than 0"):
         Spectrum([1], [0, 0])

@@ -1,0 +1,111 @@
+"""Transfer functions and spectra of the cases, judged with 40 digits, and the published Wiener filters."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import control
+import mpmath
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ctlabs import bucy, interop, observability, shaping, spectra
+from ctlabs.models import ContinuousModel, DiscreteModel
+from tests.cases import Case, near, numerics, peers
+
+Array = NDArray[Any]
+
+
+def tolerance(case: Case, name: str) -> float:
+    """The number in "relative 1e-9" or "|H| relative 1e-6"."""
+    return float(case["tolerance"][name].split()[-1])
+
+
+def resolved(A: Array, b: Array, s: Any) -> Any:
+    """(sI − A)⁻¹b with the digits of mpmath's context."""
+    pencil = s * mpmath.eye(len(A)) - mpmath.matrix(A.tolist())
+    return mpmath.lu_solve(pencil, mpmath.matrix(b.tolist()))
+
+
+def response(model: ContinuousModel, w: float, output: int = 0, source: int = 0) -> Any:
+    """H(jωI − F)⁻¹G + D of a model made with Q = 1, whose N is then D; 40 digits."""
+    with mpmath.workdps(40):
+        x = resolved(model.F, model.G[:, source], mpmath.mpc(0, w))
+        direct = 0.0 if model.N is None else model.N[source, output]
+        return mpmath.fsum(mpmath.mpf(h) * v for h, v in zip(model.H[output].tolist(), x, strict=True)) + direct
+
+
+def magnitude(model: DiscreteModel, w: float) -> float:
+    """|H| of a discrete model made with Q = 1 and R = 0, from the spectrum of its output; 40 digits."""
+    with mpmath.workdps(60):
+        z = mpmath.expj(mpmath.mpf(w) * model.dt)
+        # (zI − Φᵀ)⁻¹Hᵀ once gives H(zI − Φ)⁻¹ times anything.
+        left = resolved(np.array(model.Phi.T), model.H[0], z)
+        row = np.array(left.tolist(), dtype=object).ravel()
+        through = row @ np.vectorize(mpmath.mpf, otypes=[object])(model.Qd) @ np.vectorize(mpmath.conj)(row)
+        cross = 0 if model.N is None else (row @ np.vectorize(mpmath.mpf, otypes=[object])(model.N[:, 0]))
+        return float(mpmath.sqrt((through + 2 * cross + float(model.R[0, 0])).real))
+
+
+def made(case: Case, **more: Any) -> ContinuousModel | DiscreteModel:
+    """The model of a case's transfer function, driven by white noise of strength 1."""
+    given = case["given"]
+    system = control.tf(given["num"], given["den"], given.get("dt", 0))
+    n, inputs = case["right"]["states"], system.ninputs
+    return interop.from_control(system, Q=np.eye(inputs), P0=np.zeros((n, n)), noise="input", **more)
+
+
+PLANTS = [p for p in numerics("k7_*") if "states" in p.values[0]["right"]]
+SEVERAL = [p for p in PLANTS if isinstance(p.values[0]["given"]["den"][0], list)]
+SINGLE = [p for p in PLANTS if p not in SEVERAL]
+
+
+@pytest.mark.parametrize("case", [p for p in SINGLE if "dt" not in p.values[0]["given"]])
+@pytest.mark.parametrize("realisation", interop.REALISATIONS)
+def test_a_transfer_function_keeps_its_response(case: Case, realisation: str) -> None:
+    """Every coefficient counts, whatever its size; the way back through the model's polynomials ends where it began."""
+    model = made(case, realisation=realisation)
+    assert isinstance(model, ContinuousModel)
+    limit = tolerance(case, "response")
+    num, den = shaping.transfer_function(model)
+    for w, *right in case["right"]["response"]:
+        assert abs(response(model, w) / mpmath.mpc(*right) - 1) < limit
+        with mpmath.workdps(40):
+            back = mpmath.polyval(num.tolist(), mpmath.mpc(0, w)) / mpmath.polyval(den.tolist(), mpmath.mpc(0, w))
+            direct = 0.0 if model.N is None else model.N[0, 0]
+            assert abs((back + direct) / mpmath.mpc(*right) - 1) < limit
+    if "direct" in case["right"]:
+        assert model.N is not None
+        assert model.N[0, 0] == case["right"]["direct"]
+    if "G_observable_form" in case["right"] and realisation == "observable":
+        assert model.G[:, 0].tolist() == case["right"]["G_observable_form"]
+
+
+@pytest.mark.parametrize("case", [p for p in SINGLE if "dt" in p.values[0]["given"]])
+def test_a_digital_filter_keeps_its_response(case: Case) -> None:
+    """Numerators below 1e-14 are what a slow digital filter has."""
+    model = made(case, R=[[0.0]])
+    assert isinstance(model, DiscreteModel)
+    for w, *right in case["right"]["response"]:
+        assert abs(magnitude(model, w) / abs(complex(*right)) - 1) < tolerance(case, "response")
+
+
+@pytest.mark.parametrize("case", SEVERAL)
+def test_several_inputs_and_outputs_go_by_columns(case: Case) -> None:
+    """Each response is that of its entry, and the states are named after their input."""
+    model = made(case)
+    assert isinstance(model, ContinuousModel)
+    for i, row in enumerate(case["right"]["response"]):
+        for j, entry in enumerate(row):
+            for w, *right in entry:
+                assert abs(response(model, w, i, j) / mpmath.mpc(*right) - 1) < tolerance(case, "response")
+    named = [name.partition("_")[0] for name in model.states]
+    assert named == (["u1", "u1", "u2", "u2"] if model.s == 2 else ["x1", "x2", "x3"])
+
+
+@pytest.mark.parametrize("case", numerics("k7_improper"))
+def test_an_improper_function_is_refused(case: Case) -> None:
+    """It differentiates white noise."""
+    with pytest.raises(ValueError, match="expected a proper transfer function.*differentiates"):
+        interop.from_control(control.tf(case["given"]["num"], case["given"]["den"]), Q=[[1]], P0=[[0]])
