@@ -21,9 +21,10 @@ from numpy.typing import ArrayLike, NDArray
 from ctlabs import _check
 from ctlabs._check import Array
 from ctlabs.linalg.resolvent import resolvent
+from ctlabs.linalg.units import balanced
 from ctlabs.models import ContinuousModel
 
-#: A mode is on the imaginary axis when its distance from it is below this fraction of the size of F.
+#: A mode is on the imaginary axis when its distance from it is below this fraction of the size of F in balanced units.
 MARGIN = 1e-12
 
 
@@ -303,7 +304,9 @@ def stationary_covariance(model: ContinuousModel) -> Array:
     values = np.linalg.eigvals(model.F)
     worst = values[values.real.argmax()]
     if worst.real < -_margin(model.F):
-        P = scipy.linalg.solve_continuous_lyapunov(model.F, -W)
+        x, t = balanced(model.F, W, continuous=True)
+        unit = np.outer(x, x)
+        P = scipy.linalg.solve_continuous_lyapunov(model.F * x * t / x[:, None], -W * t / unit) * unit
         return 0.5 * (P + P.T)
     flow = model.F @ model.P0
     terms = 2 * np.abs(model.F) @ np.abs(model.P0)
@@ -485,7 +488,9 @@ def _output(model: ContinuousModel, output: int) -> Array:
 
 
 def _margin(F: Array) -> float:
-    return MARGIN * max(np.abs(F).max(initial=0.0), np.finfo(float).tiny)
+    """What counts as 0 among the modes' rates: rounding beside the elements of F in units in which they are alike."""
+    x = balanced(F, continuous=True).states
+    return MARGIN * max(np.abs(F * x / x[:, None]).max(initial=0.0), np.finfo(float).tiny)
 
 
 def _mode(value: complex) -> str:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import ast
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -40,15 +40,16 @@ class Spectrum:
 
     Parameters
     ----------
-    num, den : coefficients in descending powers of ω², numbers or fractions
+    num, den : coefficients in descending powers of ω²: numbers, or fractions, which are kept as they are
+    rounded : whether they are known to their rounding alone; numbers are unless said otherwise, fractions are not
 
     Raises
     ------
     ValueError
         What no process has: a density that is negative somewhere or grows beyond all bounds (num of higher degree than
-        den), and what is none: a pole at a real frequency, where the power is infinite. Coefficients are taken as known to
-        their rounding: a density that falls below zero by less than that of its own terms touches zero, and a denominator
-        that is not above it has an undamped line.
+        den), and what is none: a pole at a real frequency, where the power is infinite. With rounded coefficients a
+        density that falls below zero by less than the rounding of its own terms touches zero, and a denominator that is
+        not above it may have an undamped line.
 
     >>> S = Spectrum([10], [1, 25])
     >>> float(S(0.0)), float(S.power)
@@ -57,8 +58,18 @@ class Spectrum:
 
     num: Array
     den: Array
+    exact: tuple[tuple[Fraction, ...], tuple[Fraction, ...]] = field(repr=False)
+    slack: Fraction = field(repr=False)
 
-    def __init__(self, num: ArrayLike | Sequence[Fraction], den: ArrayLike | Sequence[Fraction]) -> None:
+    def __init__(
+        self,
+        num: ArrayLike | Sequence[Fraction],
+        den: ArrayLike | Sequence[Fraction],
+        *,
+        rounded: bool | None = None,
+    ) -> None:
+        if rounded is None:
+            rounded = not (_are_fractions(num) and _are_fractions(den))
         top, bottom = (_coefficients(name, p) for name, p in (("num", num), ("den", den)))
         if not bottom[0]:
             msg = "den: expected a polynomial other than 0, received 0"
@@ -69,12 +80,14 @@ class Spectrum:
                 f"{len(top) - 1}: the density grows without bound"
             )
             raise ValueError(msg)
-        for name, p in (("num", top), ("den", bottom)):
-            array = np.array([double(name, c / bottom[0]) for c in p])
+        object.__setattr__(self, "exact", tuple(tuple(c / bottom[0] for c in p) for p in (top, bottom)))
+        object.__setattr__(self, "slack", poly.ROUNDING if rounded else Fraction(0))
+        for name, p in zip(("num", "den"), self.exact, strict=True):
+            array = np.array([double(name, c) for c in p])
             array.setflags(write=False)
             object.__setattr__(self, name, array)
-        _no_line(poly.exact(self.den))
-        _nowhere_negative(poly.exact(self.num))
+        _no_line(self.exact[1], self.slack)
+        _nowhere_negative(self.exact[0], self.slack)
 
     def __call__(self, w: ArrayLike) -> Array:
         """S(ω) at ω in rad/s, any shape."""
@@ -83,7 +96,8 @@ class Spectrum:
 
     def __add__(self, other: Spectrum) -> Spectrum:
         """The spectrum of the sum of two uncorrelated processes."""
-        return Spectrum(_total(self, other), poly.times(poly.exact(self.den), poly.exact(other.den)))
+        den = poly.times(self.exact[1], other.exact[1])
+        return Spectrum(_total(self, other), den, rounded=bool(self.slack or other.slack))
 
     @property
     def floor(self) -> float:
@@ -103,8 +117,8 @@ class Spectrum:
         >>> Spectrum([1], [1]).through([1], [1, 2]).den
         array([1., 4.])
         """
-        parts = zip((self.num, self.den), _filter(num, den), strict=True)
-        return Spectrum(*(poly.times(poly.exact(own), poly.squared(p)) for own, p in parts))
+        top, bottom = (poly.times(own, poly.squared(p)) for own, p in zip(self.exact, _filter(num, den), strict=True))
+        return Spectrum(top, bottom, rounded=bool(self.slack))
 
 
 class Wiener(NamedTuple):
@@ -211,7 +225,7 @@ def white(strength: float) -> Spectrum:
     if isinstance(strength, bool) or not np.isfinite(strength) or strength < 0:
         msg = f"strength: expected a number >= 0, received {strength!r}"
         raise ValueError(msg)
-    return Spectrum([strength], [1])
+    return Spectrum([Fraction(float(strength))], [Fraction(1)])
 
 
 def of(model: ContinuousModel, output: int = 0) -> Spectrum:
@@ -239,7 +253,8 @@ def of(model: ContinuousModel, output: int = 0) -> Spectrum:
         weight, product = Fraction(float(factor_)), poly.times(p, poly.mirrored(q))
         num = poly.plus(num, [weight * c for c in product])
         size = poly.plus(size, [abs(weight) * c for c in poly.times([abs(c) for c in p], [abs(c) for c in q])])
-    return Spectrum(poly.without_rounding(poly.in_square(num), [abs(c) for c in poly.in_square(size)]), poly.squared(den))
+    num = poly.without_rounding(poly.in_square(num), [abs(c) for c in poly.in_square(size)])
+    return Spectrum(num, poly.squared(den), rounded=True)
 
 
 def factor(spectrum: Spectrum) -> tuple[Array, Array]:
@@ -251,8 +266,8 @@ def factor(spectrum: Spectrum) -> tuple[Array, Array]:
     -------
     num, den : descending powers of s; den is monic, num[0] ≥ 0
 
-    A zero of order 2k on the axis of S becomes one of order k; rounding of the coefficients, which parts the zeros by the k-th
-    root of it, parts them here too.
+    A zero of order 2k on the axis of S becomes one of order k. The rounding of coefficients parts such zeros by its 2k-th root,
+    in S and therefore here; |H|² is S all the same.
 
     >>> factor(parse("(w^2+16)/(4*(w^2+4))"))
     (array([0.5, 2. ]), array([1., 2.]))
@@ -334,21 +349,20 @@ def wiener(signal: Spectrum, noise: Spectrum) -> Wiener:
     if signal.floor:
         msg = f"signal: expected a finite power, received a white part of strength {signal.floor:g}"
         raise ValueError(msg)
-    total = poly.trimmed(_total(signal, noise))
+    total, slack = poly.trimmed(_total(signal, noise)), max(signal.slack, noise.slack)
     if not total[0]:
         msg = "signal, noise: expected one that is not zero, received neither"
         raise ValueError(msg)
-    silent = poly.negative(total, -poly.ROUNDING)
-    if silent or not total[-1]:
-        w = _frequency(*silent) if silent else "0"
-        msg = f"signal, noise: expected power at every frequency, received none at w = {w}"
+    silent = poly.touching(total, slack)
+    if silent:
+        msg = f"signal, noise: expected power at every frequency, received none at w = {_frequency(*silent)}"
         raise ValueError(msg)
     import mpmath
 
     with mpmath.workdps(poly.DIGITS):
-        B, A_s, A_n = _half(total), _factors(signal)[1], _factors(noise)[1]
+        B, A_s, A_n = _half(tuple(total)), _factors(signal)[1], _factors(noise)[1]
         # N_s(s)A_n(−s) = C(s)B(−s) + E(s)A_s(s): C/A_s is the causal part.
-        right = poly.times(poly.in_s(poly.digits(poly.exact(signal.num))), poly.mirrored(A_n))
+        right = poly.times(poly.in_s(poly.digits(signal.exact[0])), poly.mirrored(A_n))
         C = _diophantine(poly.mirrored(B), A_s, right)
         # H is bounded: terms of C that would make it improper are 0 but for rounding.
         num = poly.times(C, A_n)[-len(B) :]
@@ -391,10 +405,10 @@ def _error(top: Polynomial, bottom: Polynomial, signal: Spectrum, noise: Spectru
 # A spectrum and its factor ---------------------------------------------------------------------------------------------
 
 
-def _no_line(den: Polynomial) -> None:
+def _no_line(den: Sequence[Fraction], slack: Fraction) -> None:
     """Refuse a denominator that is zero at a real frequency, or not above the rounding of its own terms."""
-    real, near = poly.negative(den, poly.ROUNDING), poly.negative(den, -poly.ROUNDING)
-    if real or not den[-1]:
+    near = poly.touching(den, slack)
+    if near and (not slack or not den[-1] or poly.negative(den, slack)):
         where = math.sqrt(max(x.real for x in poly.roots(den) if x.imag == 0))
         msg = (
             f"spectrum: expected no pole at a real frequency, received one at w = {where:g}: "
@@ -402,17 +416,18 @@ def _no_line(den: Polynomial) -> None:
         )
         raise ValueError(msg)
     if near:
+        where = math.sqrt((near[0] + near[1]) / 2)
         msg = (
             "spectrum: expected a damping above the precision of the coefficients, received a denominator that is zero at "
-            f"w = {_frequency(*near)} to the rounding of its terms: a resonance with less damping looks like an undamped "
+            f"w = {where:.6g} to the rounding of its terms: a resonance with less damping looks like an undamped "
             "line, which has no rational density"
         )
         raise ValueError(msg)
 
 
-def _nowhere_negative(num: Polynomial) -> None:
+def _nowhere_negative(num: Sequence[Fraction], slack: Fraction) -> None:
     """Refuse a density that is negative by more than the rounding of its terms."""
-    found = poly.negative(num, poly.ROUNDING)
+    found = poly.negative(num, slack)
     if found:
         where = "for w → ∞" if found[1] is None else f"at w = {_frequency(*found)}"
         msg = f"spectrum: expected a density >= 0 at every frequency, received a negative one {where}"
@@ -422,6 +437,8 @@ def _nowhere_negative(num: Polynomial) -> None:
 def _frequency(low: Fraction, high: Fraction | None) -> str:
     """A frequency whose square is between two numbers, with as many digits as that takes."""
     high = 4 * low + 1 if high is None else high
+    if low == high:
+        return f"{math.sqrt(low):g}"
     middle = math.sqrt((low + high) / 2)
     texts = (f"{middle:.{digits}g}" for digits in range(3, 18))
     return next((text for text in texts if low < Fraction(text) ** 2 < high), f"{middle!r}")
@@ -429,15 +446,20 @@ def _frequency(low: Fraction, high: Fraction | None) -> str:
 
 def _factors(spectrum: Spectrum) -> tuple[Polynomial, Polynomial]:
     """H = num/den with the digits of mpmath."""
-    return _root_polynomials(tuple(spectrum.num.tolist()), tuple(spectrum.den.tolist()))
+    num, den = spectrum.exact
+    return _half(_raised(num, spectrum.slack)), _half(den)
+
+
+def _raised(num: tuple[Fraction, ...], slack: Fraction) -> tuple[Fraction, ...]:
+    """A numerator that rounding has made negative, with the least part of the slack that makes it nonnegative."""
+    share = Fraction(0)
+    while share < slack and poly.negative(num, share):
+        share = min(2 * share, slack) or Fraction(1, 2**54)
+    return tuple(c + share * abs(c) for c in num)
 
 
 @lru_cache(maxsize=64)
-def _root_polynomials(num: tuple[float, ...], den: tuple[float, ...]) -> tuple[Polynomial, Polynomial]:
-    return _half(poly.exact(num)), _half(poly.exact(den))
-
-
-def _half(p: Polynomial) -> Polynomial:
+def _half(p: tuple[Fraction, ...]) -> Polynomial:
     """The polynomial h(s) without zeros in the right half-plane for which |h(jω)|² = p(ω²), p ≥ 0."""
     import mpmath
 
@@ -445,9 +467,8 @@ def _half(p: Polynomial) -> Polynomial:
         roots = poly.roots(p)
         touching = sorted(x.real for x in roots if x.imag == 0 and x.real > 0)
         zeros = [-mpmath.sqrt(-x) for x in roots if x.imag != 0 or x.real <= 0]
-        # Where p touches zero its roots are double, or parted by rounding: p has none in between.
-        middles = (1j * mpmath.sqrt((a + b) / 2) for a, b in zip(touching[::2], touching[1::2], strict=True))
-        zeros += [zero for middle in middles for zero in (middle, -middle)]
+        # Where p touches zero its roots are double: one of each pair goes to h(s), the other to h(−s).
+        zeros += [sign * 1j * mpmath.sqrt(x) for x in touching[::2] for sign in (1, -1)]
         h = [mpmath.sqrt(poly.digits(p)[0])]
         for zero in zeros:
             h = poly.times(h, [1, -zero])
@@ -456,13 +477,17 @@ def _half(p: Polynomial) -> Polynomial:
 
 def _total(signal: Spectrum, noise: Spectrum) -> Polynomial:
     """The numerator of the sum of two spectra over the product of their denominators, exact."""
-    (n, d), (m, e) = ((poly.exact(each.num), poly.exact(each.den)) for each in (signal, noise))
+    (n, d), (m, e) = signal.exact, noise.exact
     return poly.plus(poly.times(n, e), poly.times(m, d))
+
+
+def _are_fractions(p: Any) -> bool:
+    return isinstance(p, list | tuple) and len(p) > 0 and all(isinstance(c, Fraction) for c in p)
 
 
 def _coefficients(name: str, p: Any) -> Polynomial:
     """Numbers as fractions, without leading zeros."""
-    if isinstance(p, list) and p and all(isinstance(c, Fraction) for c in p):
+    if _are_fractions(p):
         return poly.trimmed(p)
     return poly.trimmed(poly.exact(_check.shaped(name, p, ("terms",)).tolist()))
 

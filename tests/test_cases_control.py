@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ctlabs import bucy, interop, observability, shaping, spectra
+from ctlabs import bucy, interop, shaping, spectra
 from ctlabs.models import ContinuousModel, DiscreteModel
 from tests.cases import Case, near, numerics, peers
 
@@ -107,5 +107,67 @@ def test_several_inputs_and_outputs_go_by_columns(case: Case) -> None:
 @pytest.mark.parametrize("case", numerics("k7_improper"))
 def test_an_improper_function_is_refused(case: Case) -> None:
     """It differentiates white noise."""
-    with pytest.raises(ValueError, match="expected a proper transfer function.*differentiates"):
+    with pytest.raises(ValueError, match=r"expected a proper transfer function.*differentiates"):
         interop.from_control(control.tf(case["given"]["num"], case["given"]["den"]), Q=[[1]], P0=[[0]])
+
+
+def spectrum_at(num: Any, den: Any, w: float) -> float:
+    """|num/den|² at s = jω with 40 digits."""
+    with mpmath.workdps(40):
+        top, bottom = (mpmath.polyval([mpmath.mpf(c) for c in p], mpmath.mpc(0, w)) for p in (num, den))
+        return float(abs(top / bottom) ** 2)
+
+
+FACTORED = [p for p in numerics("k8_*") if "S" in p.values[0]["right"]]
+REFUSED = [p for p in numerics("k8_*") if p.values[0]["right"].get("refused")]
+RESONANCES = [p for p in numerics("k8_*") if "or_refused_says" in p.values[0]["right"]]
+
+
+@pytest.mark.parametrize("case", FACTORED)
+def test_multiple_zeros_and_poles_factor(case: Case) -> None:
+    """Zeros of any even order on the axis, clusters of them, and poles of order 8."""
+    num, den = spectra.factor(spectra.parse(case["given"]["spectrum"]))
+    largest = max(S for _, S in case["right"]["S"])
+    for w, S in case["right"]["S"]:
+        found = spectrum_at(num, den, w)
+        assert abs(found - S) < (1e-6 * S if S > 1e-9 * largest else 1e-15 * largest)
+    for name, p in (("num", num), ("den", den)):
+        assert np.allclose(p, case["right"][name], rtol=1e-14, atol=0)
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_negative_density_is_refused_with_its_frequency(case: Case) -> None:
+    """However narrow the band, the message names a frequency inside it."""
+    with pytest.raises(ValueError, match="expected a density >= 0 at every frequency, received a negative one") as caught:
+        spectra.parse(case["given"]["spectrum"])
+    low, high = case["right"]["negative_between"]
+    assert low < float(str(caught.value).rpartition("w = ")[2]) < high
+
+
+@pytest.mark.parametrize("case", RESONANCES)
+def test_a_faint_damping_is_found_or_said_to_be_lost(case: Case) -> None:
+    """A text says it exactly; doubles hold a damping of 1e-6, and of 1e-8 no more, which is no pole at a real frequency."""
+    exact = spectra.parse(case["given"]["spectrum"])
+    assert abs(spectra.factor(exact)[1][1] / case["right"]["den"][1] - 1) < 1e-12
+    if case["right"]["or_refused_says"]:
+        with pytest.raises(ValueError, match=r"above the precision of the coefficients.* at w = 1 ") as caught:
+            spectra.Spectrum(exact.num, exact.den)
+        assert "pole at a real frequency" not in str(caught.value)
+        return
+    _, den = spectra.factor(spectra.Spectrum(exact.num, exact.den))
+    assert abs(den[1] / case["right"]["den"][1] - 1) < float(case["tolerance"]["damping"].split()[-1])
+
+
+@pytest.mark.parametrize("published", peers("spectra"))
+def test_published_wiener_filters(published: Case) -> None:
+    """By the spectra, and by the Kalman-Bucy filter of the shaping filter."""
+    signal, white = spectra.parse(published["given"]["signal"]), published["given"]["white"]
+    found = spectra.wiener(signal, spectra.white(white))
+    block = spectra.shaping_filter(signal)
+    limit = bucy.steady(ContinuousModel(block.F, block.G, block.Q, block.H, Rc=[[white]], P0=block.P0))
+    expected, tolerances = published["expected"], published["tolerance"]
+    near(found.mse, expected["mse"], tolerances["mse"])
+    near((block.H @ limit.P @ block.H.T)[0, 0], expected["mse"], tolerances["mse"])
+    if "pole" in expected:
+        near(np.roots(found.den)[0], expected["pole"], tolerances["pole"])
+        near(limit.poles[0], expected["pole"], tolerances["pole"])

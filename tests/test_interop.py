@@ -7,6 +7,8 @@ from dataclasses import replace
 from typing import Any
 
 import control
+import hypothesis.strategies as st
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -14,8 +16,9 @@ from numpy.typing import NDArray
 
 from ctlabs import bucy, interop, kalman, sensitivity, shaping
 from ctlabs.models import ContinuousModel, DiscreteModel
+from tests.cases import numerics
 from tests.reference import EXACT, SOLVER, broken, close
-from tests.strategies import continuous_models, discrete_models, record
+from tests.strategies import continuous_models, discrete_models, record, seeds
 
 Array = NDArray[Any]
 W = np.array([0.1, 1.0, 7.0])
@@ -127,6 +130,93 @@ def test_known_inputs_of_a_discrete_system_become_its_offset() -> None:
         interop.from_control(system, **common)
 
 
+@settings(max_examples=100)
+@given(n=st.integers(1, 8), zeros=st.integers(0, 8), decades=st.floats(0, 20), seed=seeds, reachable=st.booleans())
+def test_the_response_is_the_ratio_of_the_polynomials(
+    n: int, zeros: int, decades: float, seed: int, reachable: bool
+) -> None:
+    """Coefficients over twenty decades and both signs: H(jωI − F)⁻¹G + D is num/den to the rounding of their terms."""
+    rng = np.random.default_rng(seed)
+    num, den = (
+        rng.choice([-1, 1], size=size) * 10.0 ** rng.uniform(-decades / 2, decades / 2, size=size)
+        for size in (min(zeros, n) + 1, n + 1)
+    )
+    model = interop.from_control(
+        (num, den), Q=[[1.0]], P0=np.zeros((n, n)), noise="input",
+        realisation="reachable" if reachable else "observable",
+    )  # fmt: skip
+    assert isinstance(model, ContinuousModel)
+    D = 0.0 if model.N is None else model.N[0, 0]
+    eps = np.finfo(float).eps
+    with mpmath.workdps(60):
+        for w in 10.0 ** rng.uniform(-decades / n - 1, decades / n + 1, size=4):
+            x = mpmath.lu_solve(
+                mpmath.mpc(0, w) * mpmath.eye(n) - mpmath.matrix(model.F.tolist()), mpmath.matrix(model.G[:, 0].tolist())
+            )
+            found = mpmath.fsum(mpmath.mpf(h) * v for h, v in zip(model.H[0].tolist(), x, strict=True)) + D
+            top, bottom = (mpmath.polyval(p.tolist(), mpmath.mpc(0, w)) for p in (num, den))
+            above, below = (mpmath.polyval(np.abs(p).tolist(), w) for p in (num, den))
+            # Each coefficient is rounded once, those of num beside D times those of den.
+            bound = 2 * eps * (above + abs(D) * below + abs(top / bottom) * below) / abs(bottom)
+            assert abs(found - top / bottom) <= bound
+
+
+@pytest.mark.parametrize("realisation", interop.REALISATIONS)
+def test_the_states_are_those_of_python_control_where_it_works(realisation: str) -> None:
+    """Its observable and reachable forms of a plant that its rank test passes have the same states."""
+    system = control.tf([1.0, 4.0, 2.0], [2.0, 3.0, 5.0, 1.5])
+    own = getattr(control, f"{realisation}_form")(control.ss(system))[0]
+    model = interop.from_control(system, Q=[[1.0]], P0=np.zeros((3, 3)), realisation=realisation)
+    assert isinstance(model, ContinuousModel)
+    for name, right in (("F", own.A), ("G", own.B), ("H", own.C)):
+        assert close(getattr(model, name), right, EXACT), name
+
+
+def test_outputs_share_the_states_of_one_denominator() -> None:
+    """Two outputs over one denominator and one over another: 2 + 1 states of the first input, 1 of the second."""
+    den, lag = [1.0, 2.0, 5.0], [1.0, 3.0]
+    system = control.tf(
+        [[[1.0], [1.0]], [[2.0, 3.0], [0.0]], [[4.0], [1.0]]], [[den, lag], [den, [1.0]], [lag, lag]],
+        inputs=["gust", "u[1]"], outputs=["y[0]", "y[1]", "y[2]"],
+    )  # fmt: skip
+    model = interop.from_control(system, Q=np.eye(2), P0=np.zeros((4, 4)))
+    assert isinstance(model, ContinuousModel)
+    assert model.states == ("gust_1", "gust_2", "gust_3", "u[1]_1")
+    s = 2.0j
+    found = model.H @ np.linalg.solve(s * np.eye(4) - model.F, model.G)
+    a, b = np.polyval(den, s), np.polyval(lag, s)
+    assert close(found, [[1 / a, 1 / b], [(2 * s + 3) / a, 0], [4 / b, 1 / b]], EXACT)
+
+
+@given(order=st.integers(1, 12), phase=st.floats(0.01, 40.0), seconds=st.sampled_from([1e-6, 0.01, 3.0, 1e4]))
+def test_a_delay_states_its_error(order: int, phase: float, seconds: float) -> None:
+    """The response differs from exp(−jωT) by at most the error at every frequency up to the given one, and by nearly it."""
+    lag = interop.delay(seconds, order, phase / seconds)
+    with mpmath.workdps(60):
+        for share in (0.1, 0.5, 0.9, 1.0):
+            w = mpmath.mpf(share * phase) / seconds
+            s = mpmath.mpc(0, w)
+            found = mpmath.polyval(lag.num.tolist(), s) / mpmath.polyval(lag.den.tolist(), s)
+            actual = abs(found - mpmath.exp(-s * mpmath.mpf(seconds)))
+            assert actual <= lag.error * (1 + 1e-12)
+    if 1e-12 < lag.error < 0.1 and phase < order:
+        assert lag.error < 1.5 * actual
+
+
+@pytest.mark.parametrize("case", [p for p in numerics("k7_pade_*")])
+def test_the_delays_of_the_cases(case: Any) -> None:
+    """Padé's coefficients for 10 ms, and errors that bound those computed with sixty digits."""
+    order = case["right"]["states"]
+    for w, error in case["right"]["error_of_the_delay"]:
+        lag = interop.delay(0.01, order, w)
+        assert close(lag.den / lag.den[-1], np.array(case["given"]["den"]) / case["given"]["den"][-1], EXACT)
+        assert close(lag.num / lag.den[-1], np.array(case["given"]["num"]) / case["given"]["den"][-1], EXACT)
+        assert error <= lag.error
+    for arguments in ((0.0, 1, 1.0), (1.0, 0, 1.0), (1.0, 1, -1.0)):
+        with pytest.raises(ValueError, match="seconds|order|up_to"):
+            interop.delay(*arguments)
+
+
 TF = control.tf([1], [1, 1])
 ONE: dict[str, Any] = {"Q": [[1.0]], "P0": [[1.0]]}
 
@@ -136,7 +226,12 @@ ONE: dict[str, Any] = {"Q": [[1.0]], "P0": [[1.0]]}
     [
         (control.tf([1, 0, 0], [1, 1]), ONE, ValueError, "expected a proper transfer function, received degree 2 over 1"),
         (control.tf([2], [1]), ONE, ValueError, "a transfer function with poles, received the constant 2"),
-        (control.tf([1, 1], [1, 3, 2]), ONE, ValueError, "without common factors"),
+        (control.tf([[[2], [3]]], [[[1], [4]]]), ONE, ValueError, "with poles, received the constant .*2.0, 0.75"),
+        (control.tf([1], [1, 1], None), ONE, ValueError, "received dt=None, which leaves it open"),
+        (control.ss([[-1]], [[1]], [[1]], 0, None), ONE, ValueError, "received dt=None, which leaves it open"),
+        (([1], [1, 1], 0.1), ONE, ValueError, "coefficients .num, den., received a tuple of 3"),
+        (control.tf([1e-300], [1e30, 1e30]), ONE, ValueError, "num: expected coefficients within double precision"),
+        (control.tf([1], [1e-300, 1e30]), ONE, ValueError, "within double precision .*, received larger ones"),
         (control.tf([1], [1, 0.5], True), ONE | {"R": [[1.0]]}, ValueError, "expected a period dt in seconds"),
         (control.tf([1], [1, 0.5], 0.1), ONE, ValueError, "R: expected the covariance"),
         (control.tf([1], [1, 0.5], 0.1), ONE | {"Rc": [[1.0]]}, ValueError, "Rc: expected None with a discrete system"),
@@ -152,14 +247,10 @@ ONE: dict[str, Any] = {"Q": [[1.0]], "P0": [[1.0]]}
             control.ss([[-1]], [[1, 1]], [[1]], [[0, 2]]), ONE | {"noise": 0}, ValueError,
             "D: expected no direct path from a known input",
         ),
-        (
-            control.tf([[[1], [1]]], [[[1, 1], [1, 2]]]), ONE, ValueError,
-            "expected a transfer function with one input and one output",
-        ),
     ],
 )  # fmt: skip
 def test_systems_that_make_no_model_are_refused(system: Any, more: Any, error: type[Exception], message: str) -> None:
-    """Improper, static, reducible, multivariable or mismatched systems, each with what to do instead."""
+    """Improper, static or mismatched systems, no kind of time, numbers out of range, each with what to do instead."""
     with pytest.raises(error, match=message):
         interop.from_control(system, **more)
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 from typing import Any
 
 import hypothesis.strategies as st
+import mpmath
 import numpy as np
 import pytest
 import scipy.integrate
@@ -282,6 +284,117 @@ def test_no_other_stable_filter_is_better(signal: tuple[Array, Array], noise: tu
 
     integral = scipy.integrate.quad(density, 0, 1, limit=400)[0]
     assert close(best.mse, integral, 1e-5)
+
+
+@st.composite
+def touching_products(draw: st.DrawFn) -> tuple[list[tuple[Fraction, Fraction, int]], int]:
+    """Factors ((x − a)² + b)ᵐ of a numerator in x = ω², b = 0 or small, and a degree of the denominator that exceeds it."""
+    rng = np.random.default_rng(draw(seeds))
+    factors = []
+    for _ in range(draw(st.integers(1, 3))):
+        a = Fraction(round(float(rng.uniform(0.2, 9.0)), draw(st.integers(0, 3)))) + Fraction(1, 4)
+        b = Fraction(10) ** -int(rng.integers(0, 13)) if draw(st.booleans()) else Fraction(0)
+        factors.append((a, b, draw(st.integers(1, 3))))
+    return factors, 2 * sum(m for *_, m in factors) + draw(st.integers(0, 2))
+
+
+def expanded(factors: list[tuple[Fraction, Fraction, int]]) -> list[Fraction]:
+    """The product's coefficients, descending powers, exact."""
+    p = [Fraction(1)]
+    for a, b, m in factors:
+        for _ in range(m):
+            q = [Fraction(1), -2 * a, a * a + b]
+            p = [sum((q[j] * p[i - j] for j in range(3) if 0 <= i - j < len(p)), Fraction(0)) for i in range(len(p) + 2)]
+    return p
+
+
+@settings(max_examples=60)
+@given(touching_products(), st.sampled_from([-3, 0, 3]))
+def test_zeros_of_any_even_order_factor(product: tuple[list[tuple[Fraction, Fraction, int]], int], unit: int) -> None:
+    """|H|² = Π((ω²−a)² + b)ᵐ/(ω²+1)ⁿ to the rounding of its terms, from fractions and from doubles, in any unit of time."""
+    factors, degree = product
+    u = Fraction(4) ** (5 * unit)
+    num = [c * u**k for k, c in enumerate(expanded(factors))]
+    den = [c * u**k for k, c in enumerate(expanded([(Fraction(-1), Fraction(0), 1)] * degree))][: 2 * degree + 1]
+    for S in (Spectrum(num, den), Spectrum([float(c) for c in num], [float(c) for c in den])):
+        top, bottom = spectra.factor(S)
+        assert len(top) == len(num)
+        with mpmath.workdps(60):
+            for w in (0.0, 0.3, 1.1, *(float(a) ** 0.5 for a, _, _ in factors), 7.0):
+                x, s = mpmath.mpf(w) ** 2, mpmath.mpc(0, w * 2.0 ** (5 * unit))
+                right = mpmath.fprod(((x - float(a)) ** 2 + float(b)) ** m for a, b, m in factors) / (x + 1) ** (2 * degree)
+                terms = mpmath.fprod(((x + float(a)) ** 2 + float(b)) ** m for a, b, m in factors) / (x + 1) ** (2 * degree)
+                found = abs(mpmath.polyval(top.tolist(), s) / mpmath.polyval(bottom.tolist(), s)) ** 2
+                assert abs(found / mpmath.mpf(2.0) ** (10 * unit * (len(num) - len(den))) - right) < 1e-13 * terms
+        assert _left_half(top.tolist())
+
+
+def _left_half(p: list[float]) -> bool:
+    """Whether p(s + r) is a Hurwitz polynomial for a shift r of 1e-2 of its roots: no zero further to the right."""
+    n = len(p) - 1
+    unit = abs(p[-1] / p[0]) ** (1 / n)
+    with mpmath.workdps(60):
+        scaled = [mpmath.mpf(c) / p[0] / mpmath.mpf(unit) ** k for k, c in enumerate(p)]
+        row = mpmath.taylor(lambda s: mpmath.polyval(scaled, s), 1e-2, n)[::-1]
+        above, below = row[0::2], row[1::2]
+        while below:
+            if above[0] <= 0 or below[0] <= 0:
+                return False
+            ratio = above[0] / below[0]
+            above, below = below, [a - ratio * b for a, b in zip(above[1:], [*below[1:], 0], strict=False)]
+        return True
+
+
+@settings(max_examples=60)
+@given(touching_products(), seeds)
+def test_a_spectrum_pushed_below_zero_is_refused(
+    product: tuple[list[tuple[Fraction, Fraction, int]], int], seed: int
+) -> None:
+    """By 1e-12 of its terms at a zero (fractions: by 1e-30): the message names a frequency at which it is negative."""
+    factors, degree = product
+    a, _, m = factors[0]
+    factors[0] = (a, Fraction(0), m)
+    num, den = expanded(factors), expanded([(Fraction(-1), Fraction(0), 1)] * degree)
+    terms = sum(abs(c) * a**k for k, c in enumerate(reversed(num)))
+    for depth, given_as in ((Fraction(1, 10**12), float), (Fraction(1, 10**30), Fraction)):
+        pushed = [*num[:-1], num[-1] - depth * terms]
+        with pytest.raises(ValueError, match="received a negative one at w = ") as caught:
+            Spectrum([given_as(c) for c in pushed], [given_as(c) for c in den])
+        w = Fraction(str(caught.value).rpartition("w = ")[2])
+        assert sum(c * w ** (2 * k) for k, c in enumerate(reversed(pushed))) < 0
+    assert Spectrum(num, den).num.size == len(num)
+
+
+@pytest.mark.parametrize("unit", [1e-9, 1e-4, 1e5, 1e8])
+def test_no_answer_depends_on_the_unit_of_time(unit: float) -> None:
+    """Power, stationary covariance, the way back and the Wiener filter, with time in other units."""
+    terms = [(2.0, 1.0), (-0.4, 3.0), (0.5, 0.3 + 2j), (0.5, 0.3 - 2j)]
+    S, other = (spectra.exponentials([(c, a * u) for c, a in terms]) for u in (1.0, unit))
+    assert close(other.power, 2.6, EXACT)
+    block = spectra.shaping_filter(other)
+    assert close(block.P0[0, 0], 2.6, EXACT)
+    assert close(spectra.of(block)(W * unit), S(W) / unit, EXACT)
+    found = [spectra.wiener(each, spectra.white(0.3 / u)) for each, u in ((S, 1.0), (other, unit))]
+    assert close(found[0].mse, found[1].mse, EXACT)
+    H = [response(each.num, each.den, W * u) for each, u in zip(found, (1.0, unit), strict=True)]
+    assert close(H[0], H[1], EXACT)
+
+
+def test_fractions_are_exact_and_numbers_are_rounded() -> None:
+    """(ω²−1.1)⁶ from text has threefold zeros on the axis; an undamped line in doubles may be a faint resonance."""
+    num, _ = spectra.factor(spectra.parse("(w^2-1.1)^6/(w^2+1)^8"))
+    assert num[1::2].tolist() == [0, 0, 0]
+    assert close(num[::2], [1, 3.3, 3.63, 1.331], EXACT)
+    num, den = spectra.factor(spectra.parse("1/((w^2-1)^2+4e-20*w^2)"))
+    assert close(den[1], 2e-10, EXACT)
+    with pytest.raises(ValueError, match=r"expected a damping above the precision of the coefficients, .* w = 1 "):
+        Spectrum([1.0], [1.0, -2.0, 1.0])
+    with pytest.raises(ValueError, match="no pole at a real frequency, received one at w = 1:"):
+        spectra.parse("1/(w^2-1)^2")
+    with pytest.raises(ValueError, match="received a negative one for w → ∞"):
+        Spectrum([-1.0, 1.0], [1.0, 2.0, 1.0])
+    with pytest.raises(ValueError, match=r"num: expected coefficients within double precision .*, received smaller ones"):
+        Spectrum([1e-300], [1e30, 1e30])
 
 
 def test_lab_23_by_hand() -> None:

@@ -1,4 +1,4 @@
-r"""Polynomials with coefficients known exactly (fractions) or to a hundred digits (mpmath): signs, roots, integrals.
+r"""Polynomials with coefficients known exactly (fractions) or to sixty digits (mpmath): signs, roots, integrals.
 
 Coefficients are in descending powers. Those of a spectrum are doubles, each true to a rounding, and what follows from them is
 decided for them as they stand: where a polynomial is negative by isolating its real roots, without a tolerance between roots.
@@ -16,7 +16,9 @@ import numpy as np
 #: Coefficients: fractions, or numbers of mpmath.
 Polynomial = list[Any]
 #: Digits of roots and of what is made of them.
-DIGITS = 100
+DIGITS = 60
+#: Most steps of the iteration for the roots.
+STEPS = 500
 #: What the rounding of a polynomial's coefficients may be, in its own terms Σ|c_k|x^k.
 ROUNDING = Fraction(1, 2**46)
 
@@ -86,54 +88,73 @@ def without_rounding(p: Sequence[Any], size: Sequence[Any]) -> Polynomial:
 def negative(p: Sequence[Fraction], slack: Fraction = Fraction(0)) -> tuple[Fraction, Fraction | None] | None:
     r"""Where :math:`p(x) + slack\sum|c_k|x^k < 0` for x ≥ 0: bounds of an interval in which it is throughout; None if nowhere.
 
-    The upper bound is None where there is none. With a slack of minus the rounding, what is not found is positive whatever
-    the coefficients were before they were rounded; with plus the rounding, what is found is negative.
+    The upper bound is None where there is none. With the rounding of the coefficients as slack, what is found is negative
+    whatever they were before they were rounded.
 
     >>> negative([Fraction(1), Fraction(-3), Fraction(2)])
     (Fraction(1, 1), Fraction(2, 1))
     """
-    import sympy
-
-    p = trimmed([c + slack * abs(c) for c in p])
-    while len(p) > 1 and not p[-1]:
-        p = p[:-1]
-    if all(c >= 0 for c in p):
-        return None
-    if len(p) == 1:
-        return Fraction(0), None
-    unit = _unit(p)
-    scaled = sympy.Poly(_whole([c / unit**k for k, c in enumerate(p)]), sympy.Symbol("x"))
-    ends = [(low * unit, high * unit) for (low, high), count in _crossings(scaled) if count % 2]
-    if p[0] < 0:
+    p = [c + slack * abs(c) for c in p]
+    ends = [end for end, count in positive_roots(p) if count % 2]
+    if trimmed(p)[0] < 0:
         return (ends[-1][1] if ends else Fraction(0)), None
     if not ends:
         return None
     return (ends[-2][1] if len(ends) > 1 else Fraction(0)), ends[-1][0]
 
 
+def touching(p: Sequence[Fraction], slack: Fraction = Fraction(0)) -> tuple[Fraction, Fraction] | None:
+    r"""Where :math:`p(x) - slack\sum|c_k|x^k` is zero or negative for x ≥ 0, its highest coefficient being positive.
+
+    >>> touching([Fraction(1), Fraction(-2), Fraction(1)])
+    (Fraction(1, 1), Fraction(1, 1))
+    """
+    lower = [c - slack * abs(c) for c in p]
+    if not p[-1]:
+        return Fraction(0), Fraction(0)
+    found = negative(lower) if slack else None
+    if found and found[1] is not None:
+        return found[0], found[1]
+    return next((end for end, _ in positive_roots(lower)), None)
+
+
+def positive_roots(p: Sequence[Fraction]) -> list[tuple[tuple[Fraction, Fraction], int]]:
+    """Intervals about the positive roots, with gaps between them and before the first, and the roots' multiplicities."""
+    import sympy
+
+    p = trimmed(p)
+    while len(p) > 1 and not p[-1]:
+        p = p[:-1]
+    if all(c >= 0 for c in p) or all(c <= 0 for c in p):
+        return []
+    unit = _unit(p)
+    scaled = sympy.Poly(_whole([c / unit**k for k, c in enumerate(p)]), sympy.Symbol("x"))
+    simple = [Fraction(int(c)) for c in scaled.sqf_part().all_coeffs()]
+    ends: list[tuple[tuple[Fraction, Fraction], int]] = []
+    before, found = Fraction(0), scaled.intervals(inf=0)
+    sign = (-1) ** (len(found) - 1) * (1 if simple[0] > 0 else -1)  # to the right of the first root
+    for interval, count in found:
+        low, high = (Fraction(int(end.p), int(end.q)) for end in interval)
+        while low <= before < high:
+            middle = (low + high) / 2
+            low, high = (low, middle) if value(simple, middle) * sign > 0 else (middle, high)
+        ends.append(((low * unit, high * unit), count))
+        before, sign = high, -sign
+    return ends
+
+
+def value(p: Sequence[Any], x: Any) -> Any:
+    """p(x)."""
+    total = p[0] * 0
+    for c in p:
+        total = total * x + c
+    return total
+
+
 def _unit(p: Sequence[Fraction]) -> Fraction:
     """The geometric mean of the roots' magnitudes, rounded to a power of 2."""
     size = abs(p[-1] / p[0])
     return Fraction(2) ** round((math.log2(size.numerator) - math.log2(size.denominator)) / (len(p) - 1))
-
-
-def _crossings(p: Any) -> list[tuple[tuple[Fraction, Fraction], int]]:
-    """Intervals about the positive roots, narrow beside the gaps between them, and the roots' multiplicities."""
-    import sympy
-
-    found, width = p.intervals(inf=0), sympy.Integer(1)
-    while True:
-        ends = [(_bounds(interval), count) for interval, count in found if interval[1] > 0]
-        pairs = zip([Fraction(0), *(high for (_, high), _ in ends)], ends, strict=False)
-        if all(high - low <= (low - before) / 8 for before, ((low, high), _) in pairs):
-            return ends
-        width /= 64
-        found = p.intervals(inf=0, eps=width)
-
-
-def _bounds(interval: Any) -> tuple[Fraction, Fraction]:
-    low, high = (Fraction(int(end.p), int(end.q)) for end in interval)
-    return low, high
 
 
 def _whole(p: Sequence[Fraction]) -> list[int]:
@@ -173,10 +194,34 @@ def _simple(p: Sequence[Fraction]) -> list[Any]:
         return [mpmath.mpf(0), *_simple(p[:-1])]
     unit = _unit(p)
     scaled = [c / p[0] / unit**k for k, c in enumerate(p)]
-    # Newton's iteration of all roots at once needs starts that differ.
-    start = [complex(r) * (1 + 1e-9j * k) for k, r in enumerate(np.roots([float(c) for c in scaled]))]
-    found = mpmath.polyroots([_mp(c) for c in scaled], maxsteps=2000, extraprec=4 * DIGITS, roots_init=start)
+    found = _all_at_once([_mp(c) for c in scaled], np.roots([float(c) for c in scaled]))
     return [root * _mp(unit) for root in found]
+
+
+def _all_at_once(p: Polynomial, start: Any) -> list[Any]:
+    r"""Aberth's iteration: Newton's step for each root of p divided by the others' distances.
+
+    .. math:: r_i \leftarrow r_i - \frac{v_i}{1 - v_i\sum_{j\ne i}1/(r_i - r_j)}, \qquad v_i = p(r_i)/p'(r_i)
+    """
+    import mpmath
+
+    n, slope = len(p) - 1, [c * (len(p) - 1 - k) for k, c in enumerate(p[:-1])]
+    with mpmath.workdps(4 * DIGITS):
+        # The starts differ, and no line is an axis of symmetry, on which the iteration would stay.
+        found = [mpmath.mpc(r) * (1 + 1e-9 * mpmath.expj(k + 1)) for k, r in enumerate(start.tolist())]
+        limit = mpmath.mpf(10) ** (-2 * DIGITS)
+        for _ in range(STEPS):
+            largest = 0
+            for i in range(n):
+                newton = mpmath.polyval(p, found[i]) / (mpmath.polyval(slope, found[i]) or limit)
+                others = mpmath.fsum(1 / (found[i] - found[j]) for j in range(n) if j != i and found[i] != found[j])
+                step = newton / (1 - newton * others)
+                found[i] -= step
+                largest = max(largest, abs(step) / abs(found[i]))
+            if largest < limit:
+                return [r.real if abs(r.imag) < limit * abs(r) else r for r in found]
+    msg = f"polynomial: expected roots that {STEPS} steps of Aberth's iteration find, received a tighter cluster"
+    raise ValueError(msg)
 
 
 def _mp(x: Fraction) -> Any:
