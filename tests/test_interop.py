@@ -200,10 +200,10 @@ def test_a_delay_states_its_error(order: int, phase: float, seconds: float) -> N
             actual = abs(found - mpmath.exp(-s * mpmath.mpf(seconds)))
             assert actual <= lag.error * (1 + 1e-12)
     if 1e-12 < lag.error < 0.1 and phase < order:
-        assert lag.error < 1.5 * actual
+        assert lag.error < 2 * actual
 
 
-@pytest.mark.parametrize("case", [p for p in numerics("k7_pade_*")])
+@pytest.mark.parametrize("case", numerics("k7_pade_*"))
 def test_the_delays_of_the_cases(case: Any) -> None:
     """Padé's coefficients for 10 ms, and errors that bound those computed with sixty digits."""
     order = case["right"]["states"]
@@ -213,7 +213,7 @@ def test_the_delays_of_the_cases(case: Any) -> None:
         assert close(lag.num / lag.den[-1], np.array(case["given"]["num"]) / case["given"]["den"][-1], EXACT)
         assert error <= lag.error
     for arguments in ((0.0, 1, 1.0), (1.0, 0, 1.0), (1.0, 1, -1.0)):
-        with pytest.raises(ValueError, match="seconds|order|up_to"):
+        with pytest.raises(ValueError, match=r"(seconds|order|up_to): expected"):
             interop.delay(*arguments)
 
 
