@@ -28,6 +28,7 @@ from ctlabs._check import Array
 from ctlabs.discretise import ldl
 from ctlabs.linalg.resolvent import resolvent
 from ctlabs.models import ContinuousModel
+from ctlabs.text import moment
 
 if TYPE_CHECKING:
     import control
@@ -96,14 +97,15 @@ def transient(model: ContinuousModel, t: ArrayLike) -> Transient:
     t = _check.shaped("t", t, ("points",))
     steps = np.diff(t, prepend=0.0)
     if t.size and (t[0] < 0 or (steps[1:] <= 0).any()):
-        msg = f"t: expected increasing times >= 0, received {t.tolist() if t.size < 8 else f'{t[0]:g} … {t[-1]:g}'}"
+        shown = t.tolist() if t.size < 8 else f"{moment(t[0], t[-1])} … {moment(t[-1], t[0])}"
+        msg = f"t: expected increasing times >= 0, received {shown}"
         raise ValueError(msg)
     flow = _Flow(plain, float(t[-1]) if t.size else 0.0)
     P, rows = np.array(model.P0), np.empty((len(t), model.n, model.n))
     for k, now in enumerate(t):
         P = flow.to(float(now), P)
         if not np.isfinite(P).all():
-            msg = f"P: expected finite covariances, received an overflow by t = {t[k]:g} s"
+            msg = f"P: expected finite covariances, received an overflow by t = {moment(t[k])} s"
             raise FloatingPointError(msg)
         rows[k] = P
     return Transient(t, rows, plain.gain(rows))

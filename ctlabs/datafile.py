@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ctlabs._check import Array
+from ctlabs.text import moment
 
 #: Larger files are refused before they fill the memory.
 LARGEST = 256 * 2**20
@@ -294,8 +295,8 @@ def _increasing(t: Array, lines: Array, source: str) -> None:
         more = f" (so are {late.size - 1} more, next in line {lines[late[1]]})" if late.size > 1 else ""
         where, before = lines[late[0]], latest[late[0] - 1]
         raise ValueError(
-            f"{source}: line {where}, column t: expected a time after {before:g} (rows in the order of time), "
-            f"received {t[late[0]]:g}{more}"
+            f"{source}: line {where}, column t: expected a time after {moment(before, t[late[0]])} (rows in the order of time), "
+            f"received {moment(t[late[0]], before)}{more}"
         )
 
 

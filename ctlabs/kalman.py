@@ -24,6 +24,7 @@ from ctlabs import _check
 from ctlabs._check import Array
 from ctlabs.discretise import ldl
 from ctlabs.models import DiscreteModel, at
+from ctlabs.text import moment
 
 Mask = NDArray[Any]
 
@@ -224,7 +225,7 @@ def _covariances(model: DiscreteModel, steps: int, first: int, gaps: Mask | None
                 kf.P = _without_cancelled(kf.P, Phi, rows[-1][1].P_plus, Q)
         P_minus = kf.P
         if not np.isfinite(P_minus).all():
-            msg = f"P_minus: expected finite covariances, received an overflow at step {k} (t = {k * model.dt:g} s)"
+            msg = f"P_minus: expected finite covariances, received an overflow at step {k} (t = {moment(k * model.dt)} s)"
             raise FloatingPointError(msg)
         R = at(model.R, k, 2)
         if k < first or (gaps is not None and gaps[k].any()):
@@ -232,7 +233,7 @@ def _covariances(model: DiscreteModel, steps: int, first: int, gaps: Mask | None
         try:
             step = _update(kf, at(model.H, k, 2), R)
         except np.linalg.LinAlgError as error:
-            received = f"one singular by rounding at step {k} (t = {k * model.dt:g} s)"
+            received = f"one singular by rounding at step {k} (t = {moment(k * model.dt)} s)"
             msg = f"S: expected a covariance of the innovation with an inverse, received {received}"
             raise FloatingPointError(msg) from error
         kf.P = step.P_plus

@@ -22,6 +22,7 @@ from ctlabs import _check, forms, kalman
 from ctlabs._check import Array
 from ctlabs.forms import Filtered
 from ctlabs.models import DiscreteModel
+from ctlabs.text import moment
 
 if TYPE_CHECKING:
     from ctlabs.recursions.common import System
@@ -141,7 +142,7 @@ def _perfect(model: DiscreteModel, z: Array, first: int) -> Filtered:
 
 
 def _when(model: DiscreteModel, k: int) -> str:
-    return f"at step {k} (t = {k * model.dt:g} s)"
+    return f"at step {k} (t = {moment(k * model.dt)} s)"
 
 
 def _indefinite(where: str) -> str:

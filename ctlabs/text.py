@@ -71,6 +71,16 @@ def _real(value: float, digits: int) -> str:
     return f"{mantissa}e{int(exponent)}"
 
 
+def moment(t: float, *others: float) -> str:
+    """A time in a message: 15 digits, which hide its rounding, or all of them where another time would look the same.
+
+    >>> moment(0.1 + 0.2), moment(1717156800.25), moment(5.0), moment(0.1 + 0.2, 0.3)
+    ('0.3', '1717156800.25', '5', '0.30000000000000004')
+    """
+    text = f"{t:.15g}"
+    return repr(float(t)) if any(other != t and f"{other:.15g}" == text for other in others) else text
+
+
 def latex_number(value: float, digits: int = 5) -> str:
     """A number inside an equation; powers of ten as 1.2·10⁻⁷."""
     text = number(value, digits).replace("∞", r"\infty").replace("−", "-")

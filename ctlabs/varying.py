@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from ctlabs import _check
 from ctlabs._check import Array
 from ctlabs.bucy import Transient
+from ctlabs.text import moment
 
 #: A matrix, or its value at a time in s.
 Matrix: TypeAlias = ArrayLike | Callable[[float], ArrayLike]
@@ -123,7 +124,8 @@ def _integrated(model: VaryingModel, t: ArrayLike) -> tuple[Transient, Array]:
     P0 = _check.covariance("P0", model.P0, ("n", "n"))
     t = _check.shaped("t", t, ("points",))
     if not t.size or t[0] < 0 or (np.diff(t) <= 0).any():
-        msg = f"t: expected increasing times >= 0, received {t.tolist() if t.size < 8 else f'{t[0]:g} … {t[-1]:g}'}"
+        shown = t.tolist() if t.size < 8 else f"{moment(t[0], t[-1])} … {moment(t[-1], t[0])}"
+        msg = f"t: expected increasing times >= 0, received {shown}"
         raise ValueError(msg)
     n, upper = len(P0), np.triu_indices(len(P0))
     noise = _disturbance(model, 0.0, n)
@@ -149,7 +151,7 @@ def _integrated(model: VaryingModel, t: ArrayLike) -> tuple[Transient, Array]:
                 derivative, (0.0, float(t[-1])), start, "DOP853", t, rtol=RTOL, atol=RTOL * FLOOR
             )
         if not run.success or not np.isfinite(run.y).all():
-            msg = f"P: expected a covariance that can be integrated to t = {t[-1]:g} s, received: {run.message}"
+            msg = f"P: expected a covariance that can be integrated to t = {moment(t[-1])} s, received: {run.message}"
             raise FloatingPointError(msg)
         y = run.y
     P = np.array([whole(column) for column in y[: len(upper[0])].T]) * size
@@ -161,7 +163,7 @@ def _integrated(model: VaryingModel, t: ArrayLike) -> tuple[Transient, Array]:
 
 
 def _at(matrix: Matrix, name: str, now: float, shape: tuple[int | str, ...]) -> Array:
-    return _check.shaped(f"{name}(t = {now:g} s)", matrix(now) if callable(matrix) else matrix, shape)
+    return _check.shaped(f"{name}(t = {moment(now)} s)", matrix(now) if callable(matrix) else matrix, shape)
 
 
 def _disturbance(model: VaryingModel, now: float, n: int) -> Array:
@@ -175,6 +177,6 @@ def _gain(model: VaryingModel, now: float, P: Array, H: Array) -> Array:
     try:
         root = scipy.linalg.cho_factor(Rc, lower=True)
     except np.linalg.LinAlgError:
-        msg = f"Rc(t = {now:g} s): expected a positive definite matrix, received {Rc.tolist()}"
+        msg = f"Rc(t = {moment(now)} s): expected a positive definite matrix, received {Rc.tolist()}"
         raise ValueError(msg) from None
     return scipy.linalg.cho_solve(root, H @ P, check_finite=False).T

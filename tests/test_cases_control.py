@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ctlabs import bucy, interop, shaping, spectra
+from ctlabs import bucy, datafile, interop, modelfile, shaping, spectra
 from ctlabs.models import ContinuousModel, DiscreteModel
 from tests.cases import Case, near, numerics, peers
 
@@ -171,3 +171,28 @@ def test_published_wiener_filters(published: Case) -> None:
     if "pole" in expected:
         near(np.roots(found.den)[0], expected["pole"], tolerances["pole"])
         near(limit.poles[0], expected["pole"], tolerances["pole"])
+
+
+@pytest.mark.parametrize("case", numerics("k9_times_digits"))
+def test_times_are_written_with_the_digits_that_distinguish_them(case: Case) -> None:
+    """Two rows of one time, and two times that differ in the last digit of a double."""
+    for times, says in ((case["given"]["t"], case["right"]["says"]), (["0.1", "0.30000000000000004", "0.3"], ["0.3000000"])):
+        content = "t,z\n" + "".join(f"{t},1\n" for t in times)
+        with pytest.raises(ValueError, match="column t: expected a time after") as caught:
+            datafile.parse(content.encode(), ["z"])
+        assert all(word in str(caught.value) for word in says)
+        assert not any(word in str(caught.value) for word in case["right"]["says_not"])
+
+
+def test_a_model_under_the_constants_is_told_that_its_section_is_missing() -> None:
+    """[constants] in front of what should stand under [model]: one message with what is missing and what to write."""
+    text = 'format = 1\nkind = "discrete"\n[constants]\nq = 2\nstates = ["x"]\nPhi = [[1]]\n'
+    told = "expected a table [model], received none, and states, Phi under [constants]; write [model] above"
+    assert modelfile.loads(text, check=False).problems() == [modelfile.Problem("model", told)]
+
+
+def test_logarithms_have_their_base() -> None:
+    """log10 and ln are themselves, not log."""
+    text = 'format = 1\nkind = "discrete"\n[constants]\na = "log10(1000)"\nb = "ln(e^2)"\nc = "log2(8)"\n[model]\n'
+    text += 'Phi = [["a"]]\nQd = [["b"]]\nH = [["c"]]\nR = [[1]]\nP0 = [[1]]\ndt = 1\n'
+    assert modelfile.loads(text).constants == {"a": 3.0, "b": 2.0, "c": 3.0}

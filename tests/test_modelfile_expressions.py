@@ -47,7 +47,7 @@ def by_python(text: str) -> float:
         if isinstance(node, ast.UnaryOp):
             return PYTHON[type(node.op)](value(node.operand))
         if isinstance(node, ast.Call):
-            function = {"abs": abs, "min": min, "max": max}.get(node.func.id) or getattr(math, node.func.id)
+            function = {"abs": abs, "min": min, "max": max, "ln": math.log}.get(node.func.id) or getattr(math, node.func.id)
             return checked(function, *(value(a) for a in node.args))
         left, right = value(node.left), value(node.right)
         if isinstance(node.op, ast.Pow) and abs(right) > EXPONENT:
@@ -77,7 +77,7 @@ spaces = st.sampled_from(["", " ", "  "])
 def compound(inner):
     """Larger expressions from smaller ones, with and without parentheses."""
     operators = st.sampled_from(["+", "-", "*", "/", "^", "**"])
-    one = st.sampled_from(["sqrt", "exp", "log", "sin", "cos", "tan", "atan", "abs"])
+    one = st.sampled_from(["sqrt", "exp", "log", "ln", "log10", "log2", "sin", "cos", "tan", "atan", "abs"])
     return st.one_of(
         st.tuples(inner, spaces, operators, spaces, inner).map("".join),
         inner.map(lambda x: f"({x})"),
@@ -170,8 +170,11 @@ def test_nothing_else_is_evaluated(text):
         ("2 (q)", 'column 3: expected an operator or the end, received "("; to multiply, write 2*('),
         ("1_000", 'column 2: expected an operator or the end, received "_000"; write 1000'),
         ("2−q", 'column 2: expected a number, a name, + - * / ^ or ( ), received "−"; write -'),
-        ("ln(q)", 'column 1: unknown function "ln"; did you mean "log"?'),
-        ("arcsin(q)", 'column 1: unknown function "arcsin"; did you mean "sin"?'),
+        ("lg(q)", 'column 1: unknown function "lg"; did you mean "log10"?'),
+        *((f"{name}(q)", f'column 1: unknown function "{name}"; known are sqrt, exp, log, ln, log10, log2, sin, cos, tan, '
+           "atan, atan2, abs, min, max; to multiply, write " + f"{name}*(")
+          for name in ("arcsin", "acos", "sinh", "log1p", "expm1", "sind")),
+        ("sqr(q)", 'column 1: unknown function "sqr"; did you mean "sqrt"?'),
         ("tua", 'unknown name "tua"; did you mean "tau"?'),
         ("PI", 'unknown name "PI"; did you mean "pi"?'),
         ("π", 'unknown name "π"; did you mean "pi"?'),

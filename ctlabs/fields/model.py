@@ -29,6 +29,7 @@ from ctlabs import _check
 from ctlabs._check import Array
 from ctlabs.fields import stability
 from ctlabs.models import DiscreteModel
+from ctlabs.text import moment
 
 
 class Coefficients(NamedTuple):
@@ -308,7 +309,7 @@ class RandomField:
         bad = ~np.isfinite(z).all(axis=(1, 2))
         if bad.any():
             k = int(np.argmax(bad))
-            msg = f"z: expected a finite field, received an overflow at step {k} (t = {k * self.dt:g} s)"
+            msg = f"z: expected a finite field, received an overflow at step {k} (t = {moment(k * self.dt)} s)"
             raise FloatingPointError(msg)
         return z
 

@@ -29,6 +29,7 @@ from ctlabs.forms import (
 )
 from ctlabs.forms.contract import Counted, Form, Noise, Numbers
 from ctlabs.models import DiscreteModel, at
+from ctlabs.text import moment
 
 #: Every form by its name.
 FORMS: dict[str, Form] = {
@@ -412,7 +413,7 @@ def _finite(form: str, P0: Array, dt: float, x: Array, P: Array) -> None:
     wrong = ~((np.isfinite(P) | own).all(axis=(1, 2)) & (np.isfinite(x) | free[:, :, None]).all(axis=(1, 2)))
     if wrong.any():
         k = int(np.argmax(wrong))
-        msg = f"form {form}: expected finite covariances, received an overflow at step {k} (t = {k * dt:g} s)"
+        msg = f"form {form}: expected finite covariances, received an overflow at step {k} (t = {moment(k * dt)} s)"
         raise FloatingPointError(msg)
 
 

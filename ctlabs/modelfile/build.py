@@ -22,6 +22,7 @@ from ctlabs.discretise import interval
 from ctlabs.modelfile.errors import ModelFileError, Problem
 from ctlabs.modelfile.values import Instant, Values
 from ctlabs.models import ContinuousModel, DiscreteModel
+from ctlabs.text import moment
 
 #: Intervals that differ by less than this fraction are one.
 UNIFORM = 1e-9
@@ -128,7 +129,7 @@ def _grid(found: Values, steps: int | None, times: ArrayLike | None) -> tuple[li
     gaps = np.diff(t)
     if (gaps <= 0).any():
         k = int(np.argmax(gaps <= 0)) + 1
-        raise ValueError(f"times[{k}]: expected a time after {t[k - 1]:g} s, received {t[k]:g} s")
+        raise ValueError(f"times[{k}]: expected a time after {moment(t[k - 1], t[k])} s, received {moment(t[k], t[k - 1])} s")
     if found.document.kind == "discrete":
         _on_grid(found, t)
     mean = (t[-1] - t[0]) / len(gaps)
@@ -144,7 +145,8 @@ def _on_grid(found: Values, t: Array) -> None:
     if off.any():
         k = int(np.argmax(off))
         message = (
-            f"expected {grid[k]:g} s (a discrete model moves dt = {found.dt:g} s from row to row), received {t[k]:g} s"
+            f"expected {moment(grid[k], t[k])} s (a discrete model moves dt = {moment(found.dt)} s from row to row), "
+            f"received {moment(t[k], grid[k])} s"
         )
         raise ModelFileError(Problem(f"times[{k}]", message), found.file)
 
@@ -276,7 +278,8 @@ def moved(system: System, start: float, h: float, after: Array | None = None, bo
     if smooth and (error <= TOLERANCE * size).all():
         return best
     if not cuts:
-        msg = f"F: expected matrices that can be integrated from t = {start:g} s to {start + h:g} s, received a singularity"
+        interval = f"t = {moment(start, start + h)} s to {moment(start + h, start)} s"
+        msg = f"F: expected matrices that can be integrated from {interval}, received a singularity"
         raise ValueError(msg)
     bounds = Bounds(size, level, cuts - 1)
     right = moved(system, start + 0.5 * h, 0.5 * h, after, bounds)

@@ -41,6 +41,9 @@ FUNCTIONS: dict[str, Callable[..., float]] = {
     "sqrt": math.sqrt,
     "exp": math.exp,
     "log": math.log,
+    "ln": math.log,
+    "log10": math.log10,
+    "log2": math.log2,
     "sin": math.sin,
     "cos": math.cos,
     "tan": math.tan,
@@ -57,7 +60,9 @@ RESERVED = {*CONSTANTS, *FUNCTIONS, *VARIABLES}
 #: What people type for what is meant.
 HINTS = {"−": "-", "–": "-", "·": "*", "×": "*", "÷": "/", ":": "/", "√": "sqrt", "∞": "inf"}
 OTHER_NAMES = {
-    "ln": "log",
+    "lg": "log10",
+    "ld": "log2",
+    "lb": "log2",
     "arctan": "atan",
     "arctg": "atan",
     "tg": "tan",
@@ -66,6 +71,11 @@ OTHER_NAMES = {
     "π": "pi",
     "∞": "inf",
 }
+
+#: Functions of other programs that resemble one that is known here and are not it.
+OTHER_FUNCTIONS = {
+    *vars(math), "arcsin", "arccos", "arsinh", "arcosh", "artanh", "sind", "cosd", "tand", "sinc", "sgn", "sign", "cot", "sec", "csc",
+}  # fmt: skip
 
 TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?)|(?P<name>[^\W\d]\w*)|(?P<mark>\*\*|[-+*/^(),]))"
@@ -384,7 +394,8 @@ def _no_function(token: Token) -> ExpressionError:
     if name in OTHER_NAMES and OTHER_NAMES[name] in FUNCTIONS:
         hint = f'; did you mean "{OTHER_NAMES[name]}"?'
     else:
-        hint = meant(name, FUNCTIONS, len(FUNCTIONS))
+        known = ", ".join(FUNCTIONS)
+        hint = f"; known are {known}" if name.lower() in OTHER_FUNCTIONS else meant(name, FUNCTIONS, len(FUNCTIONS))
         hint += "" if "did you mean" in hint else f"; to multiply, write {name}*("
     return ExpressionError(f"unknown function {shown(name)}{hint}", token.start + 1)
 

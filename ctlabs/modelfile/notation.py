@@ -79,5 +79,6 @@ def _latex_call(name: str, arguments: list[str]) -> str:
         return rf"\sqrt{{{arguments[0]}}}"
     if name == "abs":
         return rf"\left|{arguments[0]}\right|"
-    head = {"atan": r"\arctan", "atan2": r"\mathrm{atan2}"}.get(name, rf"\{name}")
+    special = {"atan": r"\arctan", "atan2": r"\mathrm{atan2}", "log10": r"\log_{10}", "log2": r"\log_2"}
+    head = special.get(name, rf"\{name}")
     return rf"{head}\left({', '.join(arguments)}\right)"

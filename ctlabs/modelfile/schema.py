@@ -271,13 +271,30 @@ def _validated(data: dict[str, Any]) -> tuple[Document | None, list[Problem], li
         return DOCUMENTS[data["kind"]].model_validate(data), [], []
     except ValidationError as error:
         errors = sorted(error.errors(include_url=False), key=lambda found: found["type"] != "extra_forbidden")
-    problems, cells = [], []
+    strays = _strays(data)
+    cells: list[Path] = []
+    problems: list[Problem] = []
     for found in errors[:TOLD]:
         path = _path(data, found["loc"])
+        if strays and path[0] == "constants" and path[1] in strays:
+            continue
+        if strays and path == ("model",):
+            where = f"{', '.join(strays[:4])}{', …' if len(strays) > 4 else ''} under [constants]"
+            problems.insert(0, Problem("model", f"expected a table [model], received none, and {where}; write [model] above"))
+            continue
         problems.append(_problem(data, found, path))
         if found["type"] == "value_error" and "[key]" not in found["loc"] and _is_cell(path):
             cells.append(path)
     return None, problems, cells if len(errors) <= TOLD else []
+
+
+def _strays(data: dict[str, Any]) -> list[str]:
+    """Keys of a model that stand among the constants, where no section [model] begins."""
+    constants = data.get("constants")
+    if "model" in data or not isinstance(constants, dict):
+        return []
+    keys = SECTIONS[data["kind"]].model_fields
+    return [key for key, value in constants.items() if key in keys and isinstance(value, list)]
 
 
 def _path(data: dict[str, Any], loc: tuple[str | int, ...]) -> Path:

@@ -13,6 +13,7 @@ from ctlabs._check import Array
 from ctlabs.modelfile.errors import ModelFileError, Path, Problem, place
 from ctlabs.modelfile.expressions import Expression, ExpressionError
 from ctlabs.modelfile.schema import Document
+from ctlabs.text import moment
 
 #: Which of t and k a value may contain; those that are not listed are constant.
 VARYING: dict[str, dict[str, set[str]]] = {
@@ -37,7 +38,7 @@ class Instant(NamedTuple):
     t: float
 
     def __str__(self) -> str:
-        return f"at k = {self.k}, t = {self.t:g} s"
+        return f"at k = {self.k}, t = {moment(self.t)} s"
 
 
 class Sizes(NamedTuple):

@@ -24,6 +24,7 @@ from ctlabs import _check, kalman
 from ctlabs._check import Array
 from ctlabs.discretise import ldl
 from ctlabs.models import DiscreteModel, at
+from ctlabs.text import moment
 
 #: Directions in which a covariance, scaled to a unit diagonal, is below this fraction of its size have no variance.
 RANK = 1e-10
@@ -227,7 +228,7 @@ def check_finite(name: str, value: Array, dt: float) -> None:
     wrong = ~np.isfinite(value.reshape(len(value), -1)).all(axis=1)
     if wrong.any():
         k = int(np.argmax(wrong))
-        msg = f"{name}: expected finite values, received an overflow at step {k} (t = {k * dt:g} s)"
+        msg = f"{name}: expected finite values, received an overflow at step {k} (t = {moment(k * dt)} s)"
         raise FloatingPointError(msg)
 
 

@@ -16,6 +16,7 @@ from ctlabs.forms.run import _innovation
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.online import files
 from ctlabs.online.plants import Given, Instant, finite_time, plant, short
+from ctlabs.text import moment
 
 #: Its recursion tells which perfect measurements are known already.
 JOSEPH = forms.FORMS["joseph"]
@@ -118,7 +119,7 @@ class Filter:
         data, following = self._data(z), self.k + 1 if self._begun or self._first else 0
         time = self._plant.when(t, following)
         if u is not None and time <= self.t:
-            msg = f"u: expected none with a measurement at {time:g} s (now is {self.t:g} s), received one"
+            msg = f"u: expected none with a measurement at {moment(time, self.t)} s (now is {moment(self.t, time)} s), received one"
             raise ValueError(msg)
         try:
             with np.errstate(
@@ -129,7 +130,7 @@ class Filter:
                 else:
                     self._insert(time, data)
         except np.linalg.LinAlgError as error:
-            received = f"one singular by rounding (measurement at {time:g} s)"
+            received = f"one singular by rounding (measurement at {moment(time)} s)"
             msg = f"form {self._algorithm}: expected matrices with an inverse, received {received}"
             raise FloatingPointError(msg) from error
         self._begun = True
@@ -234,8 +235,8 @@ class Filter:
     def _insert(self, time: float, data: Array) -> None:
         """Put a measurement in its place, and do again what came after it."""
         if time < self._past[0].t:
-            oldest = f"{self._past[0].t:g} s (now is {self.t:g} s, memory {self._memory})"
-            msg = f"t: expected a time not before {oldest}, received {time:g}"
+            oldest = f"{moment(self._past[0].t, time)} s (now is {moment(self.t)} s, memory {self._memory})"
+            msg = f"t: expected a time not before {oldest}, received {moment(time, self._past[0].t)}"
             raise ValueError(msg)
         i = max(i for i, instant in enumerate(self._past) if instant.t <= time)
         there, later = self._past[i], self._past[i + 1 :]
@@ -249,12 +250,12 @@ class Filter:
         """An instant with the data that were missing."""
         new = ~np.isnan(data)
         if instant.k < self._first and new.any():
-            msg = f"t: expected a first measurement after t0 = {instant.t:g} s (first=1), received one at t0"
+            msg = f"t: expected a first measurement after t0 = {moment(instant.t)} s (first=1), received one at t0"
             raise ValueError(msg)
         twice = np.flatnonzero(new & ~np.isnan(instant.z))
         if twice.size:
             i = twice[0]
-            msg = f"z[{i}]: expected no second value at {instant.t:g} s, received {data[i]:g} after {instant.z[i]:g}"
+            msg = f"z[{i}]: expected no second value at {moment(instant.t)} s, received {data[i]:g} after {instant.z[i]:g}"
             raise ValueError(msg)
         return self._updated(instant, np.where(new, data, instant.z))
 
@@ -303,5 +304,5 @@ class Filter:
         free = np.isposinf(P.diagonal()) & start
         finite = (np.isfinite(P) | np.diag(free)).all() and (np.isfinite(x[:, 0]) | free).all()
         if not (finite and (np.isfinite(variances) | start).all()):
-            msg = f"form {self._algorithm}: expected finite covariances, received an overflow at t = {t:g} s"
+            msg = f"form {self._algorithm}: expected finite covariances, received an overflow at t = {moment(t)} s"
             raise FloatingPointError(msg)

@@ -14,6 +14,7 @@ from ctlabs.discretise import interval
 from ctlabs.forms.contract import Noise
 from ctlabs.forms.run import _start
 from ctlabs.models import ContinuousModel, DiscreteModel, at
+from ctlabs.text import moment
 
 #: Intervals whose discretisation is kept.
 CACHED = 64
@@ -101,7 +102,7 @@ class Periodic(Plant):
             ratio = (time - self.t0) / model.dt
             k = round(ratio) if abs(ratio) < 2**53 else -1
             if abs(self.t0 + k * model.dt - time) > ON_GRID * model.dt + 4 * np.spacing(abs(time)):
-                wanted = f"an instant t0 + k*dt (t0 = {self.t0:g} s, dt = {model.dt:g} s)"
+                wanted = f"an instant t0 + k*dt (t0 = {moment(self.t0)} s, dt = {model.dt:g} s)"
                 msg = f"t: expected {wanted}; a ContinuousModel takes any time; received {time!r}"
                 raise ValueError(msg)
         if model.horizon is not None and k > model.horizon:
@@ -120,7 +121,7 @@ class Periodic(Plant):
         """The instants after the last one up to ``time``, without a measurement before it."""
         end = round((time - self.t0) / self.model.dt)
         if end - last.k > SKIPPED:
-            msg = f"t: expected at most {SKIPPED} instants ahead (now is {last.t:g} s), received {time:g}"
+            msg = f"t: expected at most {SKIPPED} instants ahead (now is {moment(last.t, time)} s), received {moment(time, last.t)}"
             raise ValueError(msg)
         nothing = np.full(self.model.m, np.nan)
         return (Given(self.t0 + k * self.model.dt, u, z if k == end else nothing) for k in range(last.k + 1, end + 1))

@@ -8,6 +8,7 @@ import numpy as np
 
 from ctlabs._check import Array
 from ctlabs.models import DiscreteModel
+from ctlabs.text import moment
 
 if TYPE_CHECKING:
     from ctlabs.datafile import Record
@@ -49,10 +50,10 @@ def _begins(record: Record, t0: float, first: int) -> None:
     assert record.t is not None
     start, where = float(record.t[0]), f"{record.source}: line {record.lines[0]}, column t: expected"
     if first and start <= t0:
-        msg = f"{where} a time after t0 = {t0:g} (the first row is t1), received {start:g}; set t0 or first = 0 under [experiment]"
+        msg = f"{where} a time after t0 = {moment(t0, start)} (the first row is t1), received {moment(start, t0)}; set t0 or first = 0 under [experiment]"
         raise ValueError(msg)
     if not first and start != t0:
-        msg = f"{where} t0 = {t0:g} (first = 0), received {start:g}; set t0 = {start:g} under [experiment]"
+        msg = f"{where} t0 = {moment(t0, start)} (first = 0), received {moment(start, t0)}; set t0 = {start!r} under [experiment]"
         raise ValueError(msg)
 
 
@@ -65,8 +66,8 @@ def _uniform(model: ModelFile, record: Record, steps: int, z: Array) -> tuple[Di
     if off.size:
         row = off[0] - first
         msg = (
-            f"{record.source}: line {record.lines[row]}, column t: expected {t[0] + dt * off[0]:g} "
-            f"(a model in discrete time has one period, here {dt:g} s), received {record.t[row]:g}; "
+            f"{record.source}: line {record.lines[row]}, column t: expected {moment(t[0] + dt * off[0], record.t[row])} "
+            f"(a model in discrete time has one period, here {moment(dt)} s), received {moment(record.t[row], t[0] + dt * off[0])}; "
             "write a row with empty cells where nothing was measured, or a continuous model"
         )
         raise ValueError(msg)

@@ -61,7 +61,7 @@ _MODEL = (
         "constant may be an expression of others.",
         example="sigma = 0.1",
         note="Names are letters, digits and _; t and k are the time and the step, pi, e and inf are known. Functions: "
-        "sqrt exp log sin cos tan atan atan2 abs min max.",
+        "sqrt exp log ln log10 log2 sin cos tan atan atan2 abs min max.",
     ),
     Help(
         "model.F",
