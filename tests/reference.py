@@ -2,24 +2,90 @@ r"""Textbook oracles, written plainly and apart from the library: what a test co
 
 A model is read through its fields alone (Phi, Qd, H, R, x0, P0, N, offset; constant, or one more axis for the time),
 a record z is (steps+1, m) with NaN where nothing is measured, and ``first`` has the library's meaning: with 1 the
-row 0 of z is not used. Nothing here is fast, and nothing here is imported from ctlabs.
+row 0 of z is not used. Nothing here is imported from ctlabs.
+
+An oracle must be more accurate than what it judges, on every processor. What needs an inverse, or is a small difference
+of large terms, is therefore computed with ``DIGITS`` decimal digits, in arrays of ``decimal.Decimal``, from the very
+doubles that the library was given (:func:`exact`), and rounded once at its end (:func:`as_floats`).
 """
 
 from __future__ import annotations
 
+import decimal
+import functools
+from collections.abc import Callable
+from decimal import Decimal
 from fractions import Fraction
 from typing import Any, NamedTuple
 
-import mpmath
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[Any]
 
+#: Decimal digits of what the oracles compute with.
+DIGITS = 60
+#: ln 2π.
+LOG_2PI = Decimal("1.83787706640934548356065947281123527972279494727556682563430308096553139185452079538")
+#: The rounding unit of doubles, 2⁻⁵².
+EPS = 2.0**-52
 #: Tolerance of algebra in floating point, relative to the size of what is compared.
 EXACT = 1e-12
 #: Tolerance of Riccati and Lyapunov solvers, relative to the size of what is compared.
 SOLVER = 1e-8
+
+
+# --- numbers of many digits ----------------------------------------------------------------------------------------
+
+
+def precisely(function: Any) -> Any:
+    """The function with ``DIGITS`` digits inside, or with those of the context that it is called in, if they are more."""
+
+    @functools.wraps(function)
+    def run(*args: Any, **named: Any) -> Any:
+        with decimal.localcontext(prec=max(DIGITS, decimal.getcontext().prec)):
+            return function(*args, **named)
+
+    return run
+
+
+def exact(numbers: ArrayLike) -> Array:
+    """The same numbers as Decimals, without rounding; ``@``, ``+`` and ``*`` then keep the digits of the context."""
+    return np.frompyfunc(lambda number: Decimal(number if isinstance(number, Decimal) else float(number)), 1, 1)(
+        np.asarray(numbers)
+    )
+
+
+def as_floats(numbers: Any) -> Array:
+    """Numbers of any precision, in an array or a matrix of mpmath, rounded to doubles."""
+    return np.array(numbers.tolist(), dtype=np.float64)
+
+
+def identity(n: int) -> Array:
+    """I with Decimals."""
+    return exact(np.eye(n))
+
+
+@precisely
+def solve(A: ArrayLike, B: ArrayLike) -> Array:
+    """X of AX = B by elimination with row pivots, B (n,) or (n, k), in Decimals."""
+    A, X = exact(A), exact(B)
+    for i in range(len(A)):
+        pivot = i + int(np.argmax(np.abs(A[i:, i])))
+        A[[i, pivot]], X[[i, pivot]] = A[[pivot, i]], X[[pivot, i]]
+        X[i], A[i] = X[i] / A[i, i], A[i] / A[i, i]
+        for j in range(len(A)):
+            if j != i and A[j, i]:
+                X[j], A[j] = X[j] - A[j, i] * X[i], A[j] - A[j, i] * A[i]
+    return X
+
+
+def inverse(A: ArrayLike) -> Array:
+    """A⁻¹ in Decimals."""
+    return solve(A, identity(len(np.asarray(A))))
+
+
+# --- how close -----------------------------------------------------------------------------------------------------
 
 
 def deviation(a: ArrayLike, b: ArrayLike, size: float = 0.0) -> float:
@@ -43,6 +109,19 @@ def deviation(a: ArrayLike, b: ArrayLike, size: float = 0.0) -> float:
 def close(a: ArrayLike, b: ArrayLike, tolerance: float, size: float = 0.0) -> bool:
     """Whether two arrays agree within ``tolerance`` of their size (not element by element)."""
     return deviation(a, b, size) <= tolerance
+
+
+def attainable(answer: Callable[..., Array], *given: Array, roundings: int = 100) -> float:
+    """The tolerance that the condition of the input allows: what a stable computation may lose in ``roundings`` roundings.
+
+    A stable computation returns the right answer for matrices that differ from the given ones by some roundings of their
+    largest elements. How much one such rounding moves the right answer, relative to its size, is seen by computing it
+    again, a few times, with 2⁻⁵² of the largest added to every element, the signs at random.
+    """
+    rng, right = np.random.default_rng(0), answer(*given)
+    unit = [2.0**-52 * np.nanmax(np.abs(M)) for M in given]
+    moved = [answer(*(M + u * rng.choice([-1, 1], M.shape) for M, u in zip(given, unit, strict=True))) for _ in range(4)]
+    return roundings * max(deviation(other, right) for other in moved)
 
 
 def order(errors: ArrayLike) -> Array:
@@ -100,24 +179,31 @@ def present(model: Any, z: Array, k: int, first: int) -> NDArray[np.intp]:
 # --- the recursion -------------------------------------------------------------------------------------------------
 
 
+@precisely
 def predict(x: Array, P: Array, Phi: Array, Qd: Array, c: Array | float = 0.0) -> tuple[Array, Array]:
     """x⁻ = Φx⁺ + c, P⁻ = ΦP⁺Φᵀ + Qd."""
-    return Phi @ x + c, Phi @ P @ Phi.T + Qd
+    x, P, Phi, Qd, c = (exact(given) for given in (x, P, Phi, Qd, c))
+    return as_floats(Phi @ x + c), as_floats(Phi @ P @ Phi.T + Qd)
 
 
+@precisely
 def update(x: Array, P: Array, z: Array, H: Array, R: Array) -> tuple[Array, Array, Array]:
     """x⁺ = x⁻ + Kν, P⁺ = (I − KH)P⁻, K = P⁻Hᵀ(HP⁻Hᵀ + R)⁻¹, with a plain inverse; returns x⁺, P⁺, K."""
-    K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
-    return x + K @ (z - H @ x), (np.eye(len(P)) - K @ H) @ P, K
+    x, P, z, H, R = (exact(given) for given in (x, P, z, H, R))
+    K = P @ H.T @ inverse(H @ P @ H.T + R)
+    return as_floats(x + K @ (z - H @ x)), as_floats(P - K @ H @ P), as_floats(K)
 
 
+@precisely
 def information_update(x: Array, P: Array, z: Array, H: Array, R: Array) -> tuple[Array, Array, Array]:
     """The same from (P⁺)⁻¹ = (P⁻)⁻¹ + HᵀR⁻¹H and K = P⁺HᵀR⁻¹ (P⁻ and R must be invertible)."""
-    P_plus = np.linalg.inv(np.linalg.inv(P) + H.T @ np.linalg.inv(R) @ H)
-    K = P_plus @ H.T @ np.linalg.inv(R)
-    return x + K @ (z - H @ x), P_plus, K
+    x, P, z, H, R = (exact(given) for given in (x, P, z, H, R))
+    P_plus = inverse(inverse(P) + H.T @ inverse(R) @ H)
+    K = P_plus @ H.T @ inverse(R)
+    return as_floats(x + K @ (z - H @ x)), as_floats(P_plus), as_floats(K)
 
 
+@precisely
 def recursion(model: Any, z: ArrayLike, first: int = 1) -> Moments:
     r"""The textbook filter; where w and v correlate as a one-step predictor.
 
@@ -125,49 +211,27 @@ def recursion(model: Any, z: ArrayLike, first: int = 1) -> Moments:
               K_p = (\Phi P^-H^T + N)S^{-1}
     """
     z = np.asarray(z, dtype=np.float64)
-    x, P = np.array(model.x0), np.array(model.P0)
+    x, P = exact(model.x0), exact(model.P0)
     rows = []
     for k in range(len(z)):
         used = present(model, z, k, first)
-        H, R, N = at(model.H, k)[used], at(model.R, k)[np.ix_(used, used)], cross_at(model, k)[:, used]
-        x_plus, P_plus, _ = update(x, P, z[k, used], H, R)
-        rows.append((x, P, x_plus, P_plus))
+        H, R, N = (exact(M) for M in (at(model.H, k)[used], at(model.R, k)[np.ix_(used, used)], cross_at(model, k)[:, used]))
+        S, nu = H @ P @ H.T + R, exact(z[k, used]) - H @ x
+        S_inverse = inverse(S)
+        K = P @ H.T @ S_inverse
+        rows.append((x, P, x + K @ nu, P - K @ H @ P))
         if k + 1 < len(z):
-            Phi, S, nu = at(model.Phi, k), H @ P @ H.T + R, z[k, used] - H @ x
-            K_pred = (Phi @ P @ H.T + N) @ np.linalg.inv(S)
-            x = Phi @ x + offset_at(model, k) + K_pred @ nu
-            P = Phi @ P @ Phi.T + at(model.Qd, k) - K_pred @ S @ K_pred.T
-    return Moments(*(np.array(column) for column in zip(*rows, strict=True)))
+            Phi = exact(at(model.Phi, k))
+            K_pred = (Phi @ P @ H.T + N) @ S_inverse
+            x = Phi @ x + exact(offset_at(model, k)) + K_pred @ nu
+            P = Phi @ P @ Phi.T + exact(at(model.Qd, k)) - K_pred @ S @ K_pred.T
+    return Moments(*(np.array([as_floats(value) for value in column]) for column in zip(*rows, strict=True)))
 
 
-def high_precision(model: Any, z: ArrayLike, first: int = 1, digits: int = 60) -> Moments:
-    """:func:`recursion` with ``digits`` decimal digits on the same doubles, rounded once at the end."""
-    z = np.asarray(z, dtype=np.float64)
-    rows = []
-    with mpmath.workdps(digits):
-        x, P = mpmath.matrix(model.x0.tolist()), mpmath.matrix(model.P0.tolist())
-        for k in range(len(z)):
-            used = present(model, z, k, first)
-            Phi = at(model.Phi, min(k, len(z) - 2)).tolist()
-            Phi, n = mpmath.matrix(Phi), len(Phi)
-            x_plus, P_plus, K_pred, S, nu = x, P, mpmath.zeros(n, 1), mpmath.zeros(1), mpmath.zeros(1)
-            if used.size:
-                H, N = mpmath.matrix(at(model.H, k)[used].tolist()), mpmath.matrix(cross_at(model, k)[:, used].tolist())
-                S = H * P * H.T + mpmath.matrix(at(model.R, k)[np.ix_(used, used)].tolist())
-                nu, inverse = mpmath.matrix(z[k, used].tolist()) - H * x, S**-1
-                K, K_pred = P * H.T * inverse, (Phi * P * H.T + N) * inverse
-                x_plus, P_plus = x + K * nu, P - K * S * K.T
-            rows.append((x, P, x_plus, P_plus))
-            if k + 1 < len(z):
-                x = Phi * x + mpmath.matrix(offset_at(model, k).tolist()) + K_pred * nu
-                P = Phi * P * Phi.T + mpmath.matrix(at(model.Qd, k).tolist()) - K_pred * S * K_pred.T
-    columns = [np.array([as_floats(value) for value in column]) for column in zip(*rows, strict=True)]
-    return Moments(columns[0][:, :, 0], columns[1], columns[2][:, :, 0], columns[3])
-
-
-def as_floats(matrix: Any) -> Array:
-    """An mpmath matrix in double precision."""
-    return np.array(matrix.tolist(), dtype=np.float64)
+def high_precision(model: Any, z: ArrayLike, first: int = 1, digits: int = DIGITS) -> Moments:
+    """:func:`recursion` with more than ``DIGITS`` digits."""
+    with decimal.localcontext(prec=digits):
+        return recursion(model, z, first)
 
 
 # --- the joint Gaussian distribution of the whole trajectory --------------------------------------------------------
@@ -191,45 +255,58 @@ class Joint(NamedTuple):
         return (self.steps + 1) * self.n + k * self.m + np.asarray(elements, dtype=np.intp)
 
 
+@precisely
 def joint(model: Any, steps: int) -> Joint:
-    """Every x_k and z_k written as a linear map of the sources (x_0, w_0 …, v_0 …), whose covariance is given."""
+    """Each z_k = Hx_k + v and x_{k+1} = Φx_k + c + w is joined to what precedes it, in Decimals."""
     n, m = len(model.x0), model.H.shape[-2]
-    sources = n + steps * n + (steps + 1) * m
-    w, v = n, n + steps * n
-    C = np.zeros((sources, sources))
-    C[:n, :n] = model.P0
+    size = (steps + 1) * (n + m)
+    J = Joint(exact(np.zeros(size)), exact(np.zeros((size, size))), steps, n, m)
+    J.mean[J.x(0)], J.cov[J.x(0), J.x(0)] = exact(model.x0), exact(model.P0)
+
+    def join(place: slice, M: Array, source: slice, noise: Array) -> None:
+        """The element M·(the source) + a noise of the given covariance, independent of all elements so far."""
+        M = exact(M)
+        J.mean[place], J.cov[place] = M @ J.mean[source], M @ J.cov[source]
+        J.cov[:, place] = J.cov[place].T
+        J.cov[place, place] = M @ J.cov[source, source] @ M.T + exact(noise)
+
     for k in range(steps + 1):
-        R = np.array(at(model.R, k))
-        R[np.isinf(R)] = 0.0
-        vk = slice(v + k * m, v + (k + 1) * m)
-        C[vk, vk] = R
+        zk = slice(J.z(k, 0), J.z(k, m))
+        R = at(model.R, k)
+        join(zk, at(model.H, k), J.x(k), np.where(np.isinf(R), 0.0, R))
         if k < steps:
-            wk = slice(w + k * n, w + (k + 1) * n)
-            C[wk, wk] = at(model.Qd, k)
-            C[wk, vk] = cross_at(model, k)
-            C[vk, wk] = C[wk, vk].T
-    states, means = [np.eye(n, sources)], [np.array(model.x0)]
-    for k in range(steps):
-        following = at(model.Phi, k) @ states[-1]
-        following[:, w + k * n : w + (k + 1) * n] += np.eye(n)
-        states.append(following)
-        means.append(at(model.Phi, k) @ means[-1] + offset_at(model, k))
-    measured, measured_means = [], []
-    for k in range(steps + 1):
-        row = at(model.H, k) @ states[k]
-        row[:, v + k * m : v + (k + 1) * m] += np.eye(m)
-        measured.append(row)
-        measured_means.append(at(model.H, k) @ means[k])
-    T = np.vstack(states + measured)
-    return Joint(np.concatenate(means + measured_means), T @ C @ T.T, steps, n, m)
+            join(J.x(k + 1), at(model.Phi, k), J.x(k), at(model.Qd, k))
+            J.mean[J.x(k + 1)] += exact(offset_at(model, k))
+            J.cov[J.x(k + 1), zk] += exact(cross_at(model, k))
+            J.cov[zk, J.x(k + 1)] = J.cov[J.x(k + 1), zk].T
+    return J
 
 
-def condition(mean: Array, cov: Array, known: NDArray[np.intp], values: Array) -> tuple[Array, Array]:
-    """Mean and covariance of everything given that some elements are known (Maybeck vol. 1, eq. 3-117)."""
-    if not len(known):
-        return mean, cov
-    gain = cov[:, known] @ np.linalg.pinv(cov[np.ix_(known, known)], rcond=1e-13, hermitian=True)
-    return mean + gain @ (values - mean[known]), cov - gain @ cov[known]
+class Given(NamedTuple):
+    """Mean and covariance of everything given some elements, and the logarithm of the density of these elements."""
+
+    mean: Array
+    cov: Array
+    log_density: float
+
+
+@precisely
+def condition(mean: Array, cov: Array, known: NDArray[np.intp], values: Array, sizes: Array | None = None) -> Given:
+    """Moments of everything given that some elements are known, one after another (Maybeck vol. 1, eq. 3-117).
+
+    An element that follows from those before it tells nothing more and has no density: of its variance, at first
+    ``sizes`` (the diagonal of ``cov``), only rounding is left, less than 10 to the power of −3/4 of the digits.
+    """
+    mean, cov, log_density = exact(mean), exact(cov), Decimal(0)
+    sizes = cov.diagonal() if sizes is None else sizes
+    nothing = Decimal(1).scaleb(-3 * decimal.getcontext().prec // 4)
+    for i, value in zip(known, exact(values), strict=True):
+        S, nu = cov[i, i], value - mean[i]
+        if S > sizes[i] * nothing:
+            gain = cov[i] / S
+            mean, cov = mean + gain * nu, cov - np.multiply.outer(gain, cov[i])
+            log_density -= (nu * nu / S + S.ln() + LOG_2PI) / 2
+    return Given(mean, cov, float(log_density))
 
 
 def _known(model: Any, z: Array, J: Joint, first: int, rows: range) -> tuple[NDArray[np.intp], Array]:
@@ -244,60 +321,66 @@ def conditioned(model: Any, z: ArrayLike, first: int = 1) -> Moments:
     """The filter by definition: the moments of x_k given z_first … z_{k−1} and z_first … z_k."""
     z = np.asarray(z, dtype=np.float64)
     J = joint(model, len(z) - 1)
-    rows = []
+    mean, cov, rows = J.mean, J.cov, []
     for k in range(len(z)):
-        row: list[Array] = []
-        for last in (k, k + 1):
-            mean, cov = condition(J.mean, J.cov, *_known(model, z, J, first, range(last)))
-            row += [mean[J.x(k)], cov[J.x(k), J.x(k)]]
-        rows.append(row)
-    return Moments(*(np.array(column) for column in zip(*rows, strict=True)))
+        before = mean[J.x(k)], cov[J.x(k), J.x(k)]
+        mean, cov, _ = condition(mean, cov, *_known(model, z, J, first, range(k, k + 1)), J.cov.diagonal())
+        rows.append((*before, mean[J.x(k)], cov[J.x(k), J.x(k)]))
+    return Moments(*(np.array([as_floats(value) for value in column]) for column in zip(*rows, strict=True)))
+
+
+def given_all(model: Any, z: ArrayLike, first: int = 1) -> tuple[Joint, float]:
+    """The joint distribution given the whole record, and the logarithm of the density of what was measured."""
+    z = np.asarray(z, dtype=np.float64)
+    J = joint(model, len(z) - 1)
+    mean, cov, log_density = condition(J.mean, J.cov, *_known(model, z, J, first, range(len(z))))
+    return J._replace(mean=as_floats(mean), cov=as_floats(cov)), log_density
 
 
 def smoothed(model: Any, z: ArrayLike, first: int = 1) -> Trajectory:
     """The smoother by definition: the moments of every x_k given the whole record."""
-    z = np.asarray(z, dtype=np.float64)
-    J = joint(model, len(z) - 1)
-    mean, cov = condition(J.mean, J.cov, *_known(model, z, J, first, range(len(z))))
-    ks = range(len(z))
-    return Trajectory(np.array([mean[J.x(k)] for k in ks]), np.array([cov[J.x(k), J.x(k)] for k in ks]))
+    J, _ = given_all(model, z, first)
+    parts = [J.x(k) for k in range(J.steps + 1)]
+    return Trajectory(np.array([J.mean[p] for p in parts]), np.array([J.cov[p, p] for p in parts]))
 
 
 def log_likelihood(model: Any, z: ArrayLike, first: int = 1) -> float:
     """The logarithm of the joint density of the measured elements."""
-    z = np.asarray(z, dtype=np.float64)
-    J = joint(model, len(z) - 1)
-    known, values = _known(model, z, J, first, range(len(z)))
-    residual, S = values - J.mean[known], J.cov[np.ix_(known, known)]
-    return float(-0.5 * (residual @ np.linalg.solve(S, residual) + np.linalg.slogdet(2 * np.pi * S)[1]))
+    return given_all(model, z, first)[1]
 
 
 # --- least squares -------------------------------------------------------------------------------------------------
 
 
-def least_squares(model: Any, z: ArrayLike, first: int = 1) -> Trajectory:
+@precisely
+def least_squares(model: Any, z: ArrayLike, first: int = 1, P0: Array | None = None) -> Trajectory:
     """All x_k at once by weighted least squares: the smoother, and in its last entry the filter.
 
     Minimises ‖x_0 − x̄_0‖² in P0⁻¹ plus the squares of every (x_{k+1} − Φx_k − c, z_k − Hx_k) in the inverse of the
-    joint covariance of (w_k, v_k); P0 and these covariances must be positive definite.
+    joint covariance of (w_k, v_k); these covariances must be positive definite. ``P0``, in the place of the model's, may
+    have infinite variances: of such a state nothing is known, and the measurements must determine it.
     """
+    P0 = model.P0 if P0 is None else P0
     z = np.asarray(z, dtype=np.float64)
     steps, n = len(z) - 1, len(model.x0)
-    blocks, values = [], []
+    J, y = exact(np.zeros(((steps + 1) * n, (steps + 1) * n))), exact(np.zeros((steps + 1) * n))
 
     def add(block: Array, value: Array, covariance: Array) -> None:
-        L = np.linalg.cholesky(covariance)
-        blocks.append(np.linalg.solve(L, block))
-        values.append(np.linalg.solve(L, value))
+        """The squares of value − block·x in the inverse of the covariance, in the normal equations Jx = y."""
+        nonlocal J, y
+        weighted = exact(block).T @ inverse(covariance)
+        J, y = J + weighted @ exact(block), y + weighted @ exact(value)
 
-    add(np.eye(n, (steps + 1) * n), np.array(model.x0), np.array(model.P0))
+    told = np.flatnonzero(np.isfinite(np.diag(P0)))
+    if told.size:
+        add(np.eye(n, (steps + 1) * n)[told], model.x0[told], P0[np.ix_(told, told)])
     for k in range(steps + 1):
         used = present(model, z, k, first)
         H, R, N = at(model.H, k)[used], at(model.R, k)[np.ix_(used, used)], cross_at(model, k)[:, used]
         measured = np.zeros((len(used), (steps + 1) * n))
         measured[:, k * n : (k + 1) * n] = H
         if k == steps:
-            if len(used):
+            if used.size:
                 add(measured, z[k, used], R)
             continue
         moved = np.zeros((n, (steps + 1) * n))
@@ -308,24 +391,23 @@ def least_squares(model: Any, z: ArrayLike, first: int = 1) -> Trajectory:
             np.concatenate([-offset_at(model, k), z[k, used]]),
             np.block([[at(model.Qd, k), N], [N.T, R]]),
         )
-    A, b = np.vstack(blocks), np.concatenate(values)
-    x = np.linalg.lstsq(A, b)[0]
-    inverse = np.linalg.pinv(A)
-    cov = inverse @ inverse.T
+    P = inverse(J)
+    x, P = as_floats(P @ y), as_floats(P)
     parts = [slice(k * n, (k + 1) * n) for k in range(steps + 1)]
-    return Trajectory(np.array([x[p] for p in parts]), np.array([cov[p, p] for p in parts]))
+    return Trajectory(np.array([x[p] for p in parts]), np.array([P[p, p] for p in parts]))
 
 
+@precisely
 def information(model: Any, steps: int, first: int = 1) -> Array:
     """The information on x_0 of P0 and the measurements where Qd = 0: P0⁻¹ + Σ ΨᵀHᵀR⁻¹HΨ."""
-    J, Psi = np.linalg.inv(model.P0), np.eye(len(model.x0))
+    J, Psi = inverse(model.P0), identity(len(model.x0))
     for k in range(steps + 1):
         if k >= first:
-            HPsi = at(model.H, k) @ Psi
-            J = J + HPsi.T @ np.linalg.inv(at(model.R, k)) @ HPsi
+            HPsi = exact(at(model.H, k)) @ Psi
+            J = J + HPsi.T @ inverse(at(model.R, k)) @ HPsi
         if k < steps:
-            Psi = at(model.Phi, k) @ Psi
-    return J
+            Psi = exact(at(model.Phi, k)) @ Psi
+    return as_floats(J)
 
 
 # --- exponentials in integers --------------------------------------------------------------------------------------------

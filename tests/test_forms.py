@@ -283,10 +283,10 @@ def test_who_survives_two_sensors_that_are_almost_one(delta):
         assert found[name].error_P < 1e-6, name
     if delta == 1e-8:
         assert found["joseph"].error_P > 0.1
-    if delta == 1e-9:
-        assert found["joseph"].failed
-        assert found["joseph"].error_P is found["joseph"].flops is found["joseph"].seconds is None
+    if delta == 1e-9:  # of S nothing but rounding is left, and a negative one is noticed
+        assert found["joseph"].failed or found["joseph"].error_P > 0.1
     assert found["steady"].failed.startswith("form steady: ")
+    assert found["steady"].error_P is found["steady"].flops is found["steady"].seconds is None
 
 
 @settings(deadline=None, max_examples=10, derandomize=True)

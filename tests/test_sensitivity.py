@@ -72,11 +72,11 @@ def densely(truth: DiscreteModel, design: DiscreteModel, C: Array, first: int = 
             columns.append(reference.recursion(design, unit, first).x_plus - constant)
     means, covs = [], []
     for k in range(STEPS + 1):
-        T = np.zeros((design.n, len(J.mean)))
-        T[:, places] = np.array([column[k] for column in columns]).T
-        T[:, J.x(k)] -= C
-        means.append(constant[k] + T @ J.mean)
-        covs.append(T @ J.cov @ T.T)
+        T = reference.exact(np.zeros((design.n, len(J.mean))))
+        T[:, places] = reference.exact([column[k] for column in columns]).T
+        T[:, J.x(k)] -= reference.exact(C)
+        means.append(constant[k] + reference.as_floats(T @ J.mean))
+        covs.append(reference.as_floats(T @ J.cov @ T.T))
     return np.array(means), np.array(covs)
 
 

@@ -28,14 +28,12 @@ def filtered(model, z, first=1):
 
 def jointly(model, z, first=1):
     """Means, covariances and lag-one covariances of the states given the record, by conditioning all at once."""
-    z = np.asarray(z)
-    J = reference.joint(model, len(z) - 1)
-    known = reference._known(model, z, J, first, range(len(z)))
-    _mean, cov = reference.condition(J.mean, J.cov, *known)
-    x, P = reference.smoothed(model, z, first)
+    J, _ = reference.given_all(model, z, first)
+    parts = [J.x(k) for k in range(J.steps + 1)]
+    x, P = np.array([J.mean[p] for p in parts]), np.array([J.cov[p, p] for p in parts])
     lag_one = np.full_like(P, np.nan)
-    for k in range(1, len(z)):
-        lag_one[k] = cov[J.x(k), J.x(k - 1)]
+    for k in range(1, len(parts)):
+        lag_one[k] = J.cov[parts[k], parts[k - 1]]
     return x, P, lag_one
 
 
