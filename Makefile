@@ -5,6 +5,9 @@ OUT ?= reports
 .PHONY: help labs test slow check docs pictures bench clean FORCE
 .NOTPARALLEL:
 
+# Bytecode is kept even where the environment says otherwise: the tests start many processes, which would compile it anew.
+export PYTHONDONTWRITEBYTECODE :=
+
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet
 
@@ -25,10 +28,11 @@ test: .venv/.test ## run the tests that take seconds, with branch coverage
 slow: .venv/.test ## run the tests that take minutes: every lab against its committed numbers, the wheel
 	$(BIN)/python -m pytest -m slow -q
 
-check: .venv/.test ## lint, check the types and run the examples in README.md and docs/
+check: .venv/.test ## lint, types, the examples in README.md and docs/, the numerical tests under OpenBLAS's kernels
 	$(BIN)/python -m ruff check .
 	$(BIN)/python -m mypy
 	$(BIN)/python -m pytest -q tests/test_docs.py
+	$(BIN)/python tests/kernels.py
 
 docs: .venv/.docs ## build the documentation into build/docs
 	$(BIN)/python -m mkdocs build --strict --quiet

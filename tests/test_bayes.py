@@ -20,6 +20,8 @@ from ctlabs.montecarlo import chance
 from tests.reference import EXACT, SOLVER, broken, close, log_likelihood
 from tests.strategies import covariance, discrete_models, record, seeds
 
+pytestmark = pytest.mark.numerical
+
 Array = NDArray[Any]
 SW, SL, SM = 1000.0, 100.0, 50.0
 

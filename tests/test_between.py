@@ -13,6 +13,8 @@ from ctlabs.models import ContinuousModel
 from tests.reference import EXACT, SOLVER, broken, close
 from tests.strategies import continuous_models
 
+pytestmark = pytest.mark.numerical
+
 OSCILLATOR = ContinuousModel(
     [[0, 1], [-4, -0.3]], [[0], [1]], [[2]], [[1, 0]], P0=[[1, 0.2], [0.2, 3]], states=["x", "v"]
 )

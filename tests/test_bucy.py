@@ -20,6 +20,8 @@ from ctlabs.models import ContinuousModel
 from tests.reference import EXACT, SOLVER, Array, as_floats, broken, close, order
 from tests.strategies import continuous_models
 
+pytestmark = pytest.mark.numerical
+
 I2 = np.eye(2)
 PRINTED = 6e-6  # the practicum's values have five decimals or six digits
 

@@ -12,6 +12,8 @@ from tests import nile
 from tests.reference import EXACT, at
 from tests.strategies import record
 
+pytestmark = pytest.mark.numerical
+
 STEPS = 200
 
 

@@ -20,6 +20,8 @@ from tests import cases
 from tests.reference import EXACT, SOLVER, broken, close, deviation, order
 from tests.strategies import continuous_models, covariance, seeds
 
+pytestmark = pytest.mark.numerical
+
 Array = NDArray[Any]
 properties = settings(deadline=None, max_examples=40, derandomize=True)
 

@@ -15,6 +15,8 @@ from ctlabs.fields import RandomField, filter_dense, filter_exact, filter_local,
 from ctlabs.montecarlo import chance
 from tests.reference import EXACT, SOLVER, broken, close, recursion
 
+pytestmark = pytest.mark.numerical
+
 PAPER = RandomField(alpha=0.1, beta=0.1, b20=0.25, b11=1.0, h=1.0, dt=0.2, N1=30, sigma_eta=3.0)
 SMALL = replace(PAPER, N1=6)
 FILTERS = {"dense": filter_dense, "exact": filter_exact, "local": filter_local}

@@ -16,6 +16,8 @@ from tests import reference
 from tests.reference import EXACT, SOLVER, broken, close
 from tests.strategies import covariance, discrete_models, record, seeds
 
+pytestmark = pytest.mark.numerical
+
 WALK = DiscreteModel(
     [[1, 1], [0, 1]], [[0.25, 0.5], [0.5, 1.0]], [[1, 0]], [[2]], x0=[0, 1], P0=[[4, 1], [1, 3]], offset=[0.1, 0.0]
 )

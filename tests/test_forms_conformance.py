@@ -17,6 +17,8 @@ from tests import reference
 from tests.reference import EXACT, SOLVER, broken, close
 from tests.strategies import covariance, discrete_models, record, transition
 
+pytestmark = pytest.mark.numerical
+
 
 class Can(NamedTuple):
     """What a form can do."""

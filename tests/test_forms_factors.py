@@ -14,6 +14,8 @@ from tests import reference
 from tests.reference import EPS, EXACT, SOLVER, as_floats, broken, close, exact, inverse
 from tests.strategies import covariance, discrete_models, record, seeds, transition
 
+pytestmark = pytest.mark.numerical
+
 COVARIANCE = {
     "potter": potter,
     "carlson": carlson,

@@ -20,6 +20,8 @@ from tests.cases import numerics
 from tests.reference import EXACT, SOLVER, broken, close
 from tests.strategies import continuous_models, discrete_models, record, seeds
 
+pytestmark = pytest.mark.numerical
+
 Array = NDArray[Any]
 W = np.array([0.1, 1.0, 7.0])
 

@@ -32,6 +32,8 @@ from tests.reference import (
 )
 from tests.strategies import covariance, discrete_models, record, seeds
 
+pytestmark = pytest.mark.numerical
+
 Array = NDArray[Any]
 STEPS = 6
 properties = settings(deadline=None, max_examples=25, derandomize=True)

@@ -24,6 +24,8 @@ from ctlabs.kinematics import Unit
 from ctlabs.models import ContinuousModel
 from tests.reference import EXACT, SOLVER, broken, close, recursion
 
+pytestmark = pytest.mark.numerical
+
 QUICK = settings(deadline=None, max_examples=40, derandomize=True)
 UREG = pint.UnitRegistry()
 P0 = np.array([[100.0, 3.0, 0.5], [3.0, 10.0, 0.2], [0.5, 0.2, 1.0]])

@@ -8,6 +8,8 @@ from ctlabs import maximum
 from ctlabs.maximum import Box
 from tests.reference import EXACT, SOLVER, close
 
+pytestmark = pytest.mark.numerical
+
 COVARIANCE = np.array([[4.0, 1.5], [1.5, 1.0]])
 MEAN = np.array([3.0, -2.0])
 

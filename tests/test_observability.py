@@ -19,6 +19,8 @@ from ctlabs.observability import Mode, analyse, driven, gramian, growth, loss_by
 from tests.reference import EXACT, SOLVER, Array, broken, close
 from tests.strategies import continuous_models, discrete_models, seeds
 
+pytestmark = pytest.mark.numerical
+
 I2 = np.eye(2)
 
 

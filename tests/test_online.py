@@ -20,6 +20,8 @@ from tests import reference
 from tests.reference import EXACT, SOLVER, broken, close
 from tests.strategies import continuous_models, discrete_models, record
 
+pytestmark = pytest.mark.numerical
+
 OPTIMAL = [name for name in forms.FORMS if name != "steady"]
 INFORMATION = ("information", "srif")
 #: The forms that take R = 0.

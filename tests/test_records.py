@@ -16,6 +16,8 @@ from tests import reference
 from tests.reference import EXACT, broken, close
 from tests.strategies import discrete_models, record, seeds
 
+pytestmark = pytest.mark.numerical
+
 FIELDS = ("t", "x_minus", "x_plus", "P_minus", "P_plus", "innovation", "S", "nis", "log_likelihood", "used")
 #: Two coupled states, two measurements with correlated errors; the filter settles within a hundred steps.
 TRACK = DiscreteModel(

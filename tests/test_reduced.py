@@ -18,6 +18,8 @@ from ctlabs.models import ContinuousModel, DiscreteModel
 from tests.reference import EXACT, SOLVER, broken, close, conditioned, order
 from tests.strategies import covariance, record, seeds, transition
 
+pytestmark = pytest.mark.numerical
+
 Array = NDArray[Any]
 
 

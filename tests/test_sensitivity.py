@@ -18,6 +18,8 @@ from tests import reference
 from tests.reference import EXACT, SOLVER, broken, close
 from tests.strategies import covariance, discrete_models, seeds, transition
 
+pytestmark = pytest.mark.numerical
+
 Array = NDArray[Any]
 STEPS = 6
 

@@ -19,6 +19,8 @@ from ctlabs.models import ContinuousModel
 from tests.reference import EXACT, SOLVER, broken, close
 from tests.strategies import continuous_models
 
+pytestmark = pytest.mark.numerical
+
 Array = NDArray[Any]
 TAU = np.linspace(-3.0, 3.0, 25)
 W = np.array([0.0, 0.3, 1.0, 1.9, 5.0, 40.0])

@@ -15,6 +15,8 @@ from tests import reference
 from tests.reference import EXACT, SOLVER, broken, close
 from tests.strategies import discrete_models, record, seeds
 
+pytestmark = pytest.mark.numerical
+
 TRACK = DiscreteModel(
     Phi=[[1, 0.5], [0, 0.9]], Qd=[[0.1, 0.05], [0.05, 0.2]], H=[[1, 0], [0.5, 1]], R=[[1, 0.3], [0.3, 2]],
     x0=[1, -1], P0=[[4, 0], [0, 2]], dt=0.5,

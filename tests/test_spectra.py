@@ -20,6 +20,8 @@ from ctlabs.spectra import Spectrum
 from tests.reference import EXACT, SOLVER, broken, close
 from tests.strategies import continuous_models, seeds
 
+pytestmark = pytest.mark.numerical
+
 Array = NDArray[Any]
 W = np.array([0.0, 0.1, 0.7, 1.0, 3.0, 10.0, 100.0])
 

@@ -16,6 +16,8 @@ from ctlabs.models import DiscreteModel
 from tests.reference import EXACT, SOLVER, broken, close, recursion
 from tests.strategies import covariance, discrete_models, transition
 
+pytestmark = pytest.mark.numerical
+
 Array = NDArray[Any]
 properties = settings(deadline=None, max_examples=15, derandomize=True)
 

@@ -12,6 +12,8 @@ from tests import reference
 from tests.reference import EXACT, SOLVER, broken, close
 from tests.strategies import seeds
 
+pytestmark = pytest.mark.numerical
+
 QUIET = {"workers": 1, "progress": False}
 
 

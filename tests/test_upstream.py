@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 from ctlabs import steady
 from ctlabs.discretise import interval
 from ctlabs.models import DiscreteModel
-from tests.reference import EXACT, SOLVER, close, information_update, smoothed, update
+from tests.reference import EPS, EXACT, SOLVER, close, information_update, smoothed, update
 from tests.strategies import covariance, record
+
+pytestmark = pytest.mark.numerical
 
 Array = NDArray[Any]
 
@@ -241,13 +243,16 @@ def test_lqe_accepts_every_strength(control: Any) -> None:
         control.lqe(-np.eye(3), G, np.eye(3), Q, np.eye(3))
 
 
-@pytest.mark.xfail(reason="dare refuses a constant without disturbances beside a growing state", raises=np.linalg.LinAlgError)
+# Two eigenvalues of its pencil are 1: rounding moves them by √ε, off the unit circle or along it, and decides what dare says.
+@pytest.mark.xfail(
+    reason="dare refuses a constant without disturbances beside a growing state", raises=np.linalg.LinAlgError, strict=False
+)
 def test_dare_of_a_growing_state_and_a_constant(control: Any) -> None:
     """Φ = diag(1.2, 1), Q = 0: the recursion's limit is diag(1.2² − 1, 0), as steady.solve says."""
     model = DiscreteModel(np.diag([1.2, 1.0]), np.zeros((2, 2)), [[1, 1]], [[1]], x0=[0, 0], P0=np.eye(2))
     assert close(steady.solve(model).P_minus, np.diag([1.2**2 - 1, 0]), SOLVER)
     P, _, _ = control.dare(model.Phi.T, model.H.T, model.Qd, model.R)
-    assert close(P, np.diag([1.2**2 - 1, 0]), SOLVER)
+    assert close(P, np.diag([1.2**2 - 1, 0]), 100 * EPS**0.5)
 
 
 @pytest.mark.xfail(reason="gram, MIMO tf2ss and state-space minreal need slycot", raises=(ImportError, NotImplementedError, TypeError))

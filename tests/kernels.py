@@ -1,0 +1,83 @@
+"""The numerical tests under each of OpenBLAS's kernels that this processor can run, with one thread and with two.
+
+    python tests/kernels.py [options of pytest]
+
+A kernel decides in which order sums are rounded, so a number that is right under one and wrong under another was never
+right. OpenBLAS takes the one of the processor; ``OPENBLAS_CORETYPE`` names another. A kernel is asked for in a process
+of its own, which an instruction that the processor does not have ends; such kernels are left out, and named.
+
+The numerical tests are the files with the line ``pytestmark = pytest.mark.numerical``; of hypothesis's examples the
+first few are run.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+HERE = Path(__file__).parent
+KERNELS = ("Haswell", "SkylakeX", "Sandybridge", "Nehalem")
+THREADS = (1, 2)
+EXAMPLES = 5
+MARK = "pytestmark = pytest.mark.numerical"
+#: Uses products and factors of numpy's and scipy's OpenBLAS, and says which kernels these are.
+PROBE = """
+import numpy as np, scipy.linalg, threadpoolctl
+A = np.arange(900.0).reshape(30, 30) % 7 + 30 * np.eye(30)
+np.linalg.solve(A @ A, A), scipy.linalg.lu_factor(A)
+print(*sorted({lib["architecture"] for lib in threadpoolctl.threadpool_info() if lib["internal_api"] == "openblas"}))
+"""
+
+
+def environment(kernel: str, threads: int) -> dict[str, str]:
+    """The variables that choose a kernel and the number of its threads."""
+    count = str(threads)
+    return {**os.environ, "OPENBLAS_CORETYPE": kernel, "OPENBLAS_NUM_THREADS": count, "OMP_NUM_THREADS": count}
+
+
+def hindrance(kernel: str) -> str:
+    """Why a kernel cannot be tried here; empty if it can."""
+    probe = subprocess.run(
+        [sys.executable, "-c", PROBE], env=environment(kernel, 1), capture_output=True, text=True, check=False
+    )
+    if probe.returncode < 0:
+        return f"this processor cannot run it ({signal.Signals(-probe.returncode).name})"
+    if probe.returncode:
+        return probe.stderr.strip().splitlines()[-1]
+    took = probe.stdout.strip()
+    return "" if took == kernel else f"numpy and scipy took {took or 'no OpenBLAS'} for it"
+
+
+def run(kernel: str, threads: int, options: list[str]) -> tuple[int, str]:
+    """The numerical tests under a kernel: pytest's exit status and what it printed."""
+    files = sorted(str(file) for file in HERE.glob("test_*.py") if MARK in file.read_text(encoding="utf-8"))
+    command = [sys.executable, "-m", "pytest", "-q", "-n0", "-m", "numerical and not slow", f"--examples={EXAMPLES}"]
+    done = subprocess.run(
+        [*command, "-p", "no:cacheprovider", *options, *files],
+        env=environment(kernel, threads), cwd=HERE.parent, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    return done.returncode, done.stdout + done.stderr
+
+
+def main(options: list[str]) -> int:
+    """Try every kernel; 1 if a test failed, or if no kernel could be tried."""
+    tried, failed = 0, 0
+    for kernel in KERNELS:
+        if why := hindrance(kernel):
+            print(f"{kernel}: skipped, {why}", flush=True)
+            continue
+        with ThreadPoolExecutor(len(THREADS)) as pool:
+            results = list(pool.map(lambda threads, kernel=kernel: run(kernel, threads, options), THREADS))
+        for threads, (status, printed) in zip(THREADS, results, strict=True):
+            print(f"{kernel}, {threads} thread{'s' * (threads > 1)}: {printed.strip().splitlines()[-1]}", flush=True)
+            if status:
+                failed += 1
+                print(printed, flush=True)
+        tried += 1
+    return int(failed > 0 or not tried)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
