@@ -16,6 +16,9 @@ from ctlabs.linalg.exponential import interval as interval
 from ctlabs.linalg.logarithm import logarithm, strength
 from ctlabs.models import ContinuousModel, DiscreteModel
 
+#: What is left of a sum below this fraction of its terms is rounding, gathered over some hundred steps.
+CANCELLED = 2e-13
+
 
 def discretise(
     model: ContinuousModel,

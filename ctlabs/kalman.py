@@ -14,22 +14,20 @@ a perfect measurement (R = 0) of something already known gets K = 0 instead of 0
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctlabs import _check
+from ctlabs import _check, contradictions
 from ctlabs._check import Array
-from ctlabs.discretise import ldl
+from ctlabs.contradictions import Contradiction, Gains
+from ctlabs.discretise import CANCELLED, ldl
 from ctlabs.models import DiscreteModel, at
 from ctlabs.text import moment
 
 Mask = NDArray[Any]
-
-#: What is left of a sum below this fraction of its terms is rounding, gathered over some hundred steps.
-CANCELLED = 2e-13
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,7 +70,8 @@ class Ensemble:
     ``t`` (steps+1,) s · ``z`` (steps+1, m, runs), the data as given · ``innovation`` (steps+1, m, runs), NaN where an
     element does not enter the update · ``x`` (steps+1, n, runs), the truth, ``None`` for measured data ·
     ``x_minus``, ``x_plus`` (steps+1, n, runs), estimates given the
-    measurements before k and up to k · ``schedule``, the gains used.
+    measurements before k and up to k · ``schedule``, the gains used · ``contradictions``, the perfect measurements that
+    disagree with what is known exactly (:mod:`ctlabs.contradictions`).
     """
 
     t: Array
@@ -82,6 +81,7 @@ class Ensemble:
     x_minus: Array
     x_plus: Array
     schedule: Schedule
+    contradictions: tuple[Contradiction, ...] = ()
 
     def error(self, when: str = "plus") -> Array:
         """e = x̂ − x, (steps+1, n, runs), after (``"plus"``) or before (``"minus"``) the update."""
@@ -160,7 +160,10 @@ def filter_runs(model: DiscreteModel, z: ArrayLike, schedule: Schedule | None = 
     elif schedule.steps != steps or schedule.K.shape[1:] != (model.n, model.m):
         msg = f"schedule: expected gains of shape {(steps + 1, model.n, model.m)}, received {schedule.K.shape}"
         raise ValueError(msg)
-    return _estimates(model, data, schedule, gaps)
+    found = _estimates(model, data, schedule, gaps)
+    used = schedule.measured & ~gaps
+    history = Gains(found.x_minus, found.x_plus, schedule.P_minus, schedule.P_plus, used, schedule.K)
+    return replace(found, contradictions=contradictions.find(model, data, history, first))
 
 
 def update(P_minus: ArrayLike, H: ArrayLike, R: ArrayLike) -> Update:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctlabs import _check, forms, kalman
+from ctlabs import _check, contradictions, forms, kalman
 from ctlabs._check import Array
 from ctlabs.forms import Filtered
 from ctlabs.models import DiscreteModel
@@ -63,7 +63,8 @@ def filter_record(model: DiscreteModel, z: ArrayLike, first: int = 1) -> Filtere
     if total is None:
         return _perfect(model, data, first)
     t = np.arange(len(data)) * model.dt
-    return Filtered(t, *out, log_likelihood=total, used=used)
+    found: Filtered = contradictions.judged(model, data, Filtered(t, *out, log_likelihood=total, used=used), first)
+    return found
 
 
 def log_likelihood(model: DiscreteModel, z: ArrayLike, first: int = 1) -> float:

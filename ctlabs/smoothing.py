@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike
 
 from ctlabs import _check, kalman, records
 from ctlabs._check import Array
+from ctlabs.contradictions import Contradiction
 from ctlabs.discretise import ldl
 from ctlabs.models import DiscreteModel
 
@@ -43,13 +44,15 @@ class Smoothed:
     """Estimates given the whole record.
 
     ``t`` (steps+1,) s · ``x`` (steps+1, n[, runs]) · ``P`` (steps+1, n, n), covariance of their errors · ``lag_one``
-    (steps+1, n, n), entry k is cov(x_k, x_{k−1}) given the record; NaN at 0, which nothing precedes
+    (steps+1, n, n), entry k is cov(x_k, x_{k−1}) given the record; NaN at 0, which nothing precedes · ``contradictions``,
+    those of the filtered record: the estimates are given the rest of it
     """
 
     t: Array
     x: Array
     P: Array
     lag_one: Array
+    contradictions: tuple[Contradiction, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +94,7 @@ def smooth(model: DiscreteModel, filtered: Filtered) -> Smoothed:
     way = _way(model, filtered)
     if way is None or not _compiled("smooth", way, records.fixed(filtered.P_plus), x, P, lag_one):
         x, P, lag_one = _striebel(model, filtered, 0, len(x) - 1)
-    return Smoothed(filtered.t, x[:, :, 0] if single else x, P, lag_one)
+    return Smoothed(filtered.t, x[:, :, 0] if single else x, P, lag_one, filtered.contradictions)
 
 
 def fixed_lag(model: DiscreteModel, z: ArrayLike, lag: int, first: int = 1) -> Lagged:

@@ -24,6 +24,7 @@ LAYERS: list[set[str]] = [
     {
         "between",
         "bucy",
+        "contradictions",
         "forms",
         "kalman",
         "online",

@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ctlabs import _check, kalman
+from ctlabs import _check, contradictions, kalman
 from ctlabs._check import Array
+from ctlabs.contradictions import Contradiction
 from ctlabs.forms import (
     array,
     carlson,
@@ -60,8 +61,9 @@ class Filtered:
     to k · ``P_minus``, ``P_plus`` (steps+1, n, n), the covariances of their errors · ``innovation`` (steps+1, m[, runs])
     and ``S`` (steps+1, m, m), its covariance; NaN, and ``inf`` on the diagonal, where an element does not enter the
     update · ``nis`` (steps+1,[ runs]), νᵀS⁻¹ν, NaN where nothing is measured · ``log_likelihood`` (a number or (runs,)),
-    −½Σ(νᵀS⁻¹ν + ln det S + m ln 2π), NaN where rounding has left S indefinite ·
-    ``used`` (steps+1, m), whether the element enters the update.
+    −½Σ(νᵀS⁻¹ν + ln det S + m ln 2π), NaN where rounding has left S indefinite, −∞ where there is a contradiction ·
+    ``used`` (steps+1, m), whether the element enters the update · ``contradictions``, the perfect measurements that disagree
+    with what is known exactly (:mod:`ctlabs.contradictions`); the filter goes on without them.
 
     A state of which nothing is known (zero information) has the estimate NaN and the variance ``inf``, with zeros
     beside it; an instant at which such a state is measured has no ``nis`` and adds nothing to the likelihood.
@@ -77,6 +79,7 @@ class Filtered:
     nis: Array
     log_likelihood: Any
     used: NDArray[np.bool_]
+    contradictions: tuple[Contradiction, ...] = ()
 
 
 class Comparison(NamedTuple):
@@ -390,6 +393,7 @@ def _run(
     P_minus, P_plus = (0.5 * (P + P.transpose(0, 2, 1)) for P in (P_minus, P_plus))
     t = np.arange(steps + 1) * model.dt
     found = Filtered(t, x_minus, x_plus, P_minus, P_plus, innovation, S, nis, log_likelihood, record.used)
+    found = contradictions.judged(model, data, found, first)
     return (_without_runs(found) if single else found), seconds / steps
 
 

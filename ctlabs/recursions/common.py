@@ -7,16 +7,14 @@ from typing import NamedTuple
 import numpy as np
 from numba.extending import register_jitable
 
-from ctlabs import kalman
 from ctlabs._check import Array
+from ctlabs.discretise import CANCELLED as CANCELLED
 
 #: A helper that plain Python and the compiler both understand. Sums keep their order: the result is the same to the bit
 #: in every process, and short vectors gain nothing from another order.
 helper = register_jitable
 
 EPS = float(np.finfo(float).eps)
-#: As in :mod:`ctlabs.kalman`: what is left of a sum below this fraction of its terms is rounding.
-CANCELLED = kalman.CANCELLED
 
 
 class System(NamedTuple):

@@ -1,0 +1,212 @@
+r"""Contradictions: an exact measurement that disagrees with what is known exactly.
+
+A perfect element, or one whose noise is combined of those before it, may have an innovation of no variance given those of
+the elements b that enter the update before it. It is known already and tells nothing; but
+
+.. math:: e_i = \nu_i - w^T\nu_b, \quad w = S_{bb}^{-1}S_{bi}, \quad \nu = z - H\hat x^-
+
+must be zero. Where it is not, the record is an event of probability zero, and the likelihood −∞. What rounding may leave of
+e_i is bounded by
+
+.. math:: \gamma\left(|z_i| + |h_i||\hat x| + |w|^T(|z_b| + |H_b||\hat x|) + \text{that of }w\right) + \sqrt{gWg^T}, \quad
+          g = h_i - w^TH_b, \quad \gamma = (n + m + 2)\varepsilon
+
+in which z, H, Φ … count as known to their last digits, as decimals are, and W bounds what x̂ has gathered since t0: every
+step moves it like an error of x̂ and adds a rounding of its own, within ±t,
+
+.. math:: W \leftarrow (1 + \tfrac1j)AWA^T + (1 + j)\,n\,\mathrm{diag}(t^2), \quad A = \Phi \text{ or } I - KH,
+
+which is an ellipsoid around the sum of the ellipsoid and the box for every j > 0 (Schweppe, IEEE Trans. AC-13, 1968). With j
+the number of errors so far, those of one sign (of a rounded Φ, say) add up as they may. Nothing depends on units.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ctlabs._check import Array
+from ctlabs.discretise import ldl
+from ctlabs.models import DiscreteModel, at
+
+if TYPE_CHECKING:
+    from ctlabs.recursions.common import System
+    from ctlabs.recursions.rounding import Passed, Rounding
+
+EPS = float(np.finfo(float).eps)
+
+Mask = NDArray[np.bool_]
+
+
+class Contradiction(NamedTuple):
+    """A measurement z[row, element] (of ``run``, in an ensemble) that is impossible, as what is known exactly excludes it.
+
+    ``innovation``, its distance from the only possible value · ``allowed``, what rounding may explain of that
+    """
+
+    row: int
+    element: int
+    innovation: float
+    allowed: float
+    run: int = 0
+
+
+class History(Protocol):
+    """What a filter leaves, as :class:`ctlabs.forms.Filtered` has it: estimates (steps+1, n) or (steps+1, n, runs)."""
+
+    @property
+    def x_minus(self) -> Array:
+        """Before the updates."""
+
+    @property
+    def x_plus(self) -> Array:
+        """After the updates."""
+
+    @property
+    def P_minus(self) -> Array:
+        """(steps+1, n, n), before the updates."""
+
+    @property
+    def P_plus(self) -> Array:
+        """After the updates."""
+
+    @property
+    def used(self) -> Mask:
+        """(steps+1, m), the elements that entered them."""
+
+
+class Gains(NamedTuple):
+    """A history with the gains ``K`` (steps+1, n, m) that were applied, where they are not those of its covariances."""
+
+    x_minus: Array
+    x_plus: Array
+    P_minus: Array
+    P_plus: Array
+    used: Mask
+    K: Array
+
+
+def known(model: DiscreteModel, z: Array, used: Mask, first: int = 1) -> Mask:
+    """The elements of z (steps+1, m[, runs]) that are measured but known already, and did not enter the update, (steps+1, m).
+
+    >>> m = DiscreteModel([[1]], [[1]], [[1], [1]], np.zeros((2, 2)), x0=[0], P0=[[4]])
+    >>> known(m, np.array([[np.nan, np.nan], [1.0, 1.0]]), np.array([[False, False], [True, False]]))
+    array([[False, False],
+           [False,  True]])
+    """
+    found = ~used & ~(np.isnan(z) if z.ndim == 2 else np.isnan(z).all(axis=2))
+    found[:first] = False
+    if model.R.ndim == 2:
+        return np.asarray(found & perfect(model.R))
+    for k in np.flatnonzero(found.any(axis=1)):
+        found[k] &= perfect(model.R[k])
+    return found
+
+
+def perfect(R: Array) -> Mask:
+    """Which elements have no noise of their own: a variance of zero, or a noise combined of those before it.
+
+    >>> perfect(np.array([[1.0, 1.0], [1.0, 1.0]]))
+    array([False,  True])
+    """
+    there = np.isfinite(R.diagonal())
+    return np.asarray(there & (ldl(np.where(there[:, None] & there, R, 0.0))[1] == 0))
+
+
+def find(model: DiscreteModel, z: Array, history: History | Gains, first: int = 1) -> tuple[Contradiction, ...]:
+    """The contradictions of a record, or of an ensemble of records, row by row.
+
+    Parameters
+    ----------
+    model : the filter's model
+    z : (steps+1, m) or (steps+1, m, runs), NaN = not measured
+    history : of any form of the filter
+    first : 1 (first measurement at t1) or 0 (at t0)
+
+    >>> from ctlabs import records
+    >>> m = DiscreteModel([[0.5]], [[0]], [[1]], [[0]], x0=[1], P0=[[0]])
+    >>> records.filter_record(m, [[np.nan], [0.5], [0.2]]).contradictions[0]._replace(allowed=0)
+    Contradiction(row=2, element=0, innovation=-0.05, allowed=0, run=0)
+    """
+    e, allowed = innovations(model, z, history, first)
+    with np.errstate(invalid="ignore"):
+        wrong = np.argwhere(np.abs(e) > allowed[:, :, None])
+    return tuple(
+        Contradiction(k, i, float(e[k, i, run]), float(allowed[k, i]), run) for k, i, run in wrong.tolist()
+    )
+
+
+def innovations(model: DiscreteModel, z: Array, history: History | Gains, first: int = 1) -> tuple[Array, Array]:
+    """Of what is known already: innovations given the elements before (steps+1, m, runs), and what rounding explains (steps+1, m).
+
+    NaN for elements that enter the update or are not measured.
+    """
+    asked = known(model, z, history.used, first)
+    runs = (z[..., None] if z.ndim == 2 else z).shape[2]
+    e, allowed = np.full((*asked.shape, runs), np.nan), np.full(asked.shape, np.nan)
+    if asked.any():
+        from ctlabs.recursions.rounding import Passed, bounds  # numba costs 0.3 s to import
+
+        K = getattr(history, "K", np.empty((0, model.n, model.m)))
+        estimates = (_own(a.reshape(len(z), a.shape[1], -1)) for a in (z, history.x_minus, history.x_plus))
+        covariances = (_own(P) for P in (history.P_minus, history.P_plus))
+        rows = Passed(*estimates, *covariances, _own(history.used), asked, _own(K))
+        size = np.sqrt(np.where(np.isfinite(model.P0.diagonal()), model.P0.diagonal(), 0.0))
+        bounds(*_system(model, history.used), given(model.x0), size, 0, rows, e, allowed)
+    return e, allowed
+
+
+def given(x: Array) -> Rounding:
+    """The rounding of numbers that are given, (n,): their last digits."""
+    from ctlabs.recursions.rounding import Rounding
+
+    return Rounding(np.sqrt(len(x)) * EPS * np.where(np.isfinite(x), np.abs(x), 0.0), np.eye(len(x)), np.ones(1))
+
+
+def _system(model: DiscreteModel, used: Mask) -> tuple[System, Array]:
+    """The arrays of a model, with Φ − NR⁺H for Φ where w and v correlate; and NR⁺ (steps, n, m), or nothing."""
+    from ctlabs.recursions.common import System
+
+    steps, nothing = len(used) - 1, np.empty((0, model.n))
+    c = nothing if model.offset is None else _own(np.atleast_2d(model.offset))
+    Phi, Q, H, R = (_own(a if a.ndim == 3 else a[None]) for a in (model.Phi, model.Qd, model.H, model.R))
+    system = System(Phi, Q, c, H, R, nothing)
+    if model.N is None:
+        return system, np.empty((0, model.n, model.m))
+    M, Phi = np.zeros((steps, model.n, model.m)), np.empty((steps, model.n, model.n))
+    for k in range(steps):
+        there = used[k]
+        if there.any():
+            M[k][:, there] = model.N[:, there] @ np.linalg.pinv(at(model.R, k, 2)[np.ix_(there, there)], hermitian=True)
+        Phi[k] = at(model.Phi, k, 2) - M[k] @ at(model.H, k, 2)
+    return system._replace(Phi=Phi), M
+
+
+def _own(a: NDArray[Any]) -> NDArray[Any]:
+    """A contiguous copy: one type for the compiler, whoever made the array."""
+    return np.array(a, order="C")
+
+
+# What follows from them -----------------------------------------------------------------------------------------------
+
+
+def judged(model: DiscreteModel, z: Array, filtered: Any, first: int = 1) -> Any:
+    """A filtered record with its ``contradictions``, and −∞ for the log-likelihoods of the runs that have one."""
+    found = find(model, z, filtered, first)
+    if not found:
+        return filtered
+    names = [field.name for field in fields(filtered) if field.name.startswith("log_likelihood")]
+    impossible = {name: _impossible(getattr(filtered, name), found) for name in names}
+    return replace(filtered, contradictions=found, **impossible)
+
+
+def _impossible(value: Any, found: Sequence[Contradiction]) -> Any:
+    if np.ndim(value) == 0:
+        return -np.inf
+    runs = np.array(value)
+    runs[[each.run for each in found]] = -np.inf
+    return runs
