@@ -22,7 +22,7 @@ the number of errors so far, those of one sign (of a rounded Φ, say) add up as 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
@@ -152,9 +152,9 @@ def innovations(model: DiscreteModel, z: Array, history: History | Gains, first:
         from ctlabs.recursions.rounding import Passed, bounds  # numba costs 0.3 s to import
 
         K = getattr(history, "K", np.empty((0, model.n, model.m)))
-        estimates = (_own(a.reshape(len(z), a.shape[1], -1)) for a in (z, history.x_minus, history.x_plus))
-        covariances = (_own(P) for P in (history.P_minus, history.P_plus))
-        rows = Passed(*estimates, *covariances, _own(history.used), asked, _own(K))
+        data, x_minus, x_plus = (_own(a.reshape(len(z), a.shape[1], -1)) for a in (z, history.x_minus, history.x_plus))
+        P_minus, P_plus, used = _own(history.P_minus), _own(history.P_plus), _own(history.used)
+        rows = Passed(data, x_minus, x_plus, P_minus, P_plus, used, asked, _own(K))
         size = np.sqrt(np.where(np.isfinite(model.P0.diagonal()), model.P0.diagonal(), 0.0))
         bounds(*_system(model, history.used), given(model.x0), size, 0, rows, e, allowed)
     return e, allowed
@@ -189,6 +189,63 @@ def _system(model: DiscreteModel, used: Mask) -> tuple[System, Array]:
 def _own(a: NDArray[Any]) -> NDArray[Any]:
     """A contiguous copy: one type for the compiler, whoever made the array."""
     return np.array(a, order="C")
+
+
+# Step by step ---------------------------------------------------------------------------------------------------------
+
+
+class Gathered(NamedTuple):
+    """What rounding may have left in an estimate: the ellipsoid, and ``size`` (n,), the roots of the terms of P's diagonal."""
+
+    rounding: Rounding
+    size: Array
+
+
+def begun(x: Array, P: Array) -> Gathered:
+    """At t0, where x (n,) and P (n, n) are given."""
+    return Gathered(given(x), np.sqrt(np.where(np.isfinite(P.diagonal()), P.diagonal(), 0.0)))
+
+
+def predicted(before: Gathered, x: Array, P: Array, Phi: Array, c: Array | None, Q: Array, m: int) -> Gathered:
+    """One step ahead from x (n, 1) and P, by Φ, c (n, 1) and Q, of a model with m measurements."""
+    from ctlabs.recursions.common import System
+    from ctlabs.recursions.rounding import Passed
+
+    n, nobody = len(x), np.zeros((2, m), dtype=bool)
+    nothing, H, R = np.empty((0, n)), np.zeros((1, m, n)), np.eye(m)[None]
+    offset = nothing if c is None else _own(c.T)
+    system = System(_own(Phi[None]), _own(Q[None]), offset, H, R, nothing)
+    xs, Ps = np.array([x, x]), np.array([P, P])
+    seen = Passed(np.full((2, m, 1), np.nan), xs, xs, Ps, Ps, nobody, nobody, np.empty((0, n, m)))
+    return _passed(before, system, 1, seen)[0]
+
+
+def updated(
+    before: Gathered, z: Array, H: Array, R: Array, x: Sequence[Array], P: Sequence[Array], used: Mask
+) -> tuple[Gathered, Array, Array]:
+    """Through one instant's update, with x (n, 1) and P before and after it; and :func:`innovations` of it, (m,) each."""
+    from ctlabs.recursions.common import System
+    from ctlabs.recursions.rounding import Passed
+
+    n, nothing = len(x[0]), np.empty((0, len(x[0])))
+    system = System(np.zeros((1, n, n)), np.zeros((1, n, n)), nothing, _own(H[None]), _own(R[None]), nothing)
+    asked = perfect(R) & ~used & ~np.isnan(z)
+    xs, Ps = [_own(each[None]) for each in x], [_own(each[None]) for each in P]
+    none = np.empty((0, n, len(z)))
+    seen = Passed(_own(z[None, :, None]), xs[0], xs[1], Ps[0], Ps[1], _own(used[None]), asked[None], none)
+    after, e, allowed = _passed(before, system, 0, seen)
+    return after, e[0, :, 0], allowed[0]
+
+
+def _passed(before: Gathered, system: System, row: int, seen: Passed) -> tuple[Gathered, Array, Array]:
+    """What :func:`ctlabs.recursions.rounding.bounds` makes of one motion (row 1) or one update (row 0)."""
+    from ctlabs.recursions.rounding import Rounding, bounds
+
+    rows, m, n = len(seen.z), seen.z.shape[1], seen.x_plus.shape[1]
+    after, size = Rounding(*(_own(a) for a in before.rounding)), _own(before.size)
+    e, allowed, no = np.full((rows, m, 1), np.nan), np.full((rows, m), np.nan), np.empty((0, n, m))
+    bounds(system, no, after, size, row, seen, e, allowed)
+    return Gathered(after, size), e, allowed
 
 
 # What follows from them -----------------------------------------------------------------------------------------------

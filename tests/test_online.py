@@ -421,8 +421,8 @@ def test_a_damaged_file_is_refused_in_one_line(saved):
 def test_another_format_is_named(saved):
     """A file of a later version says so."""
     path = saved[1]
-    rewritten(path, {"format": 2})
-    assert refused(path) == f"{path}: expected a saved filter of format 1, received format 2"
+    rewritten(path, {"format": 3})
+    assert refused(path) == f"{path}: expected a saved filter of format 2, received format 3"
 
 
 @pytest.mark.parametrize(

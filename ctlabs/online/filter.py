@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ctlabs import _check, forms, kalman
+from ctlabs import _check, contradictions, forms, kalman
 from ctlabs._check import Array
+from ctlabs.contradictions import Contradiction
 from ctlabs.forms.run import _innovation
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.online import files
@@ -27,7 +28,8 @@ class Estimate(NamedTuple):
 
     ``t`` s · ``x`` (n,), ``P`` (n, n), estimate and covariance of its error given everything measured so far ·
     ``innovation`` (m,), NaN where an element did not enter the update · ``S`` (m, m), its covariance, ``inf`` on the
-    diagonal there · ``nis``, :math:`\nu^TS^{-1}\nu`, NaN where nothing entered
+    diagonal there · ``nis``, :math:`\nu^TS^{-1}\nu`, NaN where nothing entered · ``contradictions``, the perfect measurements of
+    this instant (``row``, counted from 0 at t0) that disagree with what was known exactly (:mod:`ctlabs.contradictions`)
     """
 
     t: float
@@ -36,6 +38,7 @@ class Estimate(NamedTuple):
     innovation: Array
     S: Array
     nis: float
+    contradictions: tuple[Contradiction, ...] = ()
 
 
 class Filter:
@@ -90,7 +93,9 @@ class Filter:
         known = JOSEPH.start(self._plant.model, self._plant.model.P0) if self._plant.perfect else None
         z = np.full(self._plant.model.m, np.nan)
         none, S, u = np.zeros(len(z), dtype=bool), np.diag(np.full(len(z), np.inf)), self._plant.input(None)
-        start = Instant(0, self._plant.t0, u, z, none, state, state, known, known, z, S, np.nan, 0.0)
+        exact = contradictions.begun(self._plant.model.x0, self._plant.P0) if self._plant.perfect else None
+        told = (z, S, np.nan, 0.0, exact, exact, z, z)
+        start = Instant(0, self._plant.t0, u, z, none, state, state, known, known, *told)
         self._past = [start]
 
     def step(self, z: ArrayLike | None, t: float | None = None, u: ArrayLike | None = None) -> Estimate:
@@ -140,7 +145,7 @@ class Filter:
     def estimate(self) -> Estimate:
         """The estimate at the present instant, as :meth:`step` returned it."""
         now = self._past[-1]
-        return Estimate(now.t, self.x, self.P, now.innovation.copy(), now.S.copy(), now.nis)
+        return Estimate(now.t, self.x, self.P, now.innovation.copy(), now.S.copy(), now.nis, _contradictions(now))
 
     @property
     def x(self) -> Array:
@@ -165,7 +170,7 @@ class Filter:
 
     @property
     def log_likelihood(self) -> float:
-        """The logarithm of the joint density of everything measured so far."""
+        """The logarithm of the joint density of everything measured so far; −∞ after a contradiction."""
         total = self._before
         for instant in self._past:  # one by one: the sum must not depend on how many are remembered
             total += instant.log_likelihood
@@ -271,10 +276,12 @@ class Filter:
     def _predicted(self, last: Instant, given: Given) -> Instant:
         """The next instant before its data."""
         motion = self._plant.motion(last, given)
-        before, ahead = self._form.predict(last.after, *motion), last.known
+        before, ahead, exact = self._form.predict(last.after, *motion), last.known, last.gathered
         if ahead is not None:
             ahead = JOSEPH.predict(ahead, *motion)
-        return last._replace(k=last.k + 1, t=given.t, u=given.u, before=before, ahead=ahead)
+            x, P, (Phi, c, Q) = self._form.mean(last.after), self._form.covariance(last.after), motion
+            exact = contradictions.predicted(exact, x, P, Phi, c, Q.matrix, self._plant.model.m)
+        return last._replace(k=last.k + 1, t=given.t, u=given.u, before=before, ahead=ahead, approaching=exact)
 
     def _updated(self, instant: Instant, z: Array) -> Instant:
         """The instant with the data z: from its state before to that after."""
@@ -295,7 +302,17 @@ class Filter:
                 nis, log_likelihood = float(told.nis[0]), float(told.log_likelihood[0])
         self._finite(instant.t, after, S.diagonal()[used])
         changed = instant._replace(z=z, used=used, after=after, known=known, innovation=nu, S=S)
+        if known is not None:
+            changed = self._compared(changed, H, R)
+            if _contradictions(changed):
+                log_likelihood = -np.inf
         return changed._replace(nis=nis, log_likelihood=log_likelihood)
+
+    def _compared(self, instant: Instant, H: Array, R: Array) -> Instant:
+        """The instant with what its measurements say of what was known already."""
+        x, P = ([f(each) for each in (instant.before, instant.after)] for f in (self._form.mean, self._form.covariance))
+        found = contradictions.updated(instant.approaching, instant.z, H, R, x, P, instant.used)
+        return instant._replace(gathered=found[0], excess=found[1], allowed=found[2])
 
     def _finite(self, t: float, state: Any, variances: Array) -> None:
         """An overflow is refused; from a start without information NaN and inf have their meaning."""
@@ -306,3 +323,11 @@ class Filter:
         if not (finite and (np.isfinite(variances) | start).all()):
             msg = f"form {self._algorithm}: expected finite covariances, received an overflow at t = {moment(t)} s"
             raise FloatingPointError(msg)
+
+
+def _contradictions(instant: Instant) -> tuple[Contradiction, ...]:
+    """The elements of an instant that disagree with what was known."""
+    wrong = np.flatnonzero(np.abs(instant.excess) > instant.allowed)
+    return tuple(
+        Contradiction(instant.k, int(i), float(instant.excess[i]), float(instant.allowed[i])) for i in wrong.tolist()
+    )

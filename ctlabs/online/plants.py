@@ -28,7 +28,9 @@ class Instant(NamedTuple):
     """One instant: the known input until then, the data, and the form's states before and after the update.
 
     ``known`` is Joseph's state after the update where some measurements are perfect: it tells which of them are known
-    already, as in :mod:`ctlabs.forms.run`; ``ahead`` the same before the update.
+    already, as in :mod:`ctlabs.forms.run`; ``ahead`` the same before the update. Of those that are, ``excess`` (m,) is the
+    innovation and ``allowed`` (m,) what rounding explains of it, from what it may have ``gathered`` in x (and ``approaching``
+    the update).
     """
 
     k: int
@@ -44,6 +46,10 @@ class Instant(NamedTuple):
     S: Array
     nis: float
     log_likelihood: float
+    approaching: Any
+    gathered: Any
+    excess: Array
+    allowed: Array
 
 
 class Given(NamedTuple):

@@ -29,7 +29,8 @@ class Rounding(NamedTuple):
 
 class Passed(NamedTuple):
     """What was measured, and what a filter made of it: z (rows, m, runs), x (rows, n, runs), P (rows, n, n), which elements
-    entered the updates and which are ``asked`` for (rows, m); ``K`` (rows, n, m), its gains, or empty."""
+    entered the updates and which are ``asked`` for (rows, m); ``K`` (rows, n, m), its gains, or empty.
+    """
 
     z: Array
     x_minus: Array
@@ -110,7 +111,7 @@ def inverted(H: Array, P: Array, R: Array, pick: Array, count: int, scale: Array
             C[a, b] = s / (scale[pick[a]] * scale[pick[b]])
             V[a, b] = 1.0 if a == b else 0.0
     for a in range(count):
-        C[a, a] = C[a, a] if C[a, a] > EPS else EPS
+        C[a, a] = max(EPS, C[a, a])
         for b in range(count):
             if b != a:
                 factor = C[b, a] / C[a, a]
