@@ -88,7 +88,7 @@ def search(f: Function, box: Box, starts: int = 2) -> Top:
     array([3.])
     """
     size = np.array([1.0 if box.log[i] else width(f, box, box.start, i, box.size[i]) for i in range(len(box.start))])
-    found = [_climb(f, box, x, size, box.log) for x in [box.start, *_others(f, box, size, starts)]]
+    found = [_climb(f, box, x, size, box.log) for x in [box.start, *others(f, box, size, starts)]]
     return finish(f, box, max(found, key=f))
 
 
@@ -244,7 +244,7 @@ def _climb(f: Function, box: Box, x: Array, size: Array, log: NDArray[np.bool_])
     return max((x, point(found.x)), key=f)
 
 
-def _others(f: Function, box: Box, size: Array, starts: int) -> list[Array]:
+def others(f: Function, box: Box, size: Array, starts: int) -> list[Array]:
     """The ``starts`` best of some points: three decades either way of the start, or the range between two bounds."""
     if not starts:
         return []
