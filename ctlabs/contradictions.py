@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from ctlabs._check import Array
 from ctlabs.discretise import ldl
 from ctlabs.models import DiscreteModel, at
+from ctlabs.text import _, fill, number
 
 if TYPE_CHECKING:
     from ctlabs.recursions.common import System
@@ -267,3 +268,28 @@ def _impossible(value: Any, found: Sequence[Contradiction]) -> Any:
     runs = np.array(value)
     runs[[each.run for each in found]] = -np.inf
     return runs
+
+
+def sentence(found: Sequence[Contradiction], names: Sequence[str], where: str) -> str:
+    """What contradictions say of the model, the first of them (at ``where``) in numbers; nothing where there are none.
+
+    >>> sentence([Contradiction(2, 0, 0.1, 1e-15)], ["z"], "row 2")[:101]
+    'The record is impossible for this model: at row 2, z differs by 0.1 from the value that is known exac'
+    """
+    if not found:
+        return ""
+    text = _(
+        "The record is impossible for this model: at {where}, {name} differs by {innovation} from the value that is known exactly "
+        "there, and rounding explains {allowed} of it. "
+    )
+    if len(found) > 1:
+        text += _("So do {count} elements in all. ")
+    text += _(
+        "The log-likelihood is −∞, and the estimates are those without such elements. A variance that is 0 where it should not "
+        "be, or two sensors of one source, are the likely causes."
+    )
+    first = found[0]
+    return fill(
+        text, where=where, name=names[first.element], innovation=number(first.innovation), allowed=number(first.allowed, 2),
+        count=len(found),
+    )  # fmt: skip

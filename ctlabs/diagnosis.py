@@ -37,6 +37,8 @@ LAGS = 10
 FEWEST = 10
 #: Rows of a record that a program does best to have diagnosed: what would make it more likely takes some hundred filters.
 LONG = 100_000
+#: The probability that any innovation of a record is so far from 0, below which it deserves a word.
+IMPROBABLE = 1e-12
 #: A factor on R so small that the record would be most likely without any noise.
 NOTHING = 1e-9
 
@@ -68,7 +70,8 @@ class Diagnosis:
     ``factor_Q``, the factor on R alone and on Qd alone that makes the record most likely, ``factors`` for both together,
     ``None`` where there is nothing to scale ·
     ``tests``, every p-value the verdict rests on, of which a right model fails any with probability ``level`` at most ·
-    ``verdict``: "consistent", "R", "Qd", "R and Qd", "input", "bias", "correlated" or "other" · ``suggestion`` in words
+    ``verdict``: "consistent", "R", "Qd", "R and Qd", "input", "bias", "correlated", "other" or "contradiction" (the record is
+    impossible for the model: no factor is given) · ``suggestion`` in words
     """
 
     nis_mean: float
@@ -137,14 +140,19 @@ def diagnose(
     if not 0 < level < 1:
         msg = f"level: expected a probability between 0 and 1, received {level!r}"
         raise ValueError(msg)
-    scales = _scales(model, data, first)
+    excluded = [c for c in filtered.contradictions if c.row < len(data)]
+    scales = [] if excluded else _scales(model, data, first)
     tests = _tests(model, own)
     if scales:
         tests[_("size of R and Qd")] = scales[-1].p
     suspicious = min(tests.values()) < _share(level, len(tests))
     verdict, words = ("consistent", _("nothing speaks against the model"))
-    if suspicious:
+    if excluded:
+        text = _("{name} at row {row} contradicts what is known exactly: the record is impossible for this model")
+        verdict, words = "contradiction", fill(text, name=model.measurements[excluded[0].element], row=excluded[0].row)
+    elif suspicious:
         verdict, words = _explained(model, data, first, level, own, scales)
+        words += _farthest(model, filtered, len(data))
     elif own.dof < FEWEST:
         words += fill(_(" (but so few innovations, {count}, could hardly do so)"), count=own.dof)
     alone = {c.kind: c.size for c in scales}
@@ -350,6 +358,19 @@ def _record(
 def _share(level: float, tests: int) -> float:
     """The level of each of several tests together at ``level`` (exact for independent ones, else on the safe side)."""
     return float(-np.expm1(np.log1p(-level) / tests))
+
+
+def _farthest(model: DiscreteModel, filtered: Filtered, rows: int) -> str:
+    """A word on the innovation of most standard deviations, where chance all but excludes it."""
+    innovation = np.asarray(filtered.innovation)[:rows].reshape(rows, model.m)
+    variance = np.diagonal(np.asarray(filtered.S), axis1=1, axis2=2)[:rows]
+    there = np.isfinite(innovation)
+    e = np.abs(np.where(there, innovation, 0.0)) / np.sqrt(np.where(there, variance, 1.0))
+    k, i = divmod(int(np.argmax(e)), model.m)
+    if not there.sum() * special.erfc(e[k, i] / np.sqrt(2)) < IMPROBABLE:
+        return ""
+    text = _("; {name} at row {row} lies {size} standard deviations from its prediction, which chance all but excludes")
+    return fill(text, name=model.measurements[i], row=k, size=_brief(float(e[k, i])))
 
 
 # --- what would make the record more likely --------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from ctlabs import diagnosis, forms, kalman, records, sensitivity, smoothing, steady
+from ctlabs import contradictions, diagnosis, forms, kalman, records, sensitivity, smoothing, steady
 from ctlabs._check import Array
 from ctlabs.models import DiscreteModel
 from ctlabs.plots import records as pictures
@@ -19,6 +19,7 @@ from ctlabs.studies import clock, common, second
 from ctlabs.text import _, fill
 
 if TYPE_CHECKING:
+    from ctlabs.contradictions import Contradiction
     from ctlabs.datafile import Record
     from ctlabs.diagnosis import Diagnosis
     from ctlabs.forms import Filtered
@@ -31,6 +32,8 @@ CHECKED = 2000
 CONDITIONED = 120
 #: Innovations whose σ is more times the usual one are not drawn.
 WIDE = 5
+#: Contradictions of which the report has a table.
+LISTED = 20
 #: Standard deviations whose square is beyond double precision.
 ENORMOUS = 1e150
 SUFFIXES = (".npz", ".mat", ".h")
@@ -109,7 +112,7 @@ def _run(model: ModelFile, record: Record, algorithm: str, smooth: bool) -> Run:
     filtered = (
         records.filter_record(discrete, z, first) if algorithm == "joseph" else forms.run(discrete, z, algorithm, first)
     )
-    if not np.isfinite(filtered.log_likelihood):
+    if not (np.isfinite(filtered.log_likelihood) or filtered.contradictions):
         _refuse(discrete, filtered, algorithm, record)
     smoothed = smoothing.smooth(discrete, filtered) if smooth else None
     return Run(discrete, z, t, first, algorithm, filtered, smoothed)
@@ -252,9 +255,22 @@ def _verdict(report: Report, run: Run, units: Sequence[str]) -> None:
     found = run.filtered
     if "log_likelihood" not in report.values:
         report.value("log_likelihood", float(found.log_likelihood))
+    known = int(contradictions.known(run.model, run.z, found.used, run.first).sum())
+    excluded = excluding(report, run.model, found, run.t)
     measured = np.isfinite(found.innovation)
+    if known:
+        report.value("known_already", known - len(excluded))
+        report.says(
+            _(
+                "Known already: {agree} perfect measurements agree with what was known exactly, and tell nothing more; {contradict} contradict it."
+            ),
+            agree=known - len(excluded), contradict=len(excluded),
+        )  # fmt: skip
     if not measured.any():
-        report.says(_("No element was measured, so the data say nothing of the model."))
+        if not known:
+            nothing = _("No element was measured, so the data say nothing of the model.")
+            report.says("{nothing}", nothing=nothing)
+            report.value("remark", nothing)
         return
     try:
         verdict = _diagnosed(run)
@@ -269,6 +285,28 @@ def _verdict(report: Report, run: Run, units: Sequence[str]) -> None:
         )
 
 
+def excluding(
+    report: Report, model: DiscreteModel, filtered: Filtered, t: Array, name: str = "contradiction"
+) -> tuple[Contradiction, ...]:
+    """Say that a record contradicts a model, and where; the contradictions."""
+    found = filtered.contradictions
+    if not found:
+        return ()
+    first = found[0]
+    where = fill(_("row {row} (t = {t} s)"), row=first.row, t=float(t[first.row]))
+    said = contradictions.sentence(found, model.measurements, where)
+    report.says("**{said}**", said=said)
+    report.value(name, said)
+    report.value(f"{name}s", len(found))
+    report.table(
+        f"{name}s",
+        [_("row"), "t, s", _("measurement"), _("innovation"), _("explained by rounding")],
+        [(c.row, float(t[c.row]), model.measurements[c.element], c.innovation, c.allowed) for c in found[:LISTED]],
+        _("Perfect measurements that contradict what is known exactly (the first of them)."),
+    )
+    return found
+
+
 def _diagnosed(run: Run) -> Diagnosis:
     """The diagnosis by the optimal filter's innovations (the start of one with the steady gain is not the model's)."""
     found = run.filtered if run.algorithm != "steady" else records.filter_record(run.model, run.z, run.first)
@@ -281,7 +319,7 @@ def _innovations(report: Report, run: Run, verdict: Diagnosis, units: Sequence[s
     with np.errstate(invalid="ignore"):
         sd = np.sqrt(np.diagonal(found.S, axis1=1, axis2=2))
     measured = np.isfinite(found.innovation)
-    usual = np.nanmedian(np.where(measured, sd, np.nan), axis=0)
+    usual = np.array([np.median(sd[there, i]) if there.any() else np.nan for i, there in enumerate(measured.T)])
     shown = ~(measured & (sd > WIDE * usual)).any(
         axis=1
     )  # an innovation of a start that knows nothing hides all others
@@ -365,6 +403,7 @@ def _truth(report: Report, model: ModelFile, run: Run) -> None:
             )
         )
     report.value("log_likelihood_truth", float(filtered.log_likelihood))
+    excluding(report, truth, filtered, run.t, "contradiction_truth")
     report.says(
         _("The record's log-likelihood is {truth} by the other model and {design} by the filter's."),
         truth=float(filtered.log_likelihood),

@@ -78,7 +78,7 @@ def _bounds(model: ModelFile, names: list[str]) -> dict[str, tuple[float | None,
     for told in model.definitions:
         if told.name in names:
             low = told.min
-            if low is None and told.value > 0 and not _makes_sense(model, told.name, -told.value):
+            if low is None and told.value >= 0 and not _makes_sense(model, told.name, -told.value or -1.0):
                 low = 0.0
             bounds[told.name] = (low, told.max)
     return bounds
@@ -118,15 +118,19 @@ def _estimates(report: Report, model: ModelFile, found: Fit) -> None:
     for name, number in more.items():
         if name not in report.values:
             report.value(name, number)
-    report.says(
-        _("The log-likelihood rises from {start} to {top} ({evaluations} evaluations)."),
-        start=found.start_log_likelihood,
-        top=found.log_likelihood,
-        evaluations=found.evaluations,
-    )
+    if found.remark:
+        report.value("remark", found.remark)
+        report.says("**{remark}**", remark=found.remark)
+    if np.isfinite(found.log_likelihood):
+        report.says(
+            _("The log-likelihood rises from {start} to {top} ({evaluations} evaluations)."),
+            start=found.start_log_likelihood,
+            top=found.log_likelihood,
+            evaluations=found.evaluations,
+        )
     for name, reason in found.reasons.items():
         report.says(_("No standard error of {name}: {reason}."), name=f"`{name}`", reason=reason)
-    if not found.converged:
+    if not found.converged and np.isfinite(found.log_likelihood):
         report.says(
             _("**The search has not converged**: the likelihood may still rise. Start from other values (`--set`).")
         )
@@ -165,6 +169,9 @@ def _likelihood(report: Report, found: Fit, z: Array, first: int) -> None:
     """The log-likelihood of the estimates from filterpy's innovations."""
     if len(z) > CHECKED:
         report.says(_("The record is too long for it."))
+        return
+    if not np.isfinite(found.log_likelihood):
+        report.says(_("The record is impossible with these estimates: there is no density to compare."))
         return
     run = kalman.filter_runs(found.model, z, first=first)
     if not common.delicacy(run.schedule.P_minus, run.schedule.P_plus, run.schedule.S, 1000) < common.SINGULAR:
