@@ -510,7 +510,8 @@ def hypotheses(
     Raises
     ------
     ValueError
-        Fewer than two models; probabilities that are negative or do not add up to 1; models that measure different things.
+        Fewer than two models; probabilities that are negative or do not add up to 1; models that measure different things; a
+        record that contradicts them all (:mod:`ctlabs.contradictions`).
 
     Source: Magill, "Optimal adaptive estimation of sampled stochastic processes", *IEEE Trans. AC-10* (1965).
 
@@ -535,7 +536,12 @@ def hypotheses(
     log = np.stack([np.cumsum(_log_likelihoods(one), axis=0) for one in filters], axis=1)
     with np.errstate(divide="ignore"):  # a probability of 0 stays 0
         score = log + np.log(p)[:, None]
-    weight = np.exp(score - score.max(axis=1, keepdims=True))
+    best = score.max(axis=1, keepdims=True)
+    if np.isneginf(best).any():
+        k = int(np.argwhere(np.isneginf(best))[0, 0])
+        msg = f"z: expected a record that is possible for one of the models, received one that contradicts all by row {k}"
+        raise ValueError(msg)
+    weight = np.exp(score - best)
     return Hypotheses(filters[0].t, weight / weight.sum(axis=1, keepdims=True), log, filters)
 
 
@@ -655,6 +661,8 @@ def _log_likelihoods(one: Ensemble) -> Array:
             C = np.linalg.cholesky(one.schedule.S[k][np.ix_(used, used)])
             e = scipy.linalg.solve_triangular(C, one.innovation[k, used], lower=True)
             found[k] = -0.5 * np.sum(e**2, axis=0) - np.log(np.diag(C)).sum() - 0.5 * len(C) * np.log(2 * np.pi)
+    for each in one.contradictions:  # impossible for this model from there on
+        found[each.row, each.run] = -np.inf
     return found
 
 

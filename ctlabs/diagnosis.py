@@ -445,6 +445,8 @@ def _quadratic(f: Callable[[float], float], here: float, c: float) -> tuple[floa
         return None
     for _again in range(2):
         up, down = f(c), f(-c)
+        if not np.isfinite([up, here, down]).all():  # a constant that contradicts perfect measurements
+            return None
         slope, bend = (up - down) / (2 * c), -(up - 2 * here + down) / c**2
         if not bend * c**2 > 1e-9 * abs(here):
             return None

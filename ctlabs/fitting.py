@@ -135,7 +135,8 @@ def fit(
             name: None if name in reasons else math.sqrt(covariance[i, i]) for i, name in enumerate(names)
         },
         covariance=covariance,
-        intervals={names[i]: interval for i, (interval, _profile, _point) in followed.items()},
+        intervals={names[i]: interval for i, (interval, _profile, _point) in followed.items()}
+        | {names[i]: (float(top.at[i]),) * 2 for i in np.flatnonzero(fixed)},
         log_likelihood=top.value,
         start=_named(names, box.start),
         start_log_likelihood=likelihood(box.start),

@@ -15,8 +15,8 @@ from ctlabs import compiled
 from ctlabs._check import Array
 from ctlabs.recursions.common import EPS, System, entry, helper, picked
 
-#: Below this the digits of a double are fewer.
-TINY = float(np.finfo(float).tiny)
+#: The rounding of numbers so small that they have no digits left.
+LEAST = float(np.finfo(float).smallest_subnormal)
 
 
 class Rounding(NamedTuple):
@@ -175,7 +175,7 @@ def bounds(system: System, M: Array, w: Rounding, size: Array, begun: int, seen:
                         for j in range(n):
                             s += abs(H[a, j]) * x[j]
                         t[i] += abs(entry(M, k - 1)[i, a]) * s
-                t[i] *= gamma
+                t[i] = gamma * t[i] + LEAST
             moved(w, Phi, t, B, W)
         H, R, P = entry(system.H, k), entry(system.R, k), seen.P_minus[k]
         count = picked(seen.used[k], pick)
@@ -237,7 +237,7 @@ def bounds(system: System, M: Array, w: Rounding, size: Array, begun: int, seen:
                         e[k, a, r] -= weight[b] * nu[pick[b], r]
                 if number > 0:
                     bound += w.j[0] * spread * own(V, nu, pick, number, scale)
-                allowed[k, a] = gamma * bound + along(w, g) + TINY
+                allowed[k, a] = gamma * bound + along(w, g) + LEAST
         if count > 0 and not diffuse:
             inverted(H, P, R, pick, count, scale, V, C)
             wide = own(V, nu, pick, count, scale)
@@ -256,7 +256,7 @@ def bounds(system: System, M: Array, w: Rounding, size: Array, begun: int, seen:
                             K[i, a] += PH[i, b] / scale[pick[b]] * V[b, a]
                         K[i, a] /= scale[pick[a]]
                     t[i] += abs(K[i, a]) * (terms[pick[a]] + w.j[0] * wide * scale[pick[a]])
-                t[i] *= gamma
+                t[i] = gamma * t[i] + LEAST
                 for j in range(n):
                     A[i, j] = 1.0 if i == j else 0.0
                     for a in range(count):

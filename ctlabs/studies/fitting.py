@@ -101,7 +101,8 @@ def _estimates(report: Report, model: ModelFile, found: Fit) -> None:
         error = found.standard_errors[name]
         report.value(name, value, units[name])
         report.value(f"{name}_se", error, units[name], reason=found.reasons.get(name, ""))
-        low, high = found.intervals.get(name, (-np.inf, np.inf))
+        unlimited = (-np.inf, np.inf) if np.isfinite(found.log_likelihood) else (None, None)
+        low, high = found.intervals.get(name, unlimited)
         rows.append((name, units[name], found.start[name], value, error, low, high))
     columns = [_("constant"), _("unit"), _("start"), _("estimate"), _("standard error"), _("from"), _("to")]
     caption = _(

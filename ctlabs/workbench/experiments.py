@@ -16,13 +16,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from ctlabs import diagnosis, forms, kalman, montecarlo, records, sensitivity, smoothing, steady
+from ctlabs import contradictions, diagnosis, forms, kalman, montecarlo, records, sensitivity, smoothing, steady
 from ctlabs._check import Array
 from ctlabs.experiment import Experiment
 from ctlabs.forms import Filtered
 from ctlabs.modelfile import ModelFile, loads
 from ctlabs.models import DiscreteModel
 from ctlabs.studies import clock, common, comparison
+from ctlabs.text import number
 from ctlabs.workbench.outcomes import Algorithm, Anomaly, Outcome, Plan, Statistics, Verdict, packed
 
 __all__ = ["Outcome", "Plan", "anomalous", "prepared", "run"]
@@ -165,6 +166,7 @@ def _simulated(file: ModelFile, other: ModelFile | None, plan: Plan, progress: A
         log_likelihood=float(own.log_likelihood[0]),
         summary=_summary(other or file, stats, theory, float(own.log_likelihood[0])),
         notes=(*_refused(tried, name), *_thinned(k, steps, "statistics are over all of them")),
+        contradiction=_contradiction(design, own, file.experiment.t0 + own.t),
     )
 
 
@@ -345,6 +347,7 @@ def _measured(file: ModelFile, other: ModelFile | None, plan: Plan) -> Outcome:
         smoothed_sd=kalman.sd(smooth.P)[k],
         summary=summary,
         notes=(*_refused(tried, name), *_thinned(k, steps, "all were filtered")),
+        contradiction=_contradiction(model, own, t),
     )
 
 
@@ -357,6 +360,16 @@ def _diagnosed(model: DiscreteModel, own: Filtered, z: Array, first: int) -> Ver
     return dataclasses.replace(
         tested, verdict=found.verdict, suggestion=found.suggestion, factor_R=found.factor_R, factor_Q=found.factor_Q
     )
+
+
+def _contradiction(model: DiscreteModel, own: Filtered, t: Array) -> str:
+    """Why the record, or the first of the shown runs that is, is impossible for the model."""
+    if not own.contradictions:
+        return ""
+    first = own.contradictions[0]
+    found = [each for each in own.contradictions if each.run == first.run]
+    where = f"row {first.row} (t = {number(float(t[first.row]))} s)" + (f" of run {first.run + 1}" if first.run else "")
+    return contradictions.sentence(found, model.measurements, where)
 
 
 # Both ----------------------------------------------------------------------------------------------------------------

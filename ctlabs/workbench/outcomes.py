@@ -201,7 +201,8 @@ class Outcome:
     ``nis`` (K, r), ``nis_dof`` (K,), ``nis_band`` (2, K) of 95 % · ``smoothed``, ``smoothed_sd``
     (K, n) of data · ``statistics`` : over all runs, see :class:`Statistics`, or None · ``actual_P``, ``actual_bias`` : the theory of
     the true errors where the design is not the truth · ``verdict`` : tests of the innovations of run 0 ·
-    ``algorithms`` · ``summary`` : numbers to copy, name → (value, unit) · ``seconds`` it took
+    ``algorithms`` · ``summary`` : numbers to copy, name → (value, unit) · ``contradiction`` : why the record is impossible for
+    the model, empty if it is not · ``seconds`` it took
     """
 
     kind: str
@@ -238,6 +239,7 @@ class Outcome:
     log_likelihood: float | None = None
     seconds: float = 0.0
     notes: tuple[str, ...] = ()
+    contradiction: str = ""
 
     @property
     def sd_minus(self) -> Array:

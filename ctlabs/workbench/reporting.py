@@ -49,6 +49,8 @@ def report(name: str, model: str, plan: Plan, found: Outcome) -> Report:
             R=anomaly.R,
             where=where,
         )
+    if found.contradiction:
+        made.says("**{said}**", said=found.contradiction)
     for note in found.notes:
         made.says("{note}", note=note)
     drawn = drawings(found)
@@ -119,7 +121,7 @@ def _second_route(made: Report, file: ModelFile, plan: Plan, found: Outcome) -> 
 def _tests(made: Report, _file: ModelFile, _plan: Plan, found: Outcome) -> None:
     own = found.verdict
     if own is None:
-        made.says("No element was measured, so the innovations say nothing.")
+        made.says("No element entered the updates, so there are no innovations to test.")
         return
     rows = [
         [name, *(None if math.isnan(p) else float(p) for p in pair)]

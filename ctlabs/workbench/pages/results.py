@@ -158,7 +158,7 @@ class Results:
         self._show.plot(figures.nis(found, self._run), test="plot-nis", key="result.nis")
         told = found.verdict
         if told is None:
-            ui.label("Nothing was measured, so there is nothing to test.").classes("show-why")
+            ui.label("No element entered the updates, so there is nothing to test.").classes("show-why")
             return
         if len(told.lags):
             self._show.plot(figures.whiteness(found), test="plot-whiteness", key="result.whiteness")
@@ -212,7 +212,7 @@ class Results:
 
 def diagnosis(found: Outcome) -> list[str]:
     """What the experiment says of the filter, in sentences."""
-    told, lines = found.verdict, []
+    told, lines = found.verdict, [found.contradiction] if found.contradiction else []
     stats = found.statistics
     if stats is not None:
         outside = _outside(found)
