@@ -1,0 +1,313 @@
+r"""The algebraic Riccati equation of the filter, in discrete and continuous time, with a bound of the error.
+
+.. math:: P = APA^T + Q - VS^{-1}V^T, \quad V = APH^T + N, \quad S = HPH^T + R, \quad K = VS^{-1}
+
+.. math:: 0 = AP + PA^T + Q - VS^{-1}V^T, \quad V = PH^T + N, \quad S = R, \quad K = VS^{-1}
+
+P is the solution whose loop A − KH is stable (the regulator's equation is the same with A, H transposed). Some solver's P is corrected by
+Newton's method, with residuals in twice the working precision, until it stands still. With the gain K as rounded, L = A − KH,
+:math:`r = KS - V` and what is missing, :math:`\Delta = P^* - P`, the equation reads
+
+.. math:: \Delta = L\Delta L^T + D - (r - L\Delta H^T)(S + H\Delta H^T)^{-1}(r - L\Delta H^T)^T, \quad
+          D = LPL^T + Q + KRK^T - NK^T - KN^T - P
+
+(in continuous time :math:`L\Delta + \Delta L^T + D - (r - \Delta H^T)R^{-1}(\cdot)^T = 0`). If the right-hand side maps
+:math:`\{-Y \preceq \Delta \preceq Y\}` into itself, there is a solution in it (Brouwer), and the same numbers show that its loop is stable:
+it is the one that is sought (the argument of Kantorovich). Y is made of the solution of a Lyapunov equation that proves L stable.
+
+A Lyapunov equation is one without measurements.
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+from ctlabs._check import Array
+from ctlabs.linalg import undriven
+from ctlabs.linalg.lyapunov import Operator, prove, rounding
+from ctlabs.linalg.starts import Plain, starts
+from ctlabs.linalg.twofold import ROUNDING, Twofold, high
+from ctlabs.linalg.units import balanced
+
+#: A solution counts as one below this bound of its error, in standard deviations.
+SOLVED = 1e-6
+#: Bound that a solution in doubles must reach to be left at that.
+GOOD = 1e-13
+#: Newton's steps, at most: far from the solution each halves an error, near it they square it.
+STEPS = 150
+#: A correction below this part of the standard deviations is none.
+STILL = 1e-26
+#: A variance below this part of its own terms is the rounding of twice the working precision, and zero.
+NOTHING = 2.0**-90
+
+
+class Solution(NamedTuple):
+    """The stabilising solution.
+
+    ``P`` (n, n) · ``K`` (n, m), its gain, in discrete time the predictor's · ``reach`` (n, n), Y with −Y ⪯ P* − P ⪯ Y for the exact P* ·
+    ``error``, the bound of |P*_ij − P.high_ij| in units of σ_iσ_j, σ² = diag P; absolute where one of them is zero
+    """
+
+    P: Twofold
+    K: Array
+    reach: Array
+    error: float
+
+
+class Equation(NamedTuple):
+    """A (n, n), H (m, n), Q (n, n), R (m, m), N (n, m); strengths instead of covariances if continuous."""
+
+    A: Array
+    H: Array
+    Q: Array
+    R: Array
+    N: Array
+    continuous: bool
+
+    def scaled(self, x: Array, z: Array, time: float = 1.0) -> Equation:
+        """The same in other units of the states, the measurements and time."""
+        return Equation(
+            self.A * x / x[:, None] * time,
+            self.H * x / z[:, None],
+            self.Q / np.outer(x, x) * time,
+            self.R / np.outer(z, z) / time,
+            self.N / np.outer(x, z),
+            self.continuous,
+        )
+
+    def without_N(self) -> Equation:  # noqa: N802, the matrix's name
+        """Transition and noise given what the measurements tell of the noise; what is rounding of its own terms is zero."""
+        if not self.N.any():
+            return self
+        M = self.N @ np.linalg.pinv(self.R, hermitian=True)
+        Q = self.Q - M @ self.N.T
+        known = np.diag(Q) <= 16 * len(Q) * np.finfo(float).eps * np.diag(self.Q)
+        Q = np.where(known[:, None] | known, 0.0, 0.5 * (Q + Q.T))
+        return self._replace(A=self.A - M @ self.H, Q=Q, N=np.zeros_like(self.N))
+
+    def reduced(self, rest: undriven.Rest) -> Equation:
+        """The equation of the states kept."""
+        k, M = rest.kept, rest.M
+        A = self.A[np.ix_(k, k)] + self.A[np.ix_(k, rest.known)] @ M
+        H = self.H[:, k] + self.H[:, rest.known] @ M
+        return self._replace(A=A, H=H, Q=self.Q[np.ix_(k, k)], N=self.N[k])
+
+    def innovation(self, P: Array) -> Array:
+        """The diagonal of S."""
+        return np.diag(self.R) if self.continuous else np.diag(self.R) + np.diag(self.H @ P @ self.H.T)
+
+
+def solve(A: Array, H: Array, Q: Array, R: Array, N: Array | None = None, *, continuous: bool) -> Solution:
+    """The stabilising solution; zero along what no noise drives and what does not grow (:mod:`ctlabs.linalg.undriven`).
+
+    Raises
+    ------
+    ValueError
+        No solution with an error bound below 1e-6 was found: a mode that does not decay is not measured, or the loop is too near to the
+        boundary of stability for double precision.
+
+    Source: Lancaster & Rodman, *Algebraic Riccati Equations* (1995); Kleinman (1968), IEEE Trans. AC-13 (Newton's method).
+
+    >>> one = np.eye(1)
+    >>> solve(one, one, one, one, continuous=True).P.high, solve(one, one, one, one, continuous=False).P.high.round(6)
+    (array([[2.41421356]]), array([[1.618034]]))
+    """
+    given = Equation(A, H, Q, R, np.zeros((len(A), len(H))) if N is None else N, continuous)
+    plain = given.without_N()
+    rest = undriven.without(plain.A, plain.Q, continuous=continuous)
+    found = _solved(given.reduced(rest), plain.reduced(rest))
+    return _completed(given, rest, found) if len(rest.known) else found
+
+
+def stationary(A: Array, Q: Array, *, continuous: bool) -> Solution:
+    r"""The solution of :math:`P = APA^T + Q` or :math:`AP + PA^T + Q = 0`, A stable.
+
+    >>> stationary(np.array([[0.5]]), np.array([[3.0]]), continuous=False).P.high
+    array([[4.]])
+    """
+    n = len(A)
+    return solve(A, np.zeros((0, n)), Q, np.zeros((0, 0)), continuous=continuous)
+
+
+def _completed(given: Equation, rest: undriven.Rest, found: Solution) -> Solution:
+    """The solution for all states from that of the kept ones."""
+    n, T = len(given.A), np.zeros((len(given.A), len(rest.kept)))
+    T[rest.kept, np.arange(len(rest.kept))] = 1.0
+    T[rest.known] = rest.M
+    P, reach = (T @ found.P @ T.T).symmetric, T @ found.reach @ T.T
+    K = _gain(given, P.high)
+    sd = np.sqrt(np.diag(found.P.high))
+    own = np.sqrt(np.diag(P.high)[rest.known])
+    doubt = rest.doubt @ sd / np.where(own > 0, own, 1.0)
+    size = np.sqrt(np.where(np.diag(P.high) > 0, np.diag(P.high), 1.0))
+    rounded = (np.abs(P.low) / np.outer(size, size)).max(initial=0.0)
+    assert len(P.high) == n
+    return Solution(P, K, reach, found.error + rounded + 3 * doubt.max(initial=0.0))
+
+
+def _gain(eq: Equation, P: Array) -> Array:
+    V = (P if eq.continuous else eq.A @ P) @ eq.H.T + eq.N
+    S = eq.R if eq.continuous else eq.H @ P @ eq.H.T + eq.R
+    return np.linalg.lstsq(S, V.T, rcond=None)[0].T if len(S) else V
+
+
+def _power(variance: Array) -> Array:
+    """Powers of 2 near the roots of variances; 1 where they are zero."""
+    return np.exp2(np.round(0.5 * np.log2(np.where(variance > 0, variance, 1.0))))
+
+
+def _solved(eq: Equation, plain: Equation) -> Solution:
+    """The solution of an equation; ``plain`` is the same without N, for the first approximation."""
+    n, m = eq.N.shape
+    if not n:
+        return Solution(Twofold.of(np.zeros((0, 0))), np.zeros((0, m)), np.zeros((0, 0)), 0.0)
+    z = _power(plain.innovation(plain.Q))
+    seen = plain.H / z[:, None]
+    x, time = balanced(plain.A, plain.Q, seen.T @ seen, continuous=plain.continuous)
+    z = _power(plain.innovation(plain.Q) / time)
+    here, first = eq.scaled(x, z, time), plain.scaled(x, z, time)
+    why = "none"
+    # What other solvers raise and warn of, whatever it is, only leads to the next one.
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        for start in starts(Plain(*first[:4]), continuous=eq.continuous):
+            try:
+                P = Twofold.of(start())
+            except Exception:  # noqa: BLE001, S112, see above
+                continue
+            try:
+                found = _Newton(here).solution(P)
+            except (ArithmeticError, np.linalg.LinAlgError, ValueError) as error:
+                why = str(error)
+                continue
+            K = found.K * x[:, None] / z / (time if eq.continuous else 1.0)
+            P, reach = found.P.scaled(x, x), found.reach * np.outer(x, x)
+            return Solution(P, K, reach, max(found.error, _absolute(P.high, reach)))
+    msg = f"Riccati equation: expected a stabilising solution with an error bound below {SOLVED:g}, received {why}"
+    raise ValueError(msg)
+
+
+def _absolute(P: Array, reach: Array) -> float:
+    """Bound of the error of elements of states without variance."""
+    sd = np.sqrt(np.diag(reach))
+    zero = np.diag(P) == 0
+    return float((np.outer(sd, sd)[zero]).max(initial=0.0))
+
+
+class _Point(NamedTuple):
+    """P with its gain: loop L, sums of magnitudes behind it, residual R(P) − P, how far rounding may have moved it, r."""
+
+    P: Twofold
+    K: Array
+    S: Array
+    loop: Twofold
+    size: Array
+    rest: Twofold
+    doubt: Array
+    miss: Array
+
+
+def _at(eq: Equation, P: Twofold) -> _Point:
+    """The equation at P, evaluated in twice the working precision."""
+    A, H, Q, R, N, continuous = eq
+    PH = P @ H.T
+    S, V = (Twofold.of(R), PH + N) if continuous else (H @ PH + R, A @ PH + N)
+    K = np.linalg.solve(S.high, V.high.T).T
+    loop, miss = A - Twofold.of(K) @ H, (K @ S - V).high
+    LP, NK = loop @ P, Twofold.of(N) @ K.T
+    moved = LP + LP.T if continuous else LP @ loop.T - P
+    noise = Twofold.of(K) @ R @ K.T - NK - NK.T + Q
+    best = miss @ np.linalg.solve(S.high, miss.T)  # what a better gain would save
+    size = np.abs(A) + np.abs(K) @ np.abs(H)
+    m, k = len(H), np.abs(K).max(axis=1, initial=0.0)
+    terms = m * m * np.outer(k, k) * np.abs(R).max(initial=0.0) + m * np.abs(N).max(initial=0.0) * (k[:, None] + k)
+    doubt = rounding(size, np.abs(P.high), continuous=continuous) + 8 * ROUNDING * (terms + np.abs(Q))
+    return _Point(P, K, S.high, loop, size, (moved + noise - best).symmetric, doubt, miss)
+
+
+class _Newton:
+    """Newton's method for one equation, in doubles and, where they do not suffice, in twice their precision."""
+
+    def __init__(self, eq: Equation) -> None:
+        self.eq = eq
+        self.x = np.ones(len(eq.A))
+
+    def solution(self, P: Twofold) -> Solution:
+        """From a first P to where the corrections stand still; ``ArithmeticError`` where that is not, or proves nothing."""
+        twofold, last, bound = False, np.inf, np.inf
+        for _ in range(STEPS):
+            here, own, x, z = self._units(P)
+            at = _at(here, own)
+            try:
+                operator = Operator(at.loop if twofold else at.loop.high, continuous=here.continuous)
+            except ArithmeticError:
+                if twofold:
+                    raise
+                twofold = True
+                continue
+            change = operator.solve(at.rest if twofold else at.rest.high)
+            sd = np.sqrt(np.maximum(np.diag(own.high), 0.25))
+            part = float((np.abs(high(change)) / np.outer(sd, sd)).max())
+            if not np.isfinite(part):
+                msg = "corrections that diverge"
+                raise ArithmeticError(msg)
+            if part < STILL or last / 2 < part < 0.1:
+                reach = _reach(here, at, operator)
+                found = None if reach is None else _bounded(own, at.K * x[:, None] / z, reach, x)
+                bound = np.inf if found is None else found.error
+                if found is not None and (bound < GOOD or (twofold and bound < SOLVED)):
+                    return found
+                if twofold:
+                    break
+                twofold, part = True, np.inf
+            else:
+                P = (own + change).symmetric.scaled(x, x)
+            last = part
+        msg = f"the bound {bound:.3g}" if np.isfinite(bound) else "none whose filter is provably stable"
+        raise ArithmeticError(msg)
+
+    def _units(self, P: Twofold) -> tuple[Equation, Twofold, Array, Array]:
+        """The equation and P in units in which the variances are near 1, and these units."""
+        variance = np.diag(P.high)
+        sd = np.sqrt(np.maximum(variance, 0.0))
+        terms = (np.abs(self.eq.A) @ sd) ** 2 + np.diag(self.eq.Q)
+        if self.eq.continuous:
+            terms /= max(1.0, np.abs(self.eq.A).sum(axis=1).max()) ** 2
+        self.x = np.where(variance > NOTHING * terms, _power(variance), np.where(terms > 0, _power(terms), self.x))
+        z = _power(self.eq.innovation(P.high))
+        return self.eq.scaled(self.x, z), P.scaled(1 / self.x, 1 / self.x), self.x, z
+
+
+def _reach(eq: Equation, at: _Point, operator: Operator) -> Array | None:
+    """Y with −Y ⪯ P* − P ⪯ Y, or None if that cannot be shown."""
+    proof = prove(operator, at.loop, at.size)
+    if proof is None:
+        return None
+    c = 2 * proof.times(np.abs(at.rest.high) + at.doubt)
+    Y = c * proof.reach
+    if not len(eq.H):
+        return Y
+    root = np.linalg.cholesky(at.S)
+    seen = scipy.linalg.solve_triangular(root, eq.H, lower=True)
+    miss = scipy.linalg.solve_triangular(root, at.miss.T, lower=True)
+    # HΔHᵀ ⪯ θS and LΔHᵀS⁻¹HΔLᵀ ⪯ θY ⪯ φ²·weight: the part of the map that is not linear.
+    theta = float(np.linalg.eigvalsh(seen @ Y @ seen.T).max(initial=0.0))
+    phi = np.sqrt(2 * theta * proof.times(Y))
+    beta = np.sqrt(proof.times(np.abs(miss.T) @ np.abs(miss)))
+    return Y if theta < 0.5 and 2 * beta * phi + phi**2 + 2 * beta**2 * theta <= c / 8 else None
+
+
+def _bounded(P: Twofold, K: Array, reach: Array, x: Array) -> Solution:
+    """The solution in the units that were left for ``x``."""
+    variance, own = np.diag(P.high), np.diag(reach)
+    zero = variance <= NOTHING
+    sd = np.where(zero, 1.0, np.sqrt(np.where(zero, 1.0, variance)))
+    error = (own / sd**2)[~zero].max(initial=0.0) + (np.abs(P.low) / np.outer(sd, sd))[np.ix_(~zero, ~zero)].max(initial=0.0)
+    known = zero[:, None] | zero
+    left = Twofold(np.where(known, 0.0, P.high), np.where(known, 0.0, P.low))
+    reach = reach + np.diag(np.where(zero, np.abs(variance), 0.0))
+    return Solution(left.scaled(x, x), K, reach * np.outer(x, x), float(error) * (1 + 1e-6))

@@ -1,0 +1,89 @@
+r"""First solutions of a Riccati equation, from which Newton's method converges: the gain of each has a stable loop.
+
+python-control's solver comes first (always scipy's method, whatever else is installed). Where it fails, the equation with a little
+noise added to every state and measurement has a stabilising gain that serves as well; it is solved by doubling the number of steps
+(structure-preserving doubling; Chu, Fan, Lin & Wang 2004, Int. J. Control 77), a continuous one after Cayley's transform
+(Chu, Fan & Lin 2005, Linear Algebra Appl. 396).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+from ctlabs._check import Array
+from ctlabs.linalg.twofold import Matrix, Twofold, high, inverse, symmetric
+
+#: Above this number of states doubling is the faster one.
+LARGE = 60
+#: Noise added, in units in which the elements of the equation are near 1.
+ADDED = (0.0, 1e-12, 1e-6)
+DOUBLINGS = 100
+
+
+class Plain(NamedTuple):
+    """A (n, n), H (m, n), Q (n, n), R (m, m) of an equation without N."""
+
+    A: Array
+    H: Array
+    Q: Array
+    R: Array
+
+
+def starts(eq: Plain, *, continuous: bool) -> Iterator[Callable[[], Matrix]]:
+    """Ways to a first P, the cheapest first."""
+    if len(eq.A) <= LARGE and len(eq.H):
+        yield partial(by_control, eq, continuous=continuous)
+    for twofold in (False, True):
+        for added in ADDED:
+            yield partial(doubled, eq, added, twofold=twofold, continuous=continuous)
+
+
+def by_control(eq: Plain, *, continuous: bool) -> Array:
+    """P of python-control: the dual equation."""
+    import control  # costs 1 s to import
+
+    solver = control.care if continuous else control.dare
+    return np.asarray(solver(eq.A.T, eq.H.T, eq.Q, eq.R, method="scipy")[0])
+
+
+def doubled(eq: Plain, added: float, *, twofold: bool, continuous: bool) -> Matrix:
+    """P after 1, 2, 4, … steps from zero, of the equation with added noise."""
+    one = np.eye(len(eq.A))
+    R = eq.R + added * np.diag(np.diag(eq.R) + np.diag(eq.H @ eq.Q @ eq.H.T))
+    F: Matrix = eq.A.T
+    G: Matrix = eq.H.T @ np.linalg.solve(R, eq.H)
+    P: Matrix = eq.Q + added * one
+    if twofold:
+        F, G, P = Twofold.of(F), Twofold.of(G), Twofold.of(P)
+    if continuous:
+        F, G, P = _cayley(F, G, P)
+    for _ in range(DOUBLINGS):
+        FW = F @ inverse(one + G @ P)
+        FWG, WF = FW @ G, inverse(one + G @ P) @ F
+        F, G, P = FW @ F, symmetric(G + FWG @ F.T), symmetric(P + F.T @ P @ WF)
+        size = np.abs(high(F)).max(initial=0.0)
+        if size < 1e-20:
+            return P
+        if not size < 1e100:
+            break
+    msg = "doubling: expected a transition that vanishes, received one that does not"
+    raise ArithmeticError(msg)
+
+
+def _cayley(F: Matrix, G: Matrix, Q: Matrix) -> tuple[Matrix, Matrix, Matrix]:
+    """The discrete equation with the same solution, for a step near the mean of the fastest and the slowest time."""
+    A, one = high(F), np.eye(len(high(F)))
+    rates = np.abs(np.linalg.eigvals(np.block([[A.T, high(Q)], [high(G), -A]])))
+    rates = rates[rates > 0]
+    tau = float(np.exp2(np.round(0.5 * np.log2(rates.min(initial=1.0) * rates.max(initial=1.0)))))
+    own = scipy.linalg.eigvals(A)
+    while np.abs(own - tau).min() < 1e-2 * tau:
+        tau *= 2.0
+    B = inverse(F + -tau * one)
+    W = inverse(F.T + -tau * one + Q @ B @ G)
+    return W.T * (2 * tau) + one, symmetric((B @ G @ W) * (2 * tau)), symmetric((W @ Q @ B) * (2 * tau))
