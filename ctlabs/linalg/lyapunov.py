@@ -15,14 +15,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ctlabs._check import Array
-from ctlabs.linalg.twofold import ROUNDING, Matrix, Twofold, high, inverse, symmetric
+from ctlabs.linalg.manyfold import Manyfold, Matrix, high, inverse, rounding, symmetric
 
 #: The number of terms is doubled until a power of A is below this, or so many times.
 NEGLIGIBLE, DOUBLINGS = 1e-24, 80
 
 
 class Operator:
-    """The operator Q ↦ X of one stable matrix; in twice the working precision if A is :class:`Twofold`."""
+    """The operator Q ↦ X of one stable matrix, in the precision of that matrix."""
 
     def __init__(self, A: Matrix, *, continuous: bool) -> None:
         """``ArithmeticError``: A is not stable, as far as this precision tells."""
@@ -61,9 +61,10 @@ def _transformed(A: Matrix) -> tuple[Matrix, Matrix]:
     return root * float(np.sqrt(2 * tau)), root * (2 * tau) - one
 
 
-def residual(A: Matrix, X: Matrix, Q: Matrix, *, continuous: bool) -> Twofold:
-    """AXAᵀ − X + Q or AX + XAᵀ + Q, in twice the working precision."""
-    A, AX = Twofold.of(A), Twofold.of(A) @ X
+def residual(A: Matrix, X: Matrix, Q: Matrix, *, continuous: bool) -> Manyfold:
+    """AXAᵀ − X + Q or AX + XAᵀ + Q, in at least twice the working precision."""
+    A = Manyfold.of(A, 2)
+    AX = A @ X
     return (AX + AX.T if continuous else AX @ A.T - X) + Q
 
 
@@ -78,22 +79,23 @@ class Proof(NamedTuple):
         return float((np.abs(D) / np.sqrt(np.outer(self.weight, self.weight))).sum(axis=1).max(initial=0.0))
 
 
-def prove(operator: Operator, A: Matrix, size: Array) -> Proof | None:
+def prove(operator: Operator, A: Manyfold, size: Array) -> Proof | None:
     """The proof for A (of which the operator may be that of a rounded one), or None if it fails.
 
     ``size`` (n, n) : sums of the magnitudes of which the elements of A are sums.
     """
     continuous = operator.continuous
     weight = 1.0 + size.sum(axis=1) if continuous else np.ones(len(size))
-    X = operator.solve(Twofold.of(np.diag(weight)) if isinstance(operator.A, Twofold) else np.diag(weight))
-    rest = np.abs(residual(A, X, np.diag(weight), continuous=continuous).high)
-    rest += rounding(size, np.abs(high(X)), continuous=continuous)
+    M: Matrix = np.diag(weight)
+    X = operator.solve(Manyfold.of(M) if isinstance(operator.A, Manyfold) else M)
+    rest = np.abs(residual(A, X, M, continuous=continuous).high)
+    rest += lost(size, np.abs(high(X)), A.fold, continuous=continuous)
     proof = Proof(weight, 2 * high(X))
     return proof if proof.times(rest) <= 0.5 else None
 
 
-def rounding(size: Array, X: Array, *, continuous: bool) -> Array:
+def lost(size: Array, X: Array, fold: int, *, continuous: bool) -> Array:
     """Bound of the rounding of :func:`residual`: products know the largest elements of rows and columns only."""
     n, row, most = len(size), size.max(axis=1, initial=0.0), X.max(initial=0.0)
     terms = row[:, None] + row if continuous else n * np.outer(row, row) + 1.0
-    return 4 * n * ROUNDING * most * terms
+    return 4 * n * rounding(fold) * most * terms

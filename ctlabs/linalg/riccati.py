@@ -21,16 +21,17 @@ A Lyapunov equation is one without measurements.
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 
 from ctlabs._check import Array
-from ctlabs.linalg import undriven
-from ctlabs.linalg.lyapunov import Operator, prove, rounding
-from ctlabs.linalg.starts import Plain, starts
-from ctlabs.linalg.twofold import ROUNDING, Twofold, high
+from ctlabs.linalg import manyfold, undriven
+from ctlabs.linalg.lyapunov import Operator, lost, prove
+from ctlabs.linalg.starts import ADDED, LARGE, Plain, doubled, starts
+from ctlabs.linalg.manyfold import Manyfold, Matrix, high
 from ctlabs.linalg.units import balanced
 
 #: A solution counts as one below this bound of its error, in standard deviations.
@@ -39,9 +40,11 @@ SOLVED = 1e-6
 GOOD = 1e-13
 #: Newton's steps, at most: far from the solution each halves an error, near it they square it.
 STEPS = 150
-#: A correction below this part of the standard deviations is none.
+#: Multiples of the working precision, in turn, of residuals; those above 2 for equations that are small enough.
+FOLDS = (2, 4, 8)
+#: A correction below this part of the standard deviations is none; of twice the precision, and that to the power fold/2.
 STILL = 1e-26
-#: A variance below this part of its own terms is the rounding of twice the working precision, and zero.
+#: A variance below this part of its own terms is the rounding of twice the working precision, and zero; the same.
 NOTHING = 2.0**-90
 
 
@@ -52,7 +55,7 @@ class Solution(NamedTuple):
     ``error``, the bound of |P*_ij − P.high_ij| in units of σ_iσ_j, σ² = diag P; absolute where one of them is zero
     """
 
-    P: Twofold
+    P: Manyfold
     K: Array
     reach: Array
     error: float
@@ -63,9 +66,9 @@ class Equation(NamedTuple):
 
     A: Array
     H: Array
-    Q: Array
+    Q: Manyfold
     R: Array
-    N: Array
+    N: Manyfold
     continuous: bool
 
     def scaled(self, x: Array, z: Array, time: float = 1.0) -> Equation:
@@ -73,21 +76,22 @@ class Equation(NamedTuple):
         return Equation(
             self.A * x / x[:, None] * time,
             self.H * x / z[:, None],
-            self.Q / np.outer(x, x) * time,
+            self.Q.scaled(time / x, 1 / x),
             self.R / np.outer(z, z) / time,
-            self.N / np.outer(x, z),
+            self.N.scaled(1 / x, 1 / z),
             self.continuous,
         )
 
     def without_N(self) -> Equation:  # noqa: N802, the matrix's name
         """Transition and noise given what the measurements tell of the noise; what is rounding of its own terms is zero."""
-        if not self.N.any():
+        N = self.N.high
+        if not N.any():
             return self
-        M = self.N @ np.linalg.pinv(self.R, hermitian=True)
-        Q = self.Q - M @ self.N.T
-        known = np.diag(Q) <= 16 * len(Q) * np.finfo(float).eps * np.diag(self.Q)
+        M = N @ np.linalg.pinv(self.R, hermitian=True)
+        Q = self.Q.high - M @ N.T
+        known = np.diag(Q) <= 16 * len(Q) * np.finfo(float).eps * np.diag(self.Q.high)
         Q = np.where(known[:, None] | known, 0.0, 0.5 * (Q + Q.T))
-        return self._replace(A=self.A - M @ self.H, Q=Q, N=np.zeros_like(self.N))
+        return self._replace(A=self.A - M @ self.H, Q=Manyfold.of(Q), N=Manyfold.of(np.zeros_like(N)))
 
     def reduced(self, rest: undriven.Rest) -> Equation:
         """The equation of the states kept."""
@@ -101,7 +105,7 @@ class Equation(NamedTuple):
         return np.diag(self.R) if self.continuous else np.diag(self.R) + np.diag(self.H @ P @ self.H.T)
 
 
-def solve(A: Array, H: Array, Q: Array, R: Array, N: Array | None = None, *, continuous: bool) -> Solution:
+def solve(A: Array, H: Array, Q: Matrix, R: Array, N: Matrix | None = None, *, continuous: bool) -> Solution:
     """The stabilising solution; zero along what no noise drives and what does not grow (:mod:`ctlabs.linalg.undriven`).
 
     Raises
@@ -116,14 +120,14 @@ def solve(A: Array, H: Array, Q: Array, R: Array, N: Array | None = None, *, con
     >>> solve(one, one, one, one, continuous=True).P.high, solve(one, one, one, one, continuous=False).P.high.round(6)
     (array([[2.41421356]]), array([[1.618034]]))
     """
-    given = Equation(A, H, Q, R, np.zeros((len(A), len(H))) if N is None else N, continuous)
+    given = Equation(A, H, Manyfold.of(Q), R, Manyfold.of(np.zeros((len(A), len(H))) if N is None else N), continuous)
     plain = given.without_N()
-    rest = undriven.without(plain.A, plain.Q, continuous=continuous)
+    rest = undriven.without(plain.A, plain.Q.high, continuous=continuous)
     found = _solved(given.reduced(rest), plain.reduced(rest))
     return _completed(given, rest, found) if len(rest.known) else found
 
 
-def stationary(A: Array, Q: Array, *, continuous: bool) -> Solution:
+def stationary(A: Array, Q: Matrix, *, continuous: bool) -> Solution:
     r"""The solution of :math:`P = APA^T + Q` or :math:`AP + PA^T + Q = 0`, A stable.
 
     >>> stationary(np.array([[0.5]]), np.array([[3.0]]), continuous=False).P.high
@@ -138,7 +142,7 @@ def _completed(given: Equation, rest: undriven.Rest, found: Solution) -> Solutio
     n, T = len(given.A), np.zeros((len(given.A), len(rest.kept)))
     T[rest.kept, np.arange(len(rest.kept))] = 1.0
     T[rest.known] = rest.M
-    P, reach = (T @ found.P @ T.T).symmetric, T @ found.reach @ T.T
+    P, reach = (T @ Manyfold.of(found.P, 2) @ T.T).symmetric, T @ found.reach @ T.T
     K = _gain(given, P.high)
     sd = np.sqrt(np.diag(found.P.high))
     own = np.sqrt(np.diag(P.high)[rest.known])
@@ -150,7 +154,7 @@ def _completed(given: Equation, rest: undriven.Rest, found: Solution) -> Solutio
 
 
 def _gain(eq: Equation, P: Array) -> Array:
-    V = (P if eq.continuous else eq.A @ P) @ eq.H.T + eq.N
+    V = (P if eq.continuous else eq.A @ P) @ eq.H.T + eq.N.high
     S = eq.R if eq.continuous else eq.H @ P @ eq.H.T + eq.R
     return np.linalg.lstsq(S, V.T, rcond=None)[0].T if len(S) else V
 
@@ -162,26 +166,28 @@ def _power(variance: Array) -> Array:
 
 def _solved(eq: Equation, plain: Equation) -> Solution:
     """The solution of an equation; ``plain`` is the same without N, for the first approximation."""
-    n, m = eq.N.shape
+    n, m = eq.N.high.shape
     if not n:
-        return Solution(Twofold.of(np.zeros((0, 0))), np.zeros((0, m)), np.zeros((0, 0)), 0.0)
-    z = _power(plain.innovation(plain.Q))
+        return Solution(Manyfold.of(np.zeros((0, 0)), 2), np.zeros((0, m)), np.zeros((0, 0)), 0.0)
+    z = _power(plain.innovation(plain.Q.high))
     seen = plain.H / z[:, None]
-    x, time = balanced(plain.A, plain.Q, seen.T @ seen, continuous=plain.continuous)
-    z = _power(plain.innovation(plain.Q) / time)
+    x, time = balanced(plain.A, plain.Q.high, seen.T @ seen, continuous=plain.continuous)
+    z = _power(plain.innovation(plain.Q.high) / time)
     here, first = eq.scaled(x, z, time), plain.scaled(x, z, time)
+    small = Plain(first.A, first.H, first.Q.high, first.R)
+    attempts: list[tuple[int, Callable[[], Matrix]]] = [(2, start) for start in starts(small, continuous=eq.continuous)]
+    if n <= LARGE:
+        attempts += [
+            (fold, partial(doubled, small, added, fold, continuous=eq.continuous)) for fold in FOLDS for added in ADDED
+        ]
     why = "none"
-    # What other solvers raise and warn of, whatever it is, only leads to the next one.
+    # What fails here, and what other solvers warn of, only leads to the next one.
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for start in starts(Plain(*first[:4]), continuous=eq.continuous):
+        for fold, start in attempts:
             try:
-                P = Twofold.of(start())
-            except Exception:  # noqa: BLE001, S112, see above
-                continue
-            try:
-                found = _Newton(here).solution(P)
-            except (ArithmeticError, np.linalg.LinAlgError, ValueError) as error:
+                found = _Newton(here, fold).solution(Manyfold.of(start(), fold))
+            except (ArithmeticError, np.linalg.LinAlgError) as error:
                 why = str(error)
                 continue
             K = found.K * x[:, None] / z / (time if eq.continuous else 1.0)
@@ -199,85 +205,85 @@ def _absolute(P: Array, reach: Array) -> float:
 
 
 class _Point(NamedTuple):
-    """P with its gain: loop L, sums of magnitudes behind it, residual R(P) − P, how far rounding may have moved it, r."""
+    """P with its gain: L, sums of magnitudes behind it, D − rS⁻¹rᵀ, how far rounding may have moved that, rS⁻¹rᵀ."""
 
-    P: Twofold
-    K: Array
-    S: Array
-    loop: Twofold
+    P: Manyfold
+    K: Manyfold
+    S: Manyfold
+    loop: Manyfold
     size: Array
-    rest: Twofold
+    rest: Manyfold
     doubt: Array
-    miss: Array
+    best: Array
 
 
-def _at(eq: Equation, P: Twofold) -> _Point:
-    """The equation at P, evaluated in twice the working precision."""
+def _at(eq: Equation, P: Manyfold) -> _Point:
+    """The equation at P, in the precision of P."""
     A, H, Q, R, N, continuous = eq
     PH = P @ H.T
-    S, V = (Twofold.of(R), PH + N) if continuous else (H @ PH + R, A @ PH + N)
-    K = np.linalg.solve(S.high, V.high.T).T
-    loop, miss = A - Twofold.of(K) @ H, (K @ S - V).high
-    LP, NK = loop @ P, Twofold.of(N) @ K.T
+    S, V = (Manyfold.of(R, P.fold), PH + N) if continuous else (H @ PH + R, A @ PH + N)
+    K = manyfold.solve(S, V.T).T
+    loop, miss = A - K @ H, K @ S - V
+    LP, NK = loop @ P, N @ K.T
     moved = LP + LP.T if continuous else LP @ loop.T - P
-    noise = Twofold.of(K) @ R @ K.T - NK - NK.T + Q
-    best = miss @ np.linalg.solve(S.high, miss.T)  # what a better gain would save
-    size = np.abs(A) + np.abs(K) @ np.abs(H)
-    m, k = len(H), np.abs(K).max(axis=1, initial=0.0)
-    terms = m * m * np.outer(k, k) * np.abs(R).max(initial=0.0) + m * np.abs(N).max(initial=0.0) * (k[:, None] + k)
-    doubt = rounding(size, np.abs(P.high), continuous=continuous) + 8 * ROUNDING * (terms + np.abs(Q))
-    return _Point(P, K, S.high, loop, size, (moved + noise - best).symmetric, doubt, miss)
+    noise = K @ R @ K.T - NK - NK.T + Q
+    best = (miss @ manyfold.solve(S, miss.T)).symmetric  # what a better gain would save
+    size = np.abs(A) + np.abs(K.high) @ np.abs(H)
+    m, k = len(H), np.abs(K.high).max(axis=1, initial=0.0)
+    terms = m * m * np.outer(k, k) * np.abs(R).max(initial=0.0) + m * np.abs(N.high).max(initial=0.0) * (k[:, None] + k)
+    doubt = lost(size, np.abs(P.high), P.fold, continuous=continuous) + 8 * manyfold.rounding(P.fold) * (terms + np.abs(Q.high))
+    return _Point(P, K, S, loop, size, (moved + noise - best).symmetric, doubt, best.high)
 
 
 class _Newton:
-    """Newton's method for one equation, in doubles and, where they do not suffice, in twice their precision."""
+    """Newton's method for one equation: residuals in a multiple of the working precision, corrections in it or, later, as well."""
 
-    def __init__(self, eq: Equation) -> None:
-        self.eq = eq
+    def __init__(self, eq: Equation, fold: int) -> None:
+        self.eq, self.fold = eq, fold
         self.x = np.ones(len(eq.A))
 
-    def solution(self, P: Twofold) -> Solution:
+    def solution(self, P: Manyfold) -> Solution:
         """From a first P to where the corrections stand still; ``ArithmeticError`` where that is not, or proves nothing."""
-        twofold, last, bound = False, np.inf, np.inf
+        precise, last, bound = self.fold > 2, np.inf, np.inf
         for _ in range(STEPS):
             here, own, x, z = self._units(P)
             at = _at(here, own)
             try:
-                operator = Operator(at.loop if twofold else at.loop.high, continuous=here.continuous)
+                operator = Operator(at.loop if precise else at.loop.high, continuous=here.continuous)
             except ArithmeticError:
-                if twofold:
+                if precise:
                     raise
-                twofold = True
+                precise = True
                 continue
-            change = operator.solve(at.rest if twofold else at.rest.high)
+            change = operator.solve(at.rest if precise else at.rest.high)
             sd = np.sqrt(np.maximum(np.diag(own.high), 0.25))
             part = float((np.abs(high(change)) / np.outer(sd, sd)).max())
             if not np.isfinite(part):
                 msg = "corrections that diverge"
                 raise ArithmeticError(msg)
-            if part < STILL or last / 2 < part < 0.1:
+            if part < STILL ** (self.fold / 2) or last / 2 < part < 0.1:
                 reach = _reach(here, at, operator)
-                found = None if reach is None else _bounded(own, at.K * x[:, None] / z, reach, x)
+                found = None if reach is None else _bounded(own, at.K.high * x[:, None] / z, reach, x)
                 bound = np.inf if found is None else found.error
-                if found is not None and (bound < GOOD or (twofold and bound < SOLVED)):
+                if found is not None and (bound < GOOD or (precise and bound < SOLVED)):
                     return found
-                if twofold:
+                if precise:
                     break
-                twofold, part = True, np.inf
+                precise, part = True, np.inf
             else:
                 P = (own + change).symmetric.scaled(x, x)
             last = part
         msg = f"the bound {bound:.3g}" if np.isfinite(bound) else "none whose filter is provably stable"
         raise ArithmeticError(msg)
 
-    def _units(self, P: Twofold) -> tuple[Equation, Twofold, Array, Array]:
+    def _units(self, P: Manyfold) -> tuple[Equation, Manyfold, Array, Array]:
         """The equation and P in units in which the variances are near 1, and these units."""
         variance = np.diag(P.high)
         sd = np.sqrt(np.maximum(variance, 0.0))
-        terms = (np.abs(self.eq.A) @ sd) ** 2 + np.diag(self.eq.Q)
+        terms = (np.abs(self.eq.A) @ sd) ** 2 + np.diag(self.eq.Q.high)
         if self.eq.continuous:
             terms /= max(1.0, np.abs(self.eq.A).sum(axis=1).max()) ** 2
-        self.x = np.where(variance > NOTHING * terms, _power(variance), np.where(terms > 0, _power(terms), self.x))
+        self.x = np.where(variance > NOTHING ** (self.fold / 2) * terms, _power(variance), np.where(terms > 0, _power(terms), self.x))
         z = _power(self.eq.innovation(P.high))
         return self.eq.scaled(self.x, z), P.scaled(1 / self.x, 1 / self.x), self.x, z
 
@@ -291,23 +297,20 @@ def _reach(eq: Equation, at: _Point, operator: Operator) -> Array | None:
     Y = c * proof.reach
     if not len(eq.H):
         return Y
-    root = np.linalg.cholesky(at.S)
-    seen = scipy.linalg.solve_triangular(root, eq.H, lower=True)
-    miss = scipy.linalg.solve_triangular(root, at.miss.T, lower=True)
     # HΔHᵀ ⪯ θS and LΔHᵀS⁻¹HΔLᵀ ⪯ θY ⪯ φ²·weight: the part of the map that is not linear.
-    theta = float(np.linalg.eigvalsh(seen @ Y @ seen.T).max(initial=0.0))
+    theta = float(np.trace(manyfold.solve(at.S, eq.H @ Manyfold.of(Y, 2) @ eq.H.T).high))
     phi = np.sqrt(2 * theta * proof.times(Y))
-    beta = np.sqrt(proof.times(np.abs(miss.T) @ np.abs(miss)))
+    beta = np.sqrt(proof.times(at.best))
     return Y if theta < 0.5 and 2 * beta * phi + phi**2 + 2 * beta**2 * theta <= c / 8 else None
 
 
-def _bounded(P: Twofold, K: Array, reach: Array, x: Array) -> Solution:
+def _bounded(P: Manyfold, K: Array, reach: Array, x: Array) -> Solution:
     """The solution in the units that were left for ``x``."""
     variance, own = np.diag(P.high), np.diag(reach)
-    zero = variance <= NOTHING
+    zero = variance <= NOTHING ** (P.fold / 2)
     sd = np.where(zero, 1.0, np.sqrt(np.where(zero, 1.0, variance)))
     error = (own / sd**2)[~zero].max(initial=0.0) + (np.abs(P.low) / np.outer(sd, sd))[np.ix_(~zero, ~zero)].max(initial=0.0)
     known = zero[:, None] | zero
-    left = Twofold(np.where(known, 0.0, P.high), np.where(known, 0.0, P.low))
+    left = Manyfold(tuple(np.where(known, 0.0, part) for part in P.parts))
     reach = reach + np.diag(np.where(zero, np.abs(variance), 0.0))
     return Solution(left.scaled(x, x), K, reach * np.outer(x, x), float(error) * (1 + 1e-6))

@@ -16,7 +16,7 @@ import numpy as np
 import scipy.linalg
 
 from ctlabs._check import Array
-from ctlabs.linalg.twofold import Matrix, Twofold, high, inverse, symmetric
+from ctlabs.linalg.manyfold import Manyfold, Matrix, high, inverse, solve, symmetric
 
 #: Above this number of states doubling is the faster one.
 LARGE = 60
@@ -38,34 +38,38 @@ def starts(eq: Plain, *, continuous: bool) -> Iterator[Callable[[], Matrix]]:
     """Ways to a first P, the cheapest first."""
     if len(eq.A) <= LARGE and len(eq.H):
         yield partial(by_control, eq, continuous=continuous)
-    for twofold in (False, True):
-        for added in ADDED:
-            yield partial(doubled, eq, added, twofold=twofold, continuous=continuous)
+    for added in ADDED:
+        yield partial(doubled, eq, added, 1, continuous=continuous)
 
 
 def by_control(eq: Plain, *, continuous: bool) -> Array:
-    """P of python-control: the dual equation."""
+    """P of python-control: the dual equation. ``ArithmeticError`` where it has none, whatever it raises."""
     import control  # costs 1 s to import
 
     solver = control.care if continuous else control.dare
-    return np.asarray(solver(eq.A.T, eq.H.T, eq.Q, eq.R, method="scipy")[0])
+    try:
+        return np.asarray(solver(eq.A.T, eq.H.T, eq.Q, eq.R, method="scipy")[0])
+    except Exception as error:
+        msg = f"python-control: expected a solution, received {error}"
+        raise ArithmeticError(msg) from error
 
 
-def doubled(eq: Plain, added: float, *, twofold: bool, continuous: bool) -> Matrix:
-    """P after 1, 2, 4, … steps from zero, of the equation with added noise."""
+def doubled(eq: Plain, added: float, fold: int, *, continuous: bool) -> Matrix:
+    """P after 1, 2, 4, … steps from zero, of the equation with added noise, in a multiple of the working precision."""
     one = np.eye(len(eq.A))
     R = eq.R + added * np.diag(np.diag(eq.R) + np.diag(eq.H @ eq.Q @ eq.H.T))
     F: Matrix = eq.A.T
     G: Matrix = eq.H.T @ np.linalg.solve(R, eq.H)
     P: Matrix = eq.Q + added * one
-    if twofold:
-        F, G, P = Twofold.of(F), Twofold.of(G), Twofold.of(P)
+    if fold > 1:
+        F, P = Manyfold.of(F, fold), Manyfold.of(P, fold)
+        G = eq.H.T @ solve(Manyfold.of(R, fold), Manyfold.of(eq.H))
     if continuous:
         F, G, P = _cayley(F, G, P)
     for _ in range(DOUBLINGS):
-        FW = F @ inverse(one + G @ P)
-        FWG, WF = FW @ G, inverse(one + G @ P) @ F
-        F, G, P = FW @ F, symmetric(G + FWG @ F.T), symmetric(P + F.T @ P @ WF)
+        W = inverse(one + G @ P)
+        FW, WF = F @ W, W @ F
+        F, G, P = FW @ F, symmetric(G + FW @ G @ F.T), symmetric(P + F.T @ P @ WF)
         size = np.abs(high(F)).max(initial=0.0)
         if size < 1e-20:
             return P
