@@ -26,6 +26,9 @@ from numpy.typing import ArrayLike
 from ctlabs import _check, observability
 from ctlabs._check import Array
 from ctlabs.discretise import ldl
+from ctlabs.interop import distinct
+from ctlabs.linalg import riccati
+from ctlabs.linalg.manyfold import Manyfold
 from ctlabs.linalg.resolvent import resolvent
 from ctlabs.models import ContinuousModel
 from ctlabs.text import moment
@@ -56,15 +59,17 @@ class Transient:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SteadyState:
-    """Limits for t → ∞.
+    r"""Limits for t → ∞.
 
     ``P`` (n, n), covariance of the error · ``Kc`` (n, m), gain · ``poles`` (n,) of the filter, 1/s, ascending:
-    eigenvalues of F − Kc H
+    eigenvalues of F − Kc H · ``error``, a bound of the error of P: :math:`|dP_{ij}| \le error\cdot\sigma_i\sigma_j`, absolute where
+    one of the σ is zero
     """
 
     P: Array
     Kc: Array
     poles: Array
+    error: float
 
 
 def transient(model: ContinuousModel, t: ArrayLike) -> Transient:
@@ -120,7 +125,8 @@ def steady(model: ContinuousModel) -> SteadyState:
     ------
     TypeError, ValueError
         As for :func:`transient`; also a mode that does not decay and is not measured, so that there is no limit or it
-        depends on P0: the message names the mode (its eigenvalue and states).
+        depends on P0: the message names the mode (its eigenvalue and states), as :func:`ctlabs.observability.analyse` does; no
+        solution with an error bound below 1e-6.
 
     Source: Kailath, Sayed & Hassibi, *Linear Estimation* (2000), chapter 16 and appendix E.
 
@@ -128,8 +134,8 @@ def steady(model: ContinuousModel) -> SteadyState:
     >>> steady(m).P.round(6), steady(m).poles.round(6)
     (array([[2.414214]]), array([-1.414214+0.j]))
     """
-    plain = _plain(model)
-    unseen = observability.undetectable(plain.F, plain.H, continuous=True)
+    _plain(model)  # refuses what has no continuous gain
+    unseen = observability.undetectable(*observability.measured(model), continuous=True)
     if unseen:
         msg = (
             "steady state: expected every mode with Re(eigenvalue) >= 0 to be measured, received the mode "
@@ -137,10 +143,16 @@ def steady(model: ContinuousModel) -> SteadyState:
             "that does not depend on P0"
         )
         raise ValueError(msg)
-    T, left = observability.driven(plain.F, plain.W, continuous=True)
-    P = T @ _riccati(left @ plain.F @ T, _symmetric(left @ plain.W @ left.T), plain.H @ T, plain.Rc) @ T.T
-    Kc = plain.gain(P)
-    return SteadyState(_symmetric(P), Kc, np.sort_complex(np.linalg.eigvals(model.F - Kc @ model.H)))
+    G = Manyfold.of(model.G, 2)
+    W, N = (G @ model.Q @ G.T).symmetric, None if model.N is None else G @ model.N
+    assert model.Rc is not None
+    try:
+        found = riccati.solve(model.F, model.H, W, model.Rc, N, continuous=True)
+    except ValueError as error:
+        msg = f"steady state: {error}"
+        raise ValueError(msg) from None
+    poles = np.sort_complex(np.linalg.eigvals(model.F - found.K @ model.H))
+    return SteadyState(found.P.high, found.K, poles, found.error)
 
 
 def transfer_function(model: ContinuousModel, state: int = 0, measurement: int = 0) -> tuple[Array, Array]:
@@ -178,9 +190,9 @@ def filter_system(model: ContinuousModel) -> control.StateSpace:
         np.eye(model.n),
         np.zeros((model.n, model.m)),
         0,
-        inputs=list(model.measurements),
-        outputs=[f"{name}_hat" for name in model.states],
-        states=list(model.states),
+        inputs=distinct(model.measurements),
+        outputs=distinct(tuple(f"{name}_hat" for name in model.states)),
+        states=distinct(model.states),
     )
 
 
@@ -445,32 +457,6 @@ def _series(plain: _Plain, unit: float, terms: int) -> Array:
 def _product(left: Array, right: Array, k: int) -> Array:
     """Coefficient k of the product of two power series of matrices."""
     return np.tensordot(left[: k + 1], right[k::-1], axes=([0, 2], [0, 1]))
-
-
-def _riccati(F: Array, W: Array, H: Array, Rc: Array) -> Array:
-    """The stabilising solution, python-control's and two Newton steps (Lyapunov equations) for the last digits."""
-    if not len(F):
-        return np.zeros((0, 0))
-    if not H.any():
-        return _symmetric(scipy.linalg.solve_continuous_lyapunov(F, -W))
-    import control  # costs 1 s to import
-
-    try:
-        P = _symmetric(control.care(F.T, H.T, W, Rc, method="scipy")[0])
-    except (np.linalg.LinAlgError, ValueError) as error:
-        msg = f"steady state: expected a Riccati equation with a stabilising solution, received none ({error})"
-        raise ValueError(msg) from None
-    for _ in range(2):
-        Kc = np.linalg.solve(Rc, H @ P).T
-        closed = F - Kc @ H
-        poles = np.linalg.eigvals(closed)
-        if not (poles.real < 0).all():
-            msg = f"steady state: expected a stabilising solution of the equation, received the filter poles {poles}"
-            raise ValueError(msg)
-        # Newton's step as a correction: what is solved for is small, and so is its rounding.
-        rest = F @ P + P @ F.T + W - Kc @ Rc @ Kc.T
-        P = P + _symmetric(scipy.linalg.solve_continuous_lyapunov(closed, -rest))
-    return _symmetric(P)
 
 
 def _symmetric(P: Array) -> Array:

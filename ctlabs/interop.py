@@ -194,7 +194,7 @@ def to_control(model: ContinuousModel | DiscreteModel) -> Any:
         inputs = [f"w[{j}]" for j in range(model.n)]
         A, B, dt = model.Phi, np.eye(model.n), model.dt
     D = np.zeros((model.m, B.shape[1]))
-    labels = {"inputs": inputs, "outputs": _distinct(model.measurements), "states": _distinct(model.states)}
+    labels = {"inputs": inputs, "outputs": distinct(model.measurements), "states": distinct(model.states)}
     return control.ss(A, B, model.H, D, dt, **labels, remove_useless_states=False)
 
 
@@ -450,7 +450,7 @@ def _constant(model: DiscreteModel, what: str) -> None:
         raise ValueError(msg)
 
 
-def _distinct(names: tuple[str, ...]) -> list[str]:
+def distinct(names: tuple[str, ...]) -> list[str]:
     """Names that differ from each other, as python-control wants them."""
     result: list[str] = []
     for name in names:

@@ -14,34 +14,34 @@ do not change when the user's units do. States named as part of a mode are those
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
 
 from ctlabs import _check
 from ctlabs._check import Array
-from ctlabs.discretise import interval, ldl
+from ctlabs.discretise import interval
+from ctlabs.linalg import riccati
+from ctlabs.linalg.staircase import ComplexArray, clusters, eigenvalues, hidden
+from ctlabs.linalg.units import balanced
 from ctlabs.models import ContinuousModel, DiscreteModel
 
 #: A direction is unseen below this size, relative to scaled matrices: above what sin(2π) leaves, below a real signal.
 UNSEEN = 1e-12
-#: The same for noise: what is left of a singular covariance is its rounding, and the factor has the square root of it.
-UNDRIVEN = 3e-7
+#: An element of H below this part of its row's largest, in units of the model's own, is what rounding left: cos(π/2) is none.
+ROUNDED = 64 * np.finfo(float).eps
 #: An eigenvalue is on the boundary of stability below this distance, relative to the size of the matrix.
 MARGIN = 1e-9
 
-ComplexArray = np.ndarray[Any, np.dtype[np.complex128]]
-
-
 class Mode(NamedTuple):
-    """An eigenvalue and its eigenvector in the scaled units, whose elements compare."""
+    """An eigenvalue, the share of the states in its mode (all of a Jordan chain) in the scaled units, and whether it decays."""
 
     value: complex
-    vector: ComplexArray
+    vector: Array | ComplexArray
+    decays: bool = False
 
     def name(self, states: tuple[str, ...]) -> str:
         """The one way a mode is named in messages and reports.
@@ -138,9 +138,9 @@ def analyse(model: ContinuousModel | DiscreteModel) -> Observability:
     >>> seen.rank, seen.detectable, seen.undetectable_modes
     (1, False, ('eigenvalue 0 of the states x1, x2',))
     """
-    A, H = _pair(model)
+    A, H = measured(model)
     continuous = isinstance(model, ContinuousModel)
-    return _analysed(A, H, _scaling(A, H, continuous), growth(A, continuous), model.states)
+    return _analysed(A, H, _scaling(A, H, continuous), continuous, model.states)
 
 
 def gramian(model: ContinuousModel | DiscreteModel, horizon: float) -> Array:
@@ -151,11 +151,17 @@ def gramian(model: ContinuousModel | DiscreteModel, horizon: float) -> Array:
     Parameters
     ----------
     model : constant model
-    horizon : T in s, > 0, of a continuous model; N ≥ 1, the number of measurements, of a discrete one
+    horizon : T in s, > 0, of a continuous model; N ≥ 1, the number of measurements, of a discrete one; ``inf`` of a
+        model whose modes all decay
 
     Returns
     -------
     (n, n), unit_z²·s or unit_z² per units of two states. A state along which it vanishes is not observable.
+
+    Raises
+    ------
+    ValueError
+        No horizon; an infinite one of a model with a mode that does not decay: it is named.
 
     Source: Kailath, *Linear Systems* (1980), section 9.2.
 
@@ -163,7 +169,9 @@ def gramian(model: ContinuousModel | DiscreteModel, horizon: float) -> Array:
     array([[1.        , 0.5       ],
            [0.5       , 0.33333333]])
     """
-    A, H = _pair(model)
+    A, H = measured(model)
+    if horizon == math.inf:
+        return _endless(model, A, H)
     if isinstance(model, ContinuousModel):
         return interval(A.T, H.T @ H, _check.positive("horizon", horizon)).Qd
     rows, total = H, np.zeros_like(A)
@@ -171,6 +179,20 @@ def gramian(model: ContinuousModel | DiscreteModel, horizon: float) -> Array:
         total = total + rows.T @ rows
         rows = rows @ A
     return total
+
+
+def _endless(model: ContinuousModel | DiscreteModel, A: Array, H: Array) -> Array:
+    """The Gramian over an infinite horizon."""
+    continuous = isinstance(model, ContinuousModel)
+    scaling = _scaling(A, H, continuous)
+    lasting = [mode for mode in _modes(np.eye(len(A)), scaling.apply(A, H)[0], scaling, continuous) if not mode.decays]
+    if lasting:
+        msg = (
+            f"horizon: expected a finite one beside a mode that does not decay, received inf and the mode "
+            f"{lasting[0].name(model.states)}"
+        )
+        raise ValueError(msg)
+    return riccati.stationary(A.T, H.T @ H, continuous=continuous).P.high
 
 
 def loss_by_sampling(model: ContinuousModel, dt: float) -> SamplingLoss:
@@ -216,46 +238,46 @@ def loss_by_sampling(model: ContinuousModel, dt: float) -> SamplingLoss:
         pairs=met,
         losing_periods=tuple(distinct),
         distance=min((abs(dt - period) / period for period in distinct), default=math.inf),
-        sampled=_analysed(Phi, model.H, scaling, growth(Phi, continuous=False), model.states, unseen),
+        sampled=_analysed(Phi, measured(model)[1], scaling, False, model.states, unseen),
     )
-
-
-def growth(A: Array, continuous: bool) -> Callable[[complex], float]:
-    """A measure of eigenvalues, relative to A: negative if the mode decays, 0 on the boundary, positive if it grows."""
-    if not continuous:
-        return lambda value: abs(value) - 1
-    size = max(np.abs(scipy.linalg.matrix_balance(A, permute=False)[0]).sum(axis=1).max(initial=0.0), 1e-300)
-    return lambda value: value.real / size
 
 
 def undetectable(A: Array, H: Array, continuous: bool) -> list[Mode]:
     """The modes of A that do not decay and are not seen by H, of conjugate pairs the one with Im λ > 0."""
-    scaling, grows = _scaling(A, H, continuous), growth(A, continuous)
+    scaling = _scaling(A, H, continuous)
     scaled, seen = scaling.apply(A, H)
-    modes = _modes(_hidden(scaled, seen, UNSEEN, UNSEEN), scaled, scaling.time)
-    return [mode for mode in modes if grows(mode.value) >= -MARGIN]
+    modes = _modes(hidden(scaled, seen, UNSEEN, UNSEEN), scaled, scaling, continuous)
+    return [mode for mode in modes if not mode.decays]
 
 
-def driven(A: Array, Q: Array, continuous: bool) -> tuple[Array, Array]:
-    """Coordinates y of the states x = T y that stay uncertain: T (n, p) and L (p, n) with L T = I.
+def measured(model: ContinuousModel | DiscreteModel) -> tuple[Array, Array]:
+    """A and H of a constant model, as far as they say what is measured.
 
-    Left out are the left modes wᵀA = λwᵀ that do not grow and that no noise drives, wᵀQ = 0 (Jordan chains included):
-    the variance along them dies out, or tends to zero as they are measured. What remains, {x : wᵀx = 0}, is kept by A:
-    y has the transition L A T and the noise L Q Lᵀ, in units in which their elements are near 1.
+    Elements of a discrete measurement with R = ∞ are left out. An element of H that is the rounding of its own row is
+    zero: the cosine of a heading of 90°, 6e-17, beside a sine of 1. Rows of states in different units do not compare as
+    numbers; what compares is the contribution to the measurement of each state's σ at the start, and of the noise that
+    drives it (in units in which the elements of A and of that noise are near 1). Both must be below ``ROUNDED`` of
+    the row's largest, and neither changes with the user's units.
     """
-    factor, d = ldl(Q)
-    B = (factor * np.sqrt(d))[:, d > UNDRIVEN**2 * np.diag(Q)].T
-    scaling, grows = _scaling(A.T, B, continuous), growth(A, continuous)
-    scaled, seen = scaling.apply(A.T, B)
-    hidden = _hidden(scaled, seen, UNDRIVEN, UNSEEN)
-    if hidden.shape[1]:
-        inner = hidden.T @ scaled @ hidden
-        _, Z, count = scipy.linalg.schur(inner, sort=lambda re, im=0.0: grows(complex(re, im) * scaling.time) <= MARGIN)
-        hidden = hidden @ Z[:, :count]
-    kept = scipy.linalg.null_space(hidden.T) if hidden.shape[1] else np.eye(len(A))
-    # A state that becomes known exactly has variance 0, not the square of rounding.
-    kept = np.where(np.abs(kept).max(axis=1, initial=0.0)[:, None] > 1e-12, kept, 0.0)
-    return kept / scaling.states[:, None], kept.T * scaling.states
+    if isinstance(model, ContinuousModel):
+        A, H, W = model.F, model.H, model.G @ model.Q @ model.G.T
+    else:
+        _check.instance("model", model, DiscreteModel)
+        if max(model.Phi.ndim, model.H.ndim, model.R.ndim) == 3:
+            msg = f"model: expected constant Phi, H and R, received some that vary over {model.horizon} steps"
+            raise ValueError(msg)
+        A, H = model.Phi, model.H[np.isfinite(np.diag(model.R))]
+        W = model.Qd if model.Qd.ndim == 2 else model.Qd.max(axis=0)
+    if (np.count_nonzero(H, axis=1) < 2).all():
+        return A, H
+    start = np.diag(model.P0)
+    known = (start > 0) & np.isfinite(start)
+    shares = [
+        np.abs(H) * np.sqrt(np.where(known, start, 0.0)),
+        np.abs(H) * balanced(A, W, continuous=isinstance(model, ContinuousModel)).states,
+    ]
+    rounded = np.all([share <= ROUNDED * share.max(axis=1, keepdims=True) for share in shares], axis=0)
+    return A, np.where(rounded, 0.0, H)
 
 
 class _Scaling(NamedTuple):
@@ -286,18 +308,17 @@ def _scaling(A: Array, H: Array, continuous: bool) -> _Scaling:
     time = 1.0
     if continuous:
         time = np.abs(np.linalg.eigvals(A)).max(initial=0.0) or 1.0
-    rows: list[Array] = []
-    logs: list[float] = []
-    size, weights = np.abs(A), _weights(A, time)
-    for i, j in np.argwhere(weights > 0):
-        rows.append(weights[i, j] * (_unit(i, n + m) - _unit(j, n + m)))
-        logs.append(weights[i, j] * math.log2(size[i, j] / time))
-    for k, j in np.argwhere(H != 0):
-        rows.append(_unit(n + k, n + m) - _unit(j, n + m))
-        logs.append(math.log2(abs(H[k, j])))
-    if not rows:
-        return _Scaling(np.ones(n), np.ones(m), time)
-    units = np.exp2(np.linalg.lstsq(np.array(rows), np.array(logs), rcond=1e-12)[0].round())
+    # An equation log|element| + unit of its column − unit of its row = 0, weighted, for each; the normal equations of all.
+    whole = np.vstack([A / time, H])
+    weights = np.vstack([_weights(A, time), (H != 0).astype(float)]) ** 2
+    logs = weights * np.log2(np.abs(whole), where=weights > 0, out=np.zeros_like(whole))
+    normal = np.diag(weights.sum(axis=1))
+    normal[:n, :n] += np.diag(weights.sum(axis=0))
+    normal[:, :n] -= weights
+    normal[:n, :] -= weights.T
+    right = logs.sum(axis=1)
+    right[:n] -= logs.sum(axis=0)
+    units = np.exp2(np.linalg.lstsq(normal, right, rcond=1e-14)[0].round())
     return _Scaling(units[:n], units[n:], time)
 
 
@@ -311,74 +332,46 @@ def _weights(A: Array, time: float) -> Array:
     return np.where(((relative > 4 * eps) | (loop > 0)) & ~np.eye(len(A), dtype=bool), weights, 0.0)
 
 
-def _unit(i: int, size: int) -> Array:
-    vector = np.zeros(size)
-    vector[i] = 1.0
-    return vector
-
-
-def _pair(model: ContinuousModel | DiscreteModel) -> tuple[Array, Array]:
-    """A and the rows of H that are measured."""
-    if isinstance(model, ContinuousModel):
-        return model.F, model.H
-    _check.instance("model", model, DiscreteModel)
-    if max(model.Phi.ndim, model.H.ndim, model.R.ndim) == 3:
-        msg = f"model: expected constant Phi, H and R, received some that vary over {model.horizon} steps"
-        raise ValueError(msg)
-    return model.Phi, model.H[np.isfinite(np.diag(model.R))]
-
-
-def _hidden(A: Array, H: Array, seen: float, moved: float) -> Array:
-    """Orthonormal basis of the largest subspace that H does not see and A keeps, up to these fractions of H and A."""
-    V = _kernel(H, seen * max(np.abs(H).max(initial=0.0), 1e-300))
-    size = max(1.0, float(np.linalg.norm(A, 2))) if A.size else 1.0
-    while V.shape[1]:
-        image = A @ V
-        kept = _kernel(image - V @ (V.T @ image), moved * size)
-        if kept.shape[1] == V.shape[1]:
-            break
-        V = V @ kept
-    return V
-
-
-def _kernel(M: Array, tolerance: float) -> Array:
-    """Orthonormal basis of the directions that M takes below a tolerance."""
-    if not M.size:
-        return np.eye(M.shape[1])
-    _, sigma, rows = np.linalg.svd(M)
-    return rows[int((sigma > tolerance).sum()) :].T
-
-
-def _modes(basis: Array, A: Array, time: float) -> list[Mode]:
-    """The modes of A in an invariant subspace, of conjugate pairs the one with Im λ > 0."""
-    values, vectors = np.linalg.eig(basis.T @ A @ basis)
-    return [Mode(complex(v * time), basis @ y) for v, y in zip(values, vectors.T, strict=True) if v.imag >= 0]
+def _modes(basis: Array, A: Array, scaling: _Scaling, continuous: bool) -> list[Mode]:
+    """The modes of A in an invariant subspace; one of eigenvalues that cannot be told apart, of conjugate pairs that with Im λ > 0."""
+    inner = basis.T @ A @ basis
+    values, doubt = eigenvalues(inner)
+    if np.count_nonzero(basis) > basis.shape[1]:  # combinations of states: the product itself rounds
+        doubt = doubt + 4 * len(A) * np.finfo(float).eps * np.abs(A).sum(axis=1).max()
+    found = []
+    for group in clusters(values, doubt):
+        value = complex(values[group].mean())
+        if value.imag < -doubt[group].max():
+            continue
+        inside = set(group.tolist())
+        _, Z, count = scipy.linalg.schur(
+            inner, output="complex", sort=lambda v, inside=inside: int(np.abs(values - v).argmin()) in inside
+        )
+        share = np.linalg.norm(basis @ Z[:, : max(count, 1)], axis=1)
+        distance = value.real if continuous else abs(value) - 1
+        found.append(Mode(value * scaling.time, share, distance < -doubt[group].max()))
+    return found
 
 
 def _analysed(
-    A: Array,
-    H: Array,
-    scaling: _Scaling,
-    grows: Callable[[complex], float],
-    states: tuple[str, ...],
-    unseen: float = UNSEEN,
+    A: Array, H: Array, scaling: _Scaling, continuous: bool, states: tuple[str, ...], unseen: float = UNSEEN
 ) -> Observability:
     """Evidence for one pair."""
     scaled, seen = scaling.apply(A, H)
-    hidden = _hidden(scaled, seen, unseen, unseen)
-    rest = scipy.linalg.null_space(hidden.T) if hidden.shape[1] else np.eye(len(A))
-    lost = np.linalg.eigvals(hidden.T @ scaled @ hidden)
+    lost_in = hidden(scaled, seen, unseen, unseen)
+    rest = scipy.linalg.null_space(lost_in.T) if lost_in.shape[1] else np.eye(len(A))
+    lost = np.linalg.eigvals(lost_in.T @ scaled @ lost_in)
     values = np.concatenate([lost, np.linalg.eigvals(rest.T @ scaled @ rest)]).astype(np.complex128)
     values = values[np.lexsort((values.imag.round(9), values.real.round(9)))]
     sigma = np.array([_pencil(scaled, seen, value, lost) for value in values]).reshape(len(A), len(A))
-    modes = _modes(hidden, scaled, scaling.time)
+    modes = _modes(lost_in, scaled, scaling, continuous)
     return Observability(
         eigenvalues=values * scaling.time,
         ranks=tuple(int(r) for r in (sigma > unseen).sum(axis=1)),
         sigma_min=sigma[:, -1],
-        unobservable=scaling.back(hidden),
+        unobservable=scaling.back(lost_in),
         unobservable_modes=tuple(mode.name(states) for mode in modes),
-        undetectable_modes=tuple(mode.name(states) for mode in modes if grows(mode.value) >= -MARGIN),
+        undetectable_modes=tuple(mode.name(states) for mode in modes if not mode.decays),
     )
 
 

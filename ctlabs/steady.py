@@ -2,22 +2,23 @@ r"""The steady state of the discrete filter: covariances, both gains, transfer f
 
 .. math:: P^- = \Phi P^-\Phi^T + Q_d - (\Phi P^-H^T+N)S^{-1}(\Phi P^-H^T+N)^T, \quad S = HP^-H^T+R
 
-What is returned is the limit of the recursion from P0 > 0. python-control's DARE solver gives it unless a mode on the
-unit circle is not driven by noise; such a mode becomes known exactly as measurements go on, so it is taken out
+What is returned is the limit of the recursion from P0 > 0: the stabilising solution (:mod:`ctlabs.linalg.riccati`) unless a mode on
+the unit circle is not driven by noise; such a mode becomes known exactly as measurements go on, so it is taken out
 first (P is zero along it) and the equation solved on the rest.
 """
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import ArrayLike
 
 from ctlabs import _check, kalman, observability
 from ctlabs._check import Array
+from ctlabs.discretise import ldl
+from ctlabs.linalg import riccati
+from ctlabs.linalg.updating import updated
 from ctlabs.models import DiscreteModel
 
 
@@ -28,7 +29,8 @@ class SteadyState:
     ``P_minus``, ``P_plus`` (n, n), covariance of the error before and after an update · ``K`` (n, m), filter gain:
     :math:`\hat x^+ = \hat x^- + K\nu` · ``K_pred`` (n, m), predictor gain ΦK + NS⁺:
     :math:`\hat x^-_{k+1} = \Phi\hat x^-_k + K_{pred}\nu_k` · ``S`` (m, m), covariance of the innovation ·
-    ``poles`` (n,), of the filter: eigenvalues of Φ − K_pred H
+    ``poles`` (n,), of the filter: eigenvalues of Φ − K_pred H · ``error``, a bound of the error of P_minus and P_plus,
+    :math:`|dP_{ij}| \le error\cdot\sigma_i\sigma_j` with their own σ; absolute where one of these is zero
     """
 
     P_minus: Array
@@ -37,6 +39,7 @@ class SteadyState:
     K_pred: Array
     S: Array
     poles: Array
+    error: float
 
 
 def solve(model: DiscreteModel) -> SteadyState:
@@ -46,7 +49,9 @@ def solve(model: DiscreteModel) -> SteadyState:
     ------
     ValueError
         The matrices vary with time; or a mode with |λ| ≥ 1 is not observed, so that there is no limit or it
-        depends on P0: the message names the mode (its eigenvalue and states).
+        depends on P0: the message names the mode (its eigenvalue and states), as :func:`ctlabs.observability.analyse` does; or R
+        is singular and the limit is not reached geometrically (the reduced filter has it); or no solution has an error
+        bound below 1e-6.
 
     Source: Anderson & Moore, *Optimal Filtering* (1979), section 4.4; limits with undriven marginal modes: de Souza,
     Gevers & Goodwin (1986), IEEE Trans. AC-31.
@@ -58,10 +63,7 @@ def solve(model: DiscreteModel) -> SteadyState:
     if model.horizon is not None:
         msg = f"model: expected constant matrices, received some that vary over {model.horizon} steps"
         raise ValueError(msg)
-    measured = np.isfinite(np.diag(model.R))
-    H, R = model.H[measured], model.R[np.ix_(measured, measured)]
-    N = np.zeros((model.n, len(H))) if model.N is None else model.N[:, measured]
-    unseen = observability.undetectable(model.Phi, H, continuous=False)
+    unseen = observability.undetectable(*observability.measured(model), continuous=False)
     if unseen:
         msg = (
             "steady state: expected every mode with |eigenvalue| >= 1 to be measured, received the mode "
@@ -69,14 +71,34 @@ def solve(model: DiscreteModel) -> SteadyState:
             "that does not depend on P0"
         )
         raise ValueError(msg)
-    M = N @ np.linalg.pinv(R, hermitian=True)
-    P_minus = _limit(model.Phi - M @ H, H, kalman._without_rounding(model.Qd - M @ N.T, model.Qd), R)
-    K, S, P_plus, used = kalman.update(P_minus, model.H, model.R)
-    K_pred = model.Phi @ K
-    if model.N is not None:
-        K_pred[:, used] += model.N[:, used] @ np.linalg.inv(S[np.ix_(used, used)])
+    made = np.isfinite(np.diag(model.R))
+    R = model.R[np.ix_(made, made)]
+    try:
+        found = riccati.solve(
+            model.Phi, model.H[made], model.Qd, R, None if model.N is None else model.N[:, made], continuous=False
+        )
+    except ValueError as error:
+        raise ValueError(_reason(R, error)) from None
+    P, K_pred = found.P.high, np.zeros((model.n, model.m))
+    K, S = np.zeros((model.n, model.m)), np.diag(np.full(model.m, np.inf))
+    K_pred[:, made] = found.K
+    # A perfect measurement of what is known, from others or exactly, says nothing.
+    told = riccati.telling(model.H[made], R) & (np.diag(model.H[made] @ P @ model.H[made].T + R) > 0)
+    used = np.flatnonzero(made)[told]
+    after = updated(found, model.H[used], model.R[np.ix_(used, used)])
+    K[:, used], S[np.ix_(used, used)] = after.K, after.S
     poles = np.sort_complex(np.linalg.eigvals(model.Phi - K_pred @ model.H))
-    return SteadyState(P_minus, P_plus, K, K_pred, S, poles)
+    return SteadyState(P, after.P, K, K_pred, S, poles, max(found.error, after.error))
+
+
+def _reason(R: Array, error: ValueError) -> str:
+    """Why there is no steady state."""
+    if (ldl(R)[1] > 0).all():
+        return f"steady state: {error}"
+    return (
+        "steady state: expected a limit that is approached geometrically, received a singular R (a measurement, or a combination "
+        "of some, without noise) with which the filter has none: the reduced filter (ctlabs.reduced) leaves out what it determines"
+    )
 
 
 def loop(model: DiscreteModel, limit: SteadyState) -> tuple[Array, Array]:
@@ -159,58 +181,3 @@ def settling(model: DiscreteModel, within: float = 0.01, first: int = 1, longest
             return max(found, first)
         steps *= 4
     return None
-
-
-def _limit(A: Array, H: Array, Q: Array, R: Array) -> Array:
-    """Limit of P⁻ for transition A, no cross term, all elements of H measured."""
-    T, left = observability.driven(A, Q, continuous=False)
-    W = left @ Q @ left.T
-    # Every measurement in the unit of its own σ: noises of very different size make no system of equations singular then.
-    sd = np.sqrt(np.diag(R) + np.diag(H @ Q @ H.T))
-    unit = 2.0 ** -np.round(np.log2(np.where(sd > 0, sd, 1.0)))
-    P = T @ _stabilising(left @ A @ T, unit[:, None] * (H @ T), 0.5 * (W + W.T), R * np.outer(unit, unit)) @ T.T
-    return 0.5 * (P + P.T)
-
-
-def _stabilising(A: Array, H: Array, Q: Array, R: Array) -> Array:
-    """The same where every mode on the unit circle is driven."""
-    if not len(A):
-        return np.zeros((0, 0))
-    if not len(H):
-        return scipy.linalg.solve_discrete_lyapunov(A, Q)
-    import control  # costs 1 s to import
-
-    try:
-        # scipy casts its scale factors to integers, and uses only those that fit; where S is nearly singular it warns of
-        # the gain, which is computed anew below.
-        with np.errstate(invalid="ignore"), warnings.catch_warnings():
-            warnings.simplefilter("ignore", scipy.linalg.LinAlgWarning)
-            P, poles, _ = control.dare(A.T, H.T, 0.5 * (Q + Q.T), R)  # it refuses asymmetry by rounding
-    except (ValueError, np.linalg.LinAlgError):  # its ordered Schur form fails for slow filters with double poles
-        if np.linalg.cond(R) > 1e12:
-            raise
-        P = _doubled(A, H, Q, R)
-        poles = np.linalg.eigvals(A - A @ np.linalg.solve(H @ P @ H.T + R, H @ P).T @ H)
-    if not (np.isfinite(P).all() and (np.abs(poles) < 1).all()):
-        msg = f"steady state: expected a stabilising solution of the Riccati equation, received filter poles {poles}"
-        raise ValueError(msg)
-    return _polished(0.5 * (P + P.T), A, H, Q, R)
-
-
-def _doubled(A: Array, H: Array, Q: Array, R: Array) -> Array:
-    """The limit from P = 0 after 2⁶⁴ steps, by doubling their number (Chu, Fan, Lin & Wang 2004, Int. J. Control 77)."""
-    F, G, P = A.T, H.T @ np.linalg.solve(R, H), Q
-    for _ in range(64):
-        W = np.linalg.inv(np.eye(len(A)) + G @ P)
-        F, G, P = F @ W @ F, G + F @ W @ G @ F.T, P + F.T @ P @ W @ F
-        P, G = 0.5 * (P + P.T), 0.5 * (G + G.T)
-    return P
-
-
-def _polished(P: Array, A: Array, H: Array, Q: Array, R: Array) -> Array:
-    """One step of Newton's method (a Lyapunov equation), which brings the solver's rounding to the last digits."""
-    S = H @ P @ H.T + R
-    K = A @ np.linalg.solve(S, H @ P).T
-    closed = A - K @ H
-    better = scipy.linalg.solve_discrete_lyapunov(closed, Q + K @ R @ K.T)
-    return 0.5 * (better + better.T)

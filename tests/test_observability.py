@@ -15,7 +15,9 @@ from hypothesis import strategies as st
 
 from ctlabs.discretise import discretise
 from ctlabs.models import ContinuousModel, DiscreteModel
-from ctlabs.observability import Mode, analyse, driven, gramian, growth, loss_by_sampling, undetectable
+from ctlabs.linalg import undriven
+from ctlabs.linalg.staircase import growing
+from ctlabs.observability import Mode, analyse, gramian, loss_by_sampling, undetectable
 from tests.reference import EXACT, SOLVER, Array, broken, close
 from tests.strategies import continuous_models, discrete_models, seeds
 
@@ -328,32 +330,35 @@ def test_mode_is_named_by_its_states():
 
 
 def test_growth_is_relative():
-    """The boundary of stability does not depend on the unit of time."""
+    """The boundary of stability does not depend on the unit of time, and is as sharp as rounding lets it be."""
     for rate in (1e-9, 1.0, 1e9):
-        grows = growth(rate * np.array([[0, 1], [-1, 0.0]]), continuous=True)
-        assert abs(grows(rate * 0.1)) == pytest.approx(0.1)
-    assert growth(I2, continuous=False)(-1.5) == 0.5
+        assert growing(rate * np.array([[0, 1], [-1, 0.0]]), continuous=True).tolist() == [0, 0]
+        assert growing(rate * np.array([[-1e-12, 1], [-1, -1e-12]]), continuous=True).tolist() == [-1, -1]
+    assert growing(np.diag([1 - 1e-15, -1.0, -1.5]), continuous=False).tolist() == [-1, 0, 1]
+    assert growing(np.array([[2.0, 1.0], [-1.0, 0.0]]), continuous=False).tolist() == [0, 0]
 
 
 @given(seeds, st.integers(1, 4), st.integers(1, 3))
 @settings(max_examples=30)
 def test_driven_part_is_what_noise_reaches(seed, n, idle):
-    """Undriven decaying left modes are taken out and the rest is invariant; growing ones stay."""
+    """Undriven left modes on the boundary are taken out, in any basis, and the rest is invariant; others stay."""
     rng = np.random.default_rng(seed)
     size = n + idle
     A = rng.normal(size=(size, size))
     A[n:, :n] = 0  # the last states are driven by nothing
-    A[n:, n:] = np.diag(rng.uniform(-2, -0.1, idle)) + np.triu(rng.normal(size=(idle, idle)), 1)
+    A[n:, n:] = np.triu(rng.normal(size=(idle, idle)), 1)
     Q = np.zeros((size, size))
     Q[:n, :n] = np.eye(n)
     T0 = np.linalg.qr(rng.normal(size=(size, size)))[0]
-    A, Q = T0 @ A @ T0.T, T0 @ Q @ T0.T
-    T, left = driven(A, 0.5 * (Q + Q.T), continuous=True)
-    assert T.shape == (size, n)
-    assert close(left @ T, np.eye(n), EXACT)
-    assert close(A @ T, T @ (left @ A @ T), SOLVER)
-    assert close(T @ (left @ Q @ left.T) @ T.T, Q, SOLVER)
-    assert driven(A, 0 * Q, continuous=True)[0].shape == (size, (np.linalg.eigvals(A).real > 0).sum())
+    found = undriven.without(T0 @ A @ T0.T, T0 @ Q @ T0.T, continuous=True)
+    assert len(found.kept) == n
+    T = np.zeros((size, n))
+    T[found.kept], T[found.known] = np.eye(n), found.M
+    # The states in which they are known: those of the columns of T0 that noise reaches.
+    assert close(T @ np.linalg.lstsq(T, T0[:, :n], rcond=None)[0], T0[:, :n], SOLVER)
+    A[n:, n:] -= np.eye(idle)
+    assert len(undriven.without(T0 @ A @ T0.T, T0 @ Q @ T0.T, continuous=True).known) == 0
+    assert undriven.without(A, Q, continuous=True).kept.tolist() == list(range(n))
 
 
 def test_undetectable_modes_come_with_their_eigenvalues():

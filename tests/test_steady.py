@@ -347,10 +347,7 @@ def test_after_settling_the_variances_stay_in_the_band(model: DiscreteModel) -> 
 
 @pytest.mark.parametrize("across", [30.0, 3e3, 3e4])
 def test_slow_filters_with_double_poles_have_a_limit(across: float) -> None:
-    """Motion in a plane, measured 10 m along and ``across`` m across a direction: two filters of one coordinate, turned.
-
-    The slow ones are beyond the ordered Schur form of the Riccati solver.
-    """
+    """Motion in a plane, measured 10 m along and ``across`` m across a direction: two filters of one coordinate, turned."""
     Phi, Q = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[4 / 3, 2.0], [2.0, 4.0]])
     turn = np.array([[np.cos(0.5), -np.sin(0.5)], [np.sin(0.5), np.cos(0.5)]])
     R = turn @ np.diag([100.0, across**2]) @ turn.T
@@ -364,22 +361,17 @@ def test_slow_filters_with_double_poles_have_a_limit(across: float) -> None:
     ]
     wanted = sum(np.kron(np.outer(c, c), P) for c, P in zip(turn.T, apart, strict=True))
     assert close(steady.solve(plane).P_minus, wanted, SOLVER)
-    assert close(steady._doubled(plane.Phi, plane.H, plane.Qd, plane.R), wanted, SOLVER)
-    assert not close(steady._doubled(plane.Phi, plane.H, plane.Qd, broken(plane.R)), wanted, SOLVER)
+    assert not close(steady.solve(replace(plane, R=1.05 * R)).P_minus, wanted, SOLVER)
 
 
-def test_a_singular_riccati_equation_that_the_solver_refuses_is_not_doubled(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Doubling needs R⁻¹; with a perfect measurement the solver's own refusal is passed on."""
-    import control
-
-    def refuse(*_arguments: Any) -> None:
-        msg = "no solution"
-        raise ValueError(msg)
-
-    monkeypatch.setattr(control, "dare", refuse)
-    assert close(steady.solve(scalar(1.0, 1.0, 1.0)).P_plus, 0.5 * (np.sqrt(5) - 1), SOLVER)
-    with pytest.raises(ValueError, match="no solution"):
-        steady.solve(DiscreteModel([[1]], [[1]], [[1], [1]], [[1, 1], [1, 1]], x0=[0], P0=[[1]]))
+def test_a_measurement_that_repeats_another_with_its_noise_changes_nothing() -> None:
+    """One sensor, read twice: K and S of the first alone; a second one with a noise of its own is used."""
+    twice = DiscreteModel([[1]], [[1]], [[1], [1]], [[1, 1], [1, 1]], x0=[0], P0=[[1]])
+    found, alone = steady.solve(twice), steady.solve(scalar(1.0, 1.0, 1.0))
+    assert close(found.P_plus, alone.P_plus, EXACT)
+    assert close(found.K, [[alone.K[0, 0], 0]], EXACT)
+    assert np.isinf(found.S[1, 1])
+    assert steady.solve(replace(twice, R=[[1, 1], [1, 1.1]])).P_plus[0, 0] < 0.99 * alone.P_plus[0, 0]
 
 
 @pytest.mark.parametrize("R", [[[0.5, 0.1], [0.1, 2e20]], [[1e-20, 0], [0, 1]], [[1e-10, 0], [0, 1e20]]])

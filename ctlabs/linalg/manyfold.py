@@ -196,9 +196,10 @@ def _product(A: Manyfold, B: Manyfold) -> Manyfold:
     left, rows = _slices(A, bits, count)
     right, columns = _slices(B.T, bits, count)
     found = [np.zeros((len(rows), len(columns)))] * (fold + 1)
-    for d in range(count):
+    for d in range(min(count, len(left) + len(right) - 1)):
         # Slices i and d − i have the same weight 2^(−bits·d): their products are summed within one exact product.
-        rest = np.hstack(left[: d + 1]) @ np.hstack(right[d::-1]).T
+        pairs = range(max(0, d + 1 - len(right)), min(d + 1, len(left)))
+        rest = np.concatenate([left[i] for i in pairs], axis=1) @ np.concatenate([right[d - i] for i in pairs], axis=1).T
         for i in range(fold):
             found[i], rest = _sum(found[i], rest)
         found[fold] = found[fold] + rest
@@ -210,7 +211,7 @@ def _slices(M: Manyfold, bits: int, count: int) -> tuple[list[Array], Array]:
     largest = np.abs(M.high).max(axis=1, initial=0.0)
     unit = np.ldexp(1.0, np.frexp(np.where(largest > 0, largest, 1.0))[1])
     rest = [part / unit[:, None] for part in M.parts]
-    slices = []
+    slices: list[Array] = []
     for i in range(count):
         anchor = 1.5 * 2.0 ** (52 - bits * (i + 1) + 1)
         now = (rest[0] + anchor) - anchor
@@ -218,4 +219,6 @@ def _slices(M: Manyfold, bits: int, count: int) -> tuple[list[Array], Array]:
         rest[0] = rest[0] - now
         for k in range(len(rest) - 1):
             rest[k], rest[k + 1] = _sum(rest[k], rest[k + 1])
+        if not rest[0].any():
+            break
     return slices, unit

@@ -39,7 +39,7 @@ SOLVED = 1e-6
 #: Bound that a solution in doubles must reach to be left at that.
 GOOD = 1e-13
 #: Newton's steps, at most: far from the solution each halves an error, near it they square it.
-STEPS = 150
+STEPS = 60
 #: Multiples of the working precision, in turn, of residuals; those above 2 for equations that are small enough.
 FOLDS = (2, 4, 8)
 #: A correction below this part of the standard deviations is none; of twice the precision, and that to the power fold/2.
@@ -100,6 +100,11 @@ class Equation(NamedTuple):
         H = self.H[:, k] + self.H[:, rest.known] @ M
         return self._replace(A=A, H=H, Q=self.Q[np.ix_(k, k)], N=self.N[k])
 
+    def told(self, elements: Array) -> Equation:
+        """The equation with some of the measurements."""
+        R = self.R[np.ix_(elements, elements)]
+        return self._replace(H=self.H[elements], R=R, N=self.N[:, elements])
+
     def innovation(self, P: Array) -> Array:
         """The diagonal of S."""
         return np.diag(self.R) if self.continuous else np.diag(self.R) + np.diag(self.H @ P @ self.H.T)
@@ -123,8 +128,31 @@ def solve(A: Array, H: Array, Q: Matrix, R: Array, N: Matrix | None = None, *, c
     given = Equation(A, H, Manyfold.of(Q), R, Manyfold.of(np.zeros((len(A), len(H))) if N is None else N), continuous)
     plain = given.without_N()
     rest = undriven.without(plain.A, plain.Q.high, continuous=continuous)
-    found = _solved(given.reduced(rest), plain.reduced(rest))
-    return _completed(given, rest, found) if len(rest.known) else found
+    left, first = given.reduced(rest), plain.reduced(rest)
+    told = telling(left.H, R)
+    found = _solved(left.told(told), first.told(told))
+    return found if told.all() and not len(rest.known) else _completed(given, rest, told, found)
+
+
+def telling(H: Array, R: Array) -> Array:
+    """Which measurements tell what those before them do not: all but perfect ones of what is known, and combinations, noise included.
+
+    >>> telling(np.array([[1.0], [1.0], [0.0]]), np.array([[1.0, 1, 0], [1, 1, 0], [0, 0, 0]])).tolist()
+    [True, False, False]
+    """
+    m, tiny = len(R), 16 * len(R) * np.finfo(float).eps
+    sd = np.sqrt(np.diag(R))
+    told = np.ones(m, dtype=bool)
+    unit = np.where(sd > 0, sd, 1.0)
+    if np.linalg.eigvalsh(R / np.outer(unit, unit)).min(initial=1.0) > tiny:
+        return told
+    for i in range(m):
+        before = np.flatnonzero(told[:i])
+        w = np.linalg.lstsq(R[np.ix_(before, before)] / unit[before], R[before, i], rcond=tiny)[0] / unit[before]
+        if R[i, i] - w @ R[before, i] <= tiny * R[i, i]:
+            rest, terms = H[i] - w @ H[before], np.abs(H[i]) + np.abs(w) @ np.abs(H[before])
+            told[i] = (np.abs(rest) > tiny * terms).any()
+    return told
 
 
 def stationary(A: Array, Q: Matrix, *, continuous: bool) -> Solution:
@@ -137,29 +165,26 @@ def stationary(A: Array, Q: Matrix, *, continuous: bool) -> Solution:
     return solve(A, np.zeros((0, n)), Q, np.zeros((0, 0)), continuous=continuous)
 
 
-def _completed(given: Equation, rest: undriven.Rest, found: Solution) -> Solution:
-    """The solution for all states from that of the kept ones."""
-    n, T = len(given.A), np.zeros((len(given.A), len(rest.kept)))
+def _completed(given: Equation, rest: undriven.Rest, told: Array, found: Solution) -> Solution:
+    """The solution for all states and measurements from that of the states kept and the measurements that tell."""
+    T = np.zeros((len(given.A), len(rest.kept)))
     T[rest.kept, np.arange(len(rest.kept))] = 1.0
     T[rest.known] = rest.M
     P, reach = (T @ Manyfold.of(found.P, 2) @ T.T).symmetric, T @ found.reach @ T.T
-    K = _gain(given, P.high)
-    sd = np.sqrt(np.diag(found.P.high))
-    own = np.sqrt(np.diag(P.high)[rest.known])
-    doubt = rest.doubt @ sd / np.where(own > 0, own, 1.0)
-    size = np.sqrt(np.where(np.diag(P.high) > 0, np.diag(P.high), 1.0))
-    rounded = (np.abs(P.low) / np.outer(size, size)).max(initial=0.0)
-    assert len(P.high) == n
+    some = given.told(told)
+    S, V = some.R, P.high @ some.H.T + some.N.high
+    if not given.continuous:
+        S, V = some.H @ P.high @ some.H.T + some.R, some.A @ P.high @ some.H.T + some.N.high
+    K = np.zeros_like(given.N.high)
+    K[:, told] = np.linalg.solve(S, V.T).T
+    sd, own = np.sqrt(np.diag(found.P.high)), np.sqrt(np.diag(P.high))
+    unit = np.where(own > 0, own, 1.0)
+    doubt = rest.doubt @ sd / unit[rest.known]
+    rounded = (np.abs(P.low) / np.outer(unit, unit)).max(initial=0.0)
     return Solution(P, K, reach, found.error + rounded + 3 * doubt.max(initial=0.0))
 
 
-def _gain(eq: Equation, P: Array) -> Array:
-    V = (P if eq.continuous else eq.A @ P) @ eq.H.T + eq.N.high
-    S = eq.R if eq.continuous else eq.H @ P @ eq.H.T + eq.R
-    return np.linalg.lstsq(S, V.T, rcond=None)[0].T if len(S) else V
-
-
-def _power(variance: Array) -> Array:
+def power(variance: Array) -> Array:
     """Powers of 2 near the roots of variances; 1 where they are zero."""
     return np.exp2(np.round(0.5 * np.log2(np.where(variance > 0, variance, 1.0))))
 
@@ -169,10 +194,10 @@ def _solved(eq: Equation, plain: Equation) -> Solution:
     n, m = eq.N.high.shape
     if not n:
         return Solution(Manyfold.of(np.zeros((0, 0)), 2), np.zeros((0, m)), np.zeros((0, 0)), 0.0)
-    z = _power(plain.innovation(plain.Q.high))
+    z = power(plain.innovation(plain.Q.high))
     seen = plain.H / z[:, None]
     x, time = balanced(plain.A, plain.Q.high, seen.T @ seen, continuous=plain.continuous)
-    z = _power(plain.innovation(plain.Q.high) / time)
+    z = power(plain.innovation(plain.Q.high) / time)
     here, first = eq.scaled(x, z, time), plain.scaled(x, z, time)
     small = Plain(first.A, first.H, first.Q.high, first.R)
     attempts: list[tuple[int, Callable[[], Matrix]]] = [(2, start) for start in starts(small, continuous=eq.continuous)]
@@ -283,8 +308,8 @@ class _Newton:
         terms = (np.abs(self.eq.A) @ sd) ** 2 + np.diag(self.eq.Q.high)
         if self.eq.continuous:
             terms /= max(1.0, np.abs(self.eq.A).sum(axis=1).max()) ** 2
-        self.x = np.where(variance > NOTHING ** (self.fold / 2) * terms, _power(variance), np.where(terms > 0, _power(terms), self.x))
-        z = _power(self.eq.innovation(P.high))
+        self.x = np.where(variance > NOTHING ** (self.fold / 2) * terms, power(variance), np.where(terms > 0, power(terms), self.x))
+        z = power(self.eq.innovation(P.high))
         return self.eq.scaled(self.x, z), P.scaled(1 / self.x, 1 / self.x), self.x, z
 
 

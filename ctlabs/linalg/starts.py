@@ -21,7 +21,7 @@ from ctlabs.linalg.manyfold import Manyfold, Matrix, high, inverse, solve, symme
 #: Above this number of states doubling is the faster one.
 LARGE = 60
 #: Noise added, in units in which the elements of the equation are near 1.
-ADDED = (0.0, 1e-12, 1e-6)
+ADDED = (0.0, 1e-9)
 DOUBLINGS = 100
 
 

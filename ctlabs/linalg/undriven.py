@@ -15,10 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-from scipy.sparse.csgraph import connected_components
 
 from ctlabs._check import Array
-from ctlabs.linalg.staircase import eigenvalues, growing, hidden
+from ctlabs.linalg.staircase import blocks, eigenvalues, growing, hidden
 from ctlabs.linalg.units import balanced
 
 
@@ -65,9 +64,7 @@ def _still(A: Array, Q: Array, continuous: bool) -> Array:
     source = np.diag(Q) > 0
     if source.all():
         return ~source
-    count, part = connected_components(A != 0, connection="strong")
-    for i in range(count):
-        inside = np.flatnonzero(part == i)
+    for inside in blocks(A):
         if not source[inside].any():
             source[inside] = (growing(A[np.ix_(inside, inside)], continuous) > 0).any()
     linked = (A != 0) | np.eye(n, dtype=bool)
@@ -95,6 +92,7 @@ def _marginal(A: Array, Q: Array, continuous: bool) -> tuple[Array, float]:
     if len(rest):
         tilt = float(np.linalg.norm(scipy.linalg.solve_sylvester(T[:k, :k], -rest, T[:k, k:])))
         gap = min(1.0, np.abs(values[boundary][:, None] - values[~boundary]).min(initial=1.0))
+    # The rounding of A turns an invariant subspace by eps·‖A‖ over its distance from the others.
     tolerance = min(16 * n * np.finfo(float).eps * (1 + tilt) * max(1.0, np.abs(A).max()) / max(gap, 1e-300), 1e-6)
     sources = _sources(Q)
     rows = sources @ Z[:, :k]
