@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from ctlabs import _check, kalman, observability
 from ctlabs._check import Array
+from ctlabs.linalg import rounding
 from ctlabs.models import DiscreteModel
 
 
@@ -70,7 +71,7 @@ def solve(model: DiscreteModel) -> SteadyState:
         )
         raise ValueError(msg)
     M = N @ np.linalg.pinv(R, hermitian=True)
-    P_minus = _limit(model.Phi - M @ H, H, kalman._without_rounding(model.Qd - M @ N.T, model.Qd), R)
+    P_minus = _limit(model.Phi - M @ H, H, rounding.difference(model.Qd - M @ N.T, model.Qd, M @ N.T), R)
     K, S, P_plus, used = kalman.update(P_minus, model.H, model.R)
     K_pred = model.Phi @ K
     if model.N is not None:

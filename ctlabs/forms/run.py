@@ -14,6 +14,7 @@ from ctlabs import _check, kalman
 from ctlabs._check import Array
 from ctlabs.forms import (
     array,
+    beginning,
     carlson,
     contract,
     conventional,
@@ -27,6 +28,7 @@ from ctlabs.forms import (
     steady,
     ud,
 )
+from ctlabs.forms.beginning import Beginning, Start
 from ctlabs.forms.contract import Counted, Form, Noise, Numbers
 from ctlabs.models import DiscreteModel, at
 
@@ -60,10 +62,14 @@ class Filtered:
     and ``S`` (steps+1, m, m), its covariance; NaN, and ``inf`` on the diagonal, where an element does not enter the
     update · ``nis`` (steps+1,[ runs]), νᵀS⁻¹ν, NaN where nothing is measured · ``log_likelihood`` (a number or (runs,)),
     −½Σ(νᵀS⁻¹ν + ln det S + m ln 2π), NaN where rounding has left S indefinite ·
-    ``used`` (steps+1, m), whether the element enters the update.
+    ``used`` (steps+1, m), whether the element enters the update · ``log_likelihood_diffuse``, see below · ``start``,
+    what the smoother needs of the first instants after a vague start, or ``None``
 
-    A state of which nothing is known (zero information) has the estimate NaN and the variance ``inf``, with zeros
-    beside it; an instant at which such a state is measured has no ``nis`` and adds nothing to the likelihood.
+    A state of which nothing is known (``inf`` in P0) has the estimate NaN and the variance ``inf``, with zeros beside it; an
+    instant at which something unknown is measured has no ``nis``. ``log_likelihood`` is then the density of what is measured
+    after something is known of every state, given what was measured before. ``log_likelihood_diffuse`` counts every
+    measurement, one that determines something unknown by −½ ln 2π − ½ ln α² (Durbin & Koopman, section 7.2.2): constants of
+    the model on which α depends have their greatest likelihood by this one. From a finite P0 both are the same.
     """
 
     t: Array
@@ -76,6 +82,8 @@ class Filtered:
     nis: Array
     log_likelihood: Any
     used: NDArray[np.bool_]
+    log_likelihood_diffuse: Any
+    start: Start | None = None
 
 
 class Comparison(NamedTuple):
@@ -106,8 +114,8 @@ def run(model: DiscreteModel, z: ArrayLike, form: str, first: int = 1, *, P0: Ar
     z : (steps+1, m) or (steps+1, m, runs); NaN = not measured, for all runs alike. With ``first=1`` row 0 is not used.
     form : a name of :data:`FORMS`
     first : 1 (first measurement at t1) or 0 (at t0)
-    P0 : (n, n), in place of ``model.P0``; ``inf`` on its diagonal means that nothing is known of that state, which
-        the forms ``information`` and ``srif`` allow
+    P0 : (n, n), in place of ``model.P0``; ``inf`` on its diagonal means that nothing is known of that state. The form
+        takes over when something is known of every state (:mod:`ctlabs.forms.vague`)
 
     Raises
     ------
@@ -146,7 +154,8 @@ def flops(model: DiscreteModel, form: str) -> int:
     how = _form(form)
     first = 1 if model.N is None else 0  # what a measurement tells of the next disturbance belongs to a step
     record = Record(model, np.zeros((2, model.m, 1)), first, Counted)
-    P0 = np.eye(model.n) + 0.1 if contract.definite(model.P0) else model.P0
+    known = np.isfinite(model.P0).all()
+    P0 = np.eye(model.n) + 0.1 if not known or contract.definite(model.P0) else model.P0
     state = how.start(model, contract.numbers(P0, Counted))
     if record.used[0].any():
         state = how.update(state, *_tame(record, 0, P0))[0]
@@ -245,9 +254,11 @@ class Record:
     :mod:`ctlabs.kalman`'s recursion), nor do absent ones.
     """
 
-    def __init__(self, model: DiscreteModel, z: Array, first: int, kind: Any) -> None:
+    def __init__(
+        self, model: DiscreteModel, z: Array, first: int, kind: Any, used: NDArray[np.bool_] | None = None
+    ) -> None:
         self.model, self.z, self.kind = model, z, kind
-        self.used = _used(model, z, first)
+        self.used = _used(model, z, first) if used is None else used
         self._kept: dict[Any, Any] = {}
 
     def motion(self, k: int) -> tuple[Numbers, Numbers | None, Noise]:
@@ -337,11 +348,9 @@ def _record(model: DiscreteModel, z: ArrayLike) -> tuple[Array, bool]:
 
 
 def _start(model: DiscreteModel, P0: ArrayLike | None) -> tuple[DiscreteModel, Array]:
-    """The model with the P0 to start from (a finite one replaces its own), and that P0."""
-    if P0 is None:
-        return model, model.P0
-    given = _check.measurement_covariance("P0", P0, (model.n, model.n))
-    return (replace(model, P0=given) if np.isfinite(given).all() else model), given
+    """The model with the P0 to start from, and that P0."""
+    model = model if P0 is None else replace(model, P0=_check.measurement_covariance("P0", P0, (model.n, model.n)))
+    return model, model.P0
 
 
 def _run(
@@ -353,43 +362,82 @@ def _run(
     model, given = _start(model, P0)
     record = Record(model, data, first, kind)
     steps, runs = len(data) - 1, data.shape[2]
-    x_minus, x_plus = np.empty((2, steps + 1, model.n, runs))
-    P_minus, P_plus = np.empty((2, steps + 1, model.n, model.n))
-    innovation, S = np.full(data.shape, np.nan), np.zeros((steps + 1, model.m, model.m))
-    S[:, range(model.m), range(model.m)] = np.inf
-    nis, log_likelihood = np.full((steps + 1, runs), np.nan), np.zeros(runs)
-    seconds, k = 0.0, 0
+    begun = None if form == "steady" else beginning.begin(record, contract.numbers(given, kind))
+    own = begun if not np.isfinite(given).all() else None  # what the form cannot start from itself
+    out = _Histories(steps, model.n, model.m, runs)
+    seconds, begin, k = 0.0, 0, 0
+    if own is not None:
+        begin = out.begin(own)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # overflows are reported below, with their time
         try:
-            state = how.start(model, contract.numbers(given, kind))
-            for k in range(steps + 1):
-                if k:
+            state = _started(how, model, contract.numbers(given, kind), own) if begin <= steps else None
+            for k in range(begin, steps + 1):
+                if k > begin:
                     motion, before = record.motion(k - 1), perf_counter()
                     state = how.predict(state, *motion)
                     seconds += perf_counter() - before
                 x, P = how.mean(state), how.covariance(state)
-                x_minus[k], P_minus[k] = contract.doubles(x), contract.doubles(P)
+                out.x_minus[k], out.P_minus[k] = contract.doubles(x), contract.doubles(P)
                 if not (used := record.used[k]).any():
-                    x_plus[k], P_plus[k] = x_minus[k], P_minus[k]
+                    out.x_plus[k], out.P_plus[k] = out.x_minus[k], out.P_minus[k]
                     continue
                 measured, before = record.measurement(k), perf_counter()
                 state, told = how.update(state, *measured)
                 seconds += perf_counter() - before
-                innovation[k, used], S[k][np.ix_(used, used)] = _innovation(x, P, *measured)
-                x_plus[k], P_plus[k] = contract.doubles(how.mean(state)), contract.doubles(how.covariance(state))
-                if np.isfinite(S[k, used, used]).all():
-                    nis[k] = contract.doubles(told.nis)
-                    log_likelihood += contract.doubles(told.log_likelihood)
+                out.innovation[k, used], out.S[k][np.ix_(used, used)] = _innovation(x, P, *measured)
+                out.x_plus[k], out.P_plus[k] = contract.doubles(how.mean(state)), contract.doubles(how.covariance(state))
+                if np.isfinite(out.S[k, used, used]).all():
+                    out.nis[k] = contract.doubles(told.nis)
+                    out.log_likelihood += contract.doubles(told.log_likelihood)
         except np.linalg.LinAlgError as error:
-            _finite(form, given, model.dt, x_minus[: k + 1], P_minus[: k + 1])
+            _finite(form, given, model.dt, out.x_minus[: k + 1], out.P_minus[: k + 1])
             msg = f"form {form}: expected matrices with an inverse, received one singular by rounding at step {k}"
             raise FloatingPointError(msg) from error
-    _finite(form, given, model.dt, x_minus, P_minus)
-    _finite(form, given, model.dt, x_plus, P_plus)
-    P_minus, P_plus = (0.5 * (P + P.transpose(0, 2, 1)) for P in (P_minus, P_plus))
-    t = np.arange(steps + 1) * model.dt
-    found = Filtered(t, x_minus, x_plus, P_minus, P_plus, innovation, S, nis, log_likelihood, record.used)
-    return (_without_runs(found) if single else found), seconds / steps
+    _finite(form, given, model.dt, out.x_minus, out.P_minus)
+    _finite(form, given, model.dt, out.x_plus, out.P_plus)
+    P_minus, P_plus = (0.5 * (P + P.transpose(0, 2, 1)) for P in (out.P_minus, out.P_plus))
+    found = Filtered(
+        t=np.arange(steps + 1) * model.dt,
+        x_minus=out.x_minus,
+        x_plus=out.x_plus,
+        P_minus=P_minus,
+        P_plus=P_plus,
+        innovation=out.innovation,
+        S=out.S,
+        nis=out.nis,
+        log_likelihood=out.log_likelihood + (0.0 if own is None else own.ordinary),
+        used=record.used,
+        log_likelihood_diffuse=out.log_likelihood + (0.0 if own is None else own.diffuse),
+        start=None if begun is None else begun.start,
+    )
+    return (without_runs(found) if single else found), seconds / steps
+
+
+class _Histories:
+    """What a run leaves, to be filled."""
+
+    def __init__(self, steps: int, n: int, m: int, runs: int) -> None:
+        self.x_minus, self.x_plus = np.empty((2, steps + 1, n, runs))
+        self.P_minus, self.P_plus = np.empty((2, steps + 1, n, n))
+        self.innovation, self.S = np.full((steps + 1, m, runs), np.nan), np.zeros((steps + 1, m, m))
+        self.S[:, range(m), range(m)] = np.inf
+        self.nis, self.log_likelihood = np.full((steps + 1, runs), np.nan), np.zeros(runs)
+
+    def begin(self, own: Beginning) -> int:
+        """Fill in the first instants; their number."""
+        for name in ("x_minus", "x_plus", "P_minus", "P_plus", "innovation", "S", "nis"):
+            getattr(self, name)[: own.rows] = getattr(own, name)
+        return own.rows
+
+
+def _started(how: Form, model: DiscreteModel, P0: Numbers, own: Beginning | None) -> Any:
+    """The form's state at t0, or at the instant at which it takes over."""
+    if own is None:
+        return how.start(model, P0)
+    assert own.P is not None
+    there = replace(model, x0=np.zeros(model.n), P0=contract.doubles(own.P))
+    nothing = Noise(contract.zeros(own.P.shape, own.P))
+    return how.predict(how.start(there, own.P), contract.identity(model.n, own.P), own.x, nothing)
 
 
 def _innovation(x: Numbers, P: Numbers, z: Numbers, H: Numbers, R: Noise) -> tuple[Array, Array]:
@@ -416,7 +464,7 @@ def _finite(form: str, P0: Array, dt: float, x: Array, P: Array) -> None:
         raise FloatingPointError(msg)
 
 
-def _without_runs(found: Filtered) -> Filtered:
+def without_runs(found: Filtered) -> Filtered:
     """The histories of one record without the last axis."""
     return replace(
         found,
@@ -425,4 +473,5 @@ def _without_runs(found: Filtered) -> Filtered:
         innovation=found.innovation[..., 0],
         nis=found.nis[..., 0],
         log_likelihood=float(found.log_likelihood[0]),
+        log_likelihood_diffuse=float(found.log_likelihood_diffuse[0]),
     )
