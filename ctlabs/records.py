@@ -22,6 +22,7 @@ from ctlabs import _check, forms, kalman
 from ctlabs._check import Array
 from ctlabs.forms import Filtered
 from ctlabs.forms.beginning import Beginning, begin
+from ctlabs.forms.vague import needed
 from ctlabs.models import DiscreteModel
 
 if TYPE_CHECKING:
@@ -135,7 +136,7 @@ def _histories(rows: int, n: int, m: int) -> Histories:
 
 def _begin(model: DiscreteModel, z: Array, used: NDArray[np.bool_]) -> Beginning | None:
     """The first instants from a vague start; ``used`` is corrected there."""
-    return begin(forms.Record(model, z[:, :, None], 0, float, used), model.P0)
+    return begin(forms.Record(model, z[:, :, None], 0, float, used), model.P0) if needed(model, model.P0) else None
 
 
 def _forward(

@@ -34,6 +34,8 @@ from ctlabs.models import DiscreteModel, at
 
 #: A vague column is one whose variance, as a measurement sees it, is so many times that of the noises.
 LARGE = 1e6
+#: Measurements that are looked at beforehand, in a model that varies, for each state.
+LOOKED = 20
 
 
 class State(NamedTuple):
@@ -77,50 +79,57 @@ def needed(model: DiscreteModel, P0: Array) -> bool:
 
     ``inf`` on its diagonal, or a part that a measurement sees :data:`LARGE` times as large as the noises.
     """
-    return not start(model, P0).settled
+    return _large(sight(model), P0)
+
+
+def _large(sight: Array, P0: Array) -> bool:
+    """Whether P0 may have a large part: none of its roots has larger elements than the standard deviations."""
+    with np.errstate(invalid="ignore"):  # 0·inf: what no measurement sees
+        size = np.abs(sight) @ np.sqrt(P0.diagonal())
+    return bool((size > LARGE**0.5).any()) or not np.isfinite(P0.diagonal()).all()
 
 
 def start(model: DiscreteModel, P0: Numbers) -> State:
     """The state at t0: mean ``model.x0``, covariance ``P0`` with ``inf`` where nothing is known."""
+    there = sight(model) if P0.dtype == np.float64 else np.zeros((0, model.n))  # more digits lose none
+    x, none = contract.column(model, P0), contract.zeros((len(P0), 0), P0)
+    if not _large(there, contract.doubles(P0)):
+        return State(x, P0, none, 0, there)
     unknown = contract.unknown(P0)
+    x = np.where(unknown[:, None], contract.zeros((len(P0), 1), P0), x)
     known = np.where(unknown[:, None] | unknown, contract.zeros(P0.shape, P0), P0)
-    x = np.where(unknown[:, None], contract.zeros((len(P0), 1), P0), contract.column(model, P0))
-    A = contract.identity(len(P0), P0)[:, unknown]
-    state = State(x, contract.zeros(P0.shape, P0), A, A.shape[1], sight(model, 0))
-    root = Noise(known).root
-    large = seen(state.sight, root)
-    if not large.any():
-        return state._replace(P=known)
+    A, root = contract.identity(len(P0), P0)[:, unknown], Noise(known).root
+    large = seen(there, root)
     rest = root[:, ~large]
-    return state._replace(P=rest @ rest.T, A=np.hstack([A, root[:, large]]))
+    P = rest @ rest.T if large.any() else known
+    return State(x, P, np.hstack([A, root[:, large]]), A.shape[1], there)
 
 
-def sight(model: DiscreteModel, begin: int) -> Array:
-    r"""What the measurements of the next n instants see of the states: rows :math:`h\Phi^k/\sqrt{r_k}`, (rows, n).
+def sight(model: DiscreteModel) -> Array:
+    r"""What the measurements of the first instants see of the states: rows :math:`h\Phi^k/\sqrt{r_k}`, (rows, n).
 
     :math:`r_k` is the variance of their noises, those of the disturbances on the way included; where all of them are zero there is
     no row.
     """
-    last = begin + 2 * model.n if model.horizon is None else model.horizon
-    Phi, Q, rows = np.eye(model.n), np.zeros((model.n, model.n)), list[Array]()
-    with np.errstate(over="ignore", invalid="ignore"):
-        for k in range(begin, last + 1):
-            H, R = at(model.H, k, 2), np.diag(at(model.R, k, 2))
-            noise = np.einsum("ij,jk,ik->i", H, Q, H) + R
-            there = (noise > 0) & np.isfinite(noise) & (H != 0).any(axis=1)
-            rows += list((H[there] @ Phi) / np.sqrt(noise[there])[:, None])
-            if len(rows) >= 2 * model.n or k == last:
+    last = model.n if model.horizon is None else model.horizon
+    Phi, Q, rows, noises = np.eye(model.n), np.zeros((model.n, model.n)), list[Array](), list[Array]()
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        for k in range(last + 1):
+            H = at(model.H, k, 2)
+            rows.append(H @ Phi)
+            noises.append(((H @ Q) * H).sum(axis=1) + at(model.R, k, 2).diagonal())
+            if k == last or (k >= model.n and len(rows) * model.m > LOOKED * model.n):
                 break
             step = at(model.Phi, k, 2)
             Phi, Q = step @ Phi, step @ Q @ step.T + at(model.Qd, k, 2)
-    return np.array([row for row in rows if np.isfinite(row).all()]).reshape(-1, model.n)
+        found, noise = np.vstack(rows), np.concatenate(noises)
+        found = found / np.sqrt(noise)[:, None]
+    return found[(noise > 0) & np.isfinite(found).all(axis=1)]
 
 
 def seen(sight: Array, A: Numbers) -> NDArray[np.bool_]:
     """Which columns (n, d) are :data:`LARGE` in units of the noises; terms that cancel count."""
-    if A.dtype != np.float64:  # more digits lose none
-        return np.zeros(A.shape[1], dtype=bool)
-    size = (np.abs(sight) @ np.abs(A)).max(axis=0, initial=0.0)
+    size = (np.abs(sight) @ np.abs(contract.doubles(A))).max(axis=0, initial=0.0)
     return np.asarray(size > LARGE**0.5)
 
 
@@ -191,6 +200,8 @@ def _gain(P: Numbers, h: Numbers, r: Any, eps: float) -> tuple[Numbers, Any]:
 def folded(state: State) -> State:
     """The state with the vague columns that are no longer large in P."""
     vague = state.A[:, state.unknown :]
+    if not vague.shape[1]:
+        return state
     large = seen(state.sight, vague)
     if large.all():
         return state

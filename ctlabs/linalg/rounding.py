@@ -37,15 +37,16 @@ def difference(M: Array, given: Array, taken: Array) -> Array:
     return np.where(known[:, None] | known, 0.0, M)
 
 
-def corrected(P_plus: Array, P_minus: Array, K: Array, H: Array) -> Array:
+def corrected(P_plus: Array, P_minus: Array, K: Array, H: Array, S: Array | None = None) -> Array:
     r"""P⁺ = (I−KH)P⁻(I−KH)ᵀ + KRKᵀ with exact zeros for the states that perfect measurements determined.
 
-    Row i of B = I − KH is a difference itself, :math:`b_i = \sum_j|B_{ij}|\sigma_j` with an error of
-    :math:`c_i = \varepsilon\sum_j(\delta_{ij} + (|K||H|)_{ij})\sigma_j`, so that rounding leaves :math:`\varepsilon b_i^2 + c_i^2`.
+    Row i of B = I − KH is a difference itself: K is known to :math:`\varepsilon|K||S||S^{-1}|`, so that of
+    :math:`b_i = \sum_j|B_{ij}|\sigma_j` an error :math:`c_i = \varepsilon\sum_j(\delta_{ij} + (|K||S||S^{-1}||H|)_{ij})\sigma_j` is left, and of
+    the variance :math:`\varepsilon b_i^2 + c_i^2`.
 
     Parameters
     ----------
-    P_plus, P_minus : (…, n, n) · K : (…, n, m) · H : (…, m, n)
+    P_plus, P_minus : (…, n, n) · K : (…, n, m) · H : (…, m, n) · S : (…, m, m), not needed where m = 1
 
     >>> H = np.array([[1.0, 1e-8]])  # x1 is known as well as 1e-8 x2 is, which is not exactly
     >>> K = np.array([[1.0], [1e-8]])
@@ -55,8 +56,10 @@ def corrected(P_plus: Array, P_minus: Array, K: Array, H: Array) -> Array:
     """
     n = P_plus.shape[-1]
     variances, before = (np.diagonal(P, axis1=-2, axis2=-1) for P in (P_plus, P_minus))
-    sd, unit = np.sqrt(before.clip(0))[..., None], np.eye(n)
+    sd, unit, size = np.sqrt(before.clip(0))[..., None], np.eye(n), np.abs(K)
+    if S is not None and S.shape[-1] > 1:
+        size = size @ np.abs(S) @ np.abs(np.linalg.pinv(S, hermitian=True))
     left = (np.abs(unit - K @ H) @ sd)[..., 0]
-    terms = ((unit + np.abs(K) @ np.abs(H)) @ sd)[..., 0]
+    terms = ((unit + size @ np.abs(H)) @ sd)[..., 0]
     known = variances <= level(left**2, n) + level(terms, n) ** 2
     return np.where(known[..., :, None] | known[..., None, :], 0.0, P_plus) if known.any() else P_plus

@@ -187,20 +187,45 @@ def joseph(
 
 
 @helper
-def determined(P: Array, P_minus: Array, Kt: Array, H: Array, pick: Array, count: int, B: Array) -> None:
+def determined(
+    P: Array, P_minus: Array, Kt: Array, H: Array, pick: Array, count: int, B: Array, S: Array, C: Array, work: Array
+) -> None:
     """Exact zeros in P for states that perfect measurements determined: :func:`ctlabs.linalg.rounding.corrected`."""
     n = P.shape[0]
+    inverse, size = np.zeros((count, count)), np.zeros((count, count))
+    for c in range(count):  # S⁻¹ = C⁻ᵀC⁻¹
+        for a in range(count):
+            s = 1.0 if a == c else 0.0
+            for b in range(a):
+                s -= C[a, b] * inverse[b, c]
+            inverse[a, c] = s / C[a, a]
+        for a in range(count - 1, -1, -1):
+            s = inverse[a, c]
+            for b in range(a + 1, count):
+                s -= C[b, a] * inverse[b, c]
+            inverse[a, c] = s / C[a, a]
+    for a in range(count):
+        for b in range(count):
+            for c in range(count):
+                size[a, b] += abs(S[a, c]) * abs(inverse[c, b])
     for i in range(n):
+        for a in range(count):
+            s = 0.0
+            for b in range(count):
+                s += abs(Kt[b, i]) * size[b, a]
+            inverse[a, 0] = s
         left, whole = 0.0, 0.0
         for j in range(n):
             sd = np.sqrt(max(P_minus[j, j], 0.0))
             s = 1.0 if i == j else 0.0
             for a in range(count):
-                s += abs(Kt[a, i]) * abs(H[pick[a], j])
+                s += inverse[a, 0] * abs(H[pick[a], j])
             left += abs(B[i, j]) * sd
             whole += s * sd
         level = MARGIN * n * EPS
-        if P[i, i] <= level * left * left + (level * whole) ** 2:
+        work[0, i] = P[i, i] <= level * left * left + (level * whole) ** 2
+    for i in range(n):
+        if work[0, i] > 0:
             P[i, :] = 0.0
             P[:, i] = 0.0
 
@@ -339,7 +364,7 @@ def forward(
             closed(Kt, H, pick, count, B)
             joseph(P_minus, R, Kt, B, pick, count, P, work, RKt)
             if perfect:
-                determined(P, P_minus, Kt, H, pick, count, B)
+                determined(P, P_minus, Kt, H, pick, count, B, S, C, work)
             half = 0.5 * count * LOG_2PI
             for a in range(count):
                 half += np.log(C[a, a])
