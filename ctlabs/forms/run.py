@@ -105,8 +105,19 @@ class Comparison(NamedTuple):
     failed: str
 
 
-def run(model: DiscreteModel, z: ArrayLike, form: str, first: int = 1, *, P0: ArrayLike | None = None) -> Filtered:
+def run(
+    model: DiscreteModel,
+    z: ArrayLike,
+    form: str,
+    first: int = 1,
+    *,
+    P0: ArrayLike | None = None,
+    own_start: bool = False,
+) -> Filtered:
     """Filter a record with one form, in double precision; an ensemble of records in one pass.
+
+    From a P0 of which a part is unknown, or very large beside the noises, the form takes over when that part is known about as well
+    as the noises allow (:mod:`ctlabs.forms.vague`): from such a P0 itself most forms lose digits.
 
     Parameters
     ----------
@@ -114,8 +125,8 @@ def run(model: DiscreteModel, z: ArrayLike, form: str, first: int = 1, *, P0: Ar
     z : (steps+1, m) or (steps+1, m, runs); NaN = not measured, for all runs alike. With ``first=1`` row 0 is not used.
     form : a name of :data:`FORMS`
     first : 1 (first measurement at t1) or 0 (at t0)
-    P0 : (n, n), in place of ``model.P0``; ``inf`` on its diagonal means that nothing is known of that state. The form
-        takes over when something is known of every state (:mod:`ctlabs.forms.vague`)
+    P0 : (n, n), in place of ``model.P0``; ``inf`` on its diagonal means that nothing is known of that state
+    own_start : the form starts from a finite P0 itself, however large, as :func:`compare` lets it: to see what it loses
 
     Raises
     ------
@@ -130,7 +141,7 @@ def run(model: DiscreteModel, z: ArrayLike, form: str, first: int = 1, *, P0: Ar
     >>> run(m, [[0.0], [1.0], [2.0]], "ud").P_plus[1:, 0, 0].round(6)
     array([0.916667, 0.657143])
     """
-    return _run(model, z, form, first, float, P0)[0]
+    return _run(model, z, form, first, float, P0, own_start)[0]
 
 
 def reference(model: DiscreteModel, z: ArrayLike, first: int = 1) -> Filtered:
@@ -194,7 +205,8 @@ def compare(
 ) -> tuple[Comparison, ...]:
     """Several forms (all by default) on one record: errors by rounding, and cost.
 
-    A form that refuses the model, or gives up on the way, stays in the list and says why. ``exact`` is the record's
+    Each starts from P0 itself, if that is finite. A form that refuses the model, or gives up on the way, stays in the list and
+    says why. ``exact`` is the record's
     :func:`reference`, where it is at hand already: it takes most of the time.
 
     >>> m = DiscreteModel([[1]], [[1]], [[1]], [[1e-14]], x0=[0], P0=[[1]])
@@ -347,30 +359,33 @@ def _record(model: DiscreteModel, z: ArrayLike) -> tuple[Array, bool]:
     return data, single
 
 
-def _start(model: DiscreteModel, P0: ArrayLike | None) -> tuple[DiscreteModel, Array]:
-    """The model with the P0 to start from, and that P0."""
-    model = model if P0 is None else replace(model, P0=_check.measurement_covariance("P0", P0, (model.n, model.n)))
-    return model, model.P0
+def started(model: DiscreteModel, P0: ArrayLike | None) -> DiscreteModel:
+    """The model with the P0 to start from, if one is given."""
+    return model if P0 is None else replace(model, P0=_check.measurement_covariance("P0", P0, (model.n, model.n)))
 
 
 def _run(
-    model: DiscreteModel, z: ArrayLike, form: str, first: int, kind: Any, P0: ArrayLike | None
+    model: DiscreteModel, z: ArrayLike, form: str, first: int, kind: Any, P0: ArrayLike | None, own_start: bool = True
 ) -> tuple[Filtered, float]:
     """One form in one kind of number, rounded to doubles; and the seconds per step of prediction and update."""
     how = _form(form)
     data, single = _record(model, z)
-    model, given = _start(model, P0)
+    model = started(model, P0)
+    given = model.P0
     record = Record(model, data, first, kind)
     steps, runs = len(data) - 1, data.shape[2]
     begun = None if form == "steady" else beginning.begin(record, contract.numbers(given, kind))
-    own = begun if not np.isfinite(given).all() else None  # what the form cannot start from itself
+    own = None if own_start and np.isfinite(given).all() else begun
     out = _Histories(steps, model.n, model.m, runs)
     seconds, begin, k = 0.0, 0, 0
     if own is not None:
         begin = out.begin(own)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # overflows are reported below, with their time
         try:
-            state = _started(how, model, contract.numbers(given, kind), own) if begin <= steps else None
+            if own is None:
+                state = how.start(model, contract.numbers(given, kind))
+            elif own.x is not None and own.P is not None:
+                state = taken_over(how, model, own.x, own.P)
             for k in range(begin, steps + 1):
                 if k > begin:
                     motion, before = record.motion(k - 1), perf_counter()
@@ -384,7 +399,7 @@ def _run(
                 measured, before = record.measurement(k), perf_counter()
                 state, told = how.update(state, *measured)
                 seconds += perf_counter() - before
-                out.innovation[k, used], out.S[k][np.ix_(used, used)] = _innovation(x, P, *measured)
+                out.innovation[k, used], out.S[k][np.ix_(used, used)] = innovation(x, P, *measured)
                 out.x_plus[k], out.P_plus[k] = contract.doubles(how.mean(state)), contract.doubles(how.covariance(state))
                 if np.isfinite(out.S[k, used, used]).all():
                     out.nis[k] = contract.doubles(told.nis)
@@ -430,27 +445,16 @@ class _Histories:
         return own.rows
 
 
-def _started(how: Form, model: DiscreteModel, P0: Numbers, own: Beginning | None) -> Any:
-    """The form's state at t0, or at the instant at which it takes over."""
-    if own is None:
-        return how.start(model, P0)
-    assert own.P is not None
-    there = replace(model, x0=np.zeros(model.n), P0=contract.doubles(own.P))
-    nothing = Noise(contract.zeros(own.P.shape, own.P))
-    return how.predict(how.start(there, own.P), contract.identity(model.n, own.P), own.x, nothing)
+def taken_over(how: Form, model: DiscreteModel, x: Numbers, P: Numbers) -> Any:
+    """The form's state of an estimate x (n, runs) with the covariance P."""
+    there = replace(model, x0=np.zeros(model.n), P0=contract.doubles(P))
+    nothing = Noise(contract.zeros(P.shape, P))
+    return how.predict(how.start(there, P), contract.identity(model.n, P), x, nothing)
 
 
-def _innovation(x: Numbers, P: Numbers, z: Numbers, H: Numbers, R: Noise) -> tuple[Array, Array]:
-    """ν and S in doubles; NaN, and ``inf`` on the diagonal, where a state is measured of which nothing is known."""
-    lost = contract.unknown(P)
-    if not lost.any():
-        return contract.doubles(z - H @ x), contract.doubles(H @ P @ H.T + R.matrix)
-    unknown = contract.doubles(H[:, lost]).any(axis=1)
-    rows = H[:, ~lost]
-    nu, S = contract.doubles(z - rows @ x[~lost]), contract.doubles(rows @ P[np.ix_(~lost, ~lost)] @ rows.T + R.matrix)
-    nu[unknown], S[unknown], S[:, unknown] = np.nan, 0.0, 0.0
-    S[unknown, unknown] = np.inf
-    return nu, S
+def innovation(x: Numbers, P: Numbers, z: Numbers, H: Numbers, R: Noise) -> tuple[Array, Array]:
+    """ν and S in doubles."""
+    return contract.doubles(z - H @ x), contract.doubles(H @ P @ H.T + R.matrix)
 
 
 def _finite(form: str, P0: Array, dt: float, x: Array, P: Array) -> None:

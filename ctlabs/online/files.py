@@ -18,7 +18,7 @@ from ctlabs._check import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
 
 #: Version of the files.
-FORMAT = 1
+FORMAT = 2
 #: The fields of a model that are no matrices.
 LABELS = ("states", "measurements", "units")
 
