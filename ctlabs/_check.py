@@ -108,6 +108,13 @@ def measurement_covariance(name: str, value: ArrayLike, *expected: tuple[int | s
     return result
 
 
+def finite_start(what: str, P0: Array) -> None:
+    """Refuse a P0 of which a part is not known (``inf``) where no data tell it: ``what`` needs a finite one."""
+    if not np.isfinite(P0).all():
+        msg = f"P0: expected finite variances ({what} has no data to start from), received inf (nothing known)"
+        raise ValueError(msg)
+
+
 def count(name: str, value: object, *, least: int = 1) -> int:
     """A whole number not below ``least`` (True and 2.0 are no counts)."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:

@@ -311,6 +311,7 @@ def stationary_covariance(model: ContinuousModel) -> Array:
     if worst.real < -_margin(model.F):
         P = scipy.linalg.solve_continuous_lyapunov(model.F, -W)
         return 0.5 * (P + P.T)
+    _check.finite_start("a covariance that does not change", model.P0)
     flow = model.F @ model.P0
     terms = 2 * np.abs(model.F) @ np.abs(model.P0)
     if (np.abs(flow + flow.T + W) <= MARGIN * (terms + terms.T + np.abs(W))).all():

@@ -191,11 +191,15 @@ def _second_route(report: Report, run: Run) -> None:
     model = run.model.cut(steps)
     other = kalman.filter_runs(model, run.z[: steps + 1], first=run.first)
     routes = (_("this form of the filter"), _("filterpy"))
-    report.check(_("estimates"), run.filtered.x_plus[: steps + 1], other.x_plus[:, :, 0], routes, SOLVER)
-    sd = kalman.sd(other.schedule.P_plus)
+    known = np.isfinite(other.schedule.P_plus).all(axis=(1, 2))
+    if not known.any():
+        return
+    report.check(_("estimates"), run.filtered.x_plus[: steps + 1][known], other.x_plus[known, :, 0], routes, SOLVER)
+    sd = kalman.sd(other.schedule.P_plus[known])
     size = np.where(sd > 0, sd, 1.0)
     ours, theirs = (
-        P / (size[:, :, None] * size[:, None, :]) for P in (run.filtered.P_plus[: steps + 1], other.schedule.P_plus)
+        P[known] / (size[:, :, None] * size[:, None, :])
+        for P in (run.filtered.P_plus[: steps + 1], other.schedule.P_plus)
     )
     report.check(_("error covariances, scaled to unit variances"), ours, theirs, routes, SOLVER)
 
@@ -222,6 +226,8 @@ def _verdict(report: Report, run: Run, units: Sequence[str]) -> None:
     found = run.filtered
     if "log_likelihood" not in report.values:
         report.value("log_likelihood", float(found.log_likelihood))
+        if found.log_likelihood_diffuse != found.log_likelihood:
+            report.value("log_likelihood_diffuse", float(found.log_likelihood_diffuse))
     measured = np.isfinite(found.innovation)
     if not measured.any():
         report.says(_("No element was measured, so the data say nothing of the model."))
