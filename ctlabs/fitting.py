@@ -5,8 +5,8 @@ The innovations of the right model are independent and Gaussian, so that a recor
 .. math:: \ell(\theta) = -\tfrac12\sum_k\left(\nu_k^TS_k^{-1}\nu_k + \ln\det S_k + m_k\ln 2\pi\right)
 
 After a start without information (``inf`` in P0) every measurement counts, one that determines something unknown by a term that
-depends on the model alone (``log_likelihood_diffuse`` of :class:`ctlabs.forms.Filtered`). Its maximum is searched in the logarithms of positive constants from several starts, and finished by Newton's method in
-the constants themselves (:mod:`ctlabs.maximum`); the units of the constants do not matter.
+depends on the model alone (``log_likelihood_diffuse`` of :class:`ctlabs.forms.Filtered`). Its maximum is searched
+in the logarithms of positive constants from several starts, and finished by Newton's method in the constants themselves (:mod:`ctlabs.maximum`); the units of the constants do not matter.
 """
 
 from __future__ import annotations
@@ -43,7 +43,8 @@ class Fit:
     standard error · ``intervals``, 95 % by the likelihood ratio: all values whose profile lies less than 1.92 below the
     top; infinite where the record sets no limit, the bound where it is reached · ``profiles`` · ``log_likelihood`` of
     the estimates, ``start_log_likelihood`` of ``start`` · ``log_likelihood_diffuse`` of the estimates, which is what was
-    maximised: another one than ``log_likelihood`` only where nothing is known of a state at the start · ``gradient`` (p,) of ℓ at the estimates · ``converged``,
+    maximised: another one than ``log_likelihood`` only where nothing is known of a state at the start ·
+    ``gradient`` (p,) of ℓ at the estimates · ``converged``,
     whether no step promises more · ``observations``, elements measured · ``evaluations`` of ℓ · ``model`` with the
     estimates
     """

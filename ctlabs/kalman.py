@@ -215,7 +215,7 @@ def _filter(P: Array) -> Any:
 
 def _covariances(model: DiscreteModel, steps: int, first: int, gaps: Mask | None) -> Schedule:
     """Predict and update the covariance from t0 to the end by filterpy; from a vague start by :mod:`ctlabs.forms.vague`."""
-    from ctlabs.forms import vague  # itself made of this module's parts
+    from ctlabs.forms import contract, vague  # made of this module's parts
 
     state = vague.start(model, model.P0)
     kf = _filter(state.P)
@@ -228,7 +228,7 @@ def _covariances(model: DiscreteModel, steps: int, first: int, gaps: Mask | None
                     kf.predict(F=Phi, Q=Q)
                     kf.P = _without_cancelled(kf.P, Phi, rows[-1][1].P_plus, Q)
                 else:
-                    state = vague.predict(state, Phi, None, vague.Noise(Q))
+                    state = vague.predict(state, Phi, None, contract.Noise(Q))
                     kf.P = state.P
         H, R = at(model.H, k, 2), at(model.R, k, 2)
         if k < first or (gaps is not None and gaps[k].any()):
@@ -257,12 +257,12 @@ def _covariances(model: DiscreteModel, steps: int, first: int, gaps: Mask | None
 
 def _vague(state: Any, H: Array, R: Array) -> tuple[Any, Update]:
     """One update from a vague start; S is ``inf`` where an element sees something unknown."""
-    from ctlabs.forms import vague
+    from ctlabs.forms import contract, vague
 
     (m, n), used = H.shape, np.isfinite(R.diagonal())
     K, S = np.zeros((n, m)), np.diag(np.full(m, np.inf))
     if used.any():
-        before, own = state, (np.eye(used.sum()), H[used], vague.Noise(R[np.ix_(used, used)]))
+        before, own = state, (np.eye(used.sum()), H[used], contract.Noise(R[np.ix_(used, used)]))
         state, told = vague.update(before._replace(x=np.zeros((n, 1))), *own)  # of unit innovations: the gain
         K[:, used] = state.x
         S[np.ix_(used, used)] = vague.innovation(before, *own)[1]

@@ -165,7 +165,8 @@ def _forward(
 def _perfect(model: DiscreteModel, z: Array, first: int) -> Filtered:
     """The record of a model with perfect measurements, by filterpy."""
     found = forms.run(model, z, "joseph", first)
-    wrong = np.isnan(found.nis) & found.used.any(axis=1)
+    begun = 0 if found.start is None else len(found.start.P)  # before, something unknown may be measured
+    wrong = np.isnan(found.nis) & found.used.any(axis=1) & (np.arange(len(z)) >= begun)
     if wrong.any():
         raise FloatingPointError(_indefinite(_when(model, int(np.argmax(wrong)))))
     return found

@@ -176,10 +176,14 @@ def _way(model: DiscreteModel, filtered: Filtered) -> tuple[Backward, Prior, Arr
 def _motions(model: DiscreteModel, used: Array) -> tuple[Array, Array]:
     """Φ and Q of each step as stacks, or of one step that is that of all; with N ≠ 0 what z_k tells of w_k is in them."""
     if model.N is None:
-        return tuple(np.array(part if part.ndim == 3 else part[None], order="C") for part in (model.Phi, model.Qd))
+        return _stack(model.Phi), _stack(model.Qd)
     motion = forms.Record(model, np.zeros((*used.shape, 1)), 0, float, used).motion
     Phi, Q = zip(*((step[0], step[2].matrix) for step in map(motion, range(len(used) - 1))), strict=True)
     return np.array(Phi), np.array(Q)
+
+
+def _stack(matrix: Array) -> Array:
+    return np.array(matrix if matrix.ndim == 3 else matrix[None], order="C")
 
 
 def _compiled(name: str, *arguments: object) -> None:

@@ -167,7 +167,8 @@ def _element(state: State, told: Told, i: int, z: Numbers, h: Numbers, r: Any) -
     if a.any():
         unknown = columns.cleaned(*columns.turned(unknown, a), eps)
         U, alpha = unknown[:, 0], h @ unknown[:, 0]
-        K_all, unknown = U / alpha, unknown[:, 1:]
+        K_all, rest = U / alpha, unknown[:, 1:]
+        unknown = rest - np.outer(K_all, h @ rest)  # which h sees no more: not even the rounding of the reflection
         vague = np.column_stack([vague, (U - K_v * alpha) * (F**0.5 / alpha)])
         own = contract.independent(0 * nu[None], np.array([alpha * alpha], dtype=nu.dtype))
         told = told._replace(determined=told.determined + 1)

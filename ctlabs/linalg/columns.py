@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from ctlabs.linalg import rounding
 
 Numbers = NDArray[Any]
+#: Columns carry the rounding of some hundred steps.
+GATHERED = 100
 
 
 class Turned(NamedTuple):
@@ -36,7 +38,7 @@ def seen(h: Numbers, A: Numbers, eps: float) -> Numbers:
     array([0.])
     """
     a, terms = h @ A, np.abs(h) @ np.abs(A)
-    return np.where(np.abs(a) <= rounding.level(terms, len(h), eps), 0 * a, a)
+    return np.where(np.abs(a) <= GATHERED * rounding.level(terms, len(h), eps), 0 * a, a)
 
 
 def turned(A: Numbers, a: Numbers, terms: Numbers | None = None) -> Turned:

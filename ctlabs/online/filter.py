@@ -330,8 +330,8 @@ class Filter:
         after, told = self._form.update(instant.before, *own)
         known = None if instant.ahead is None else JOSEPH.update(instant.ahead, *own)[0]
         nu, S, used = instant.innovation, instant.S, instant.used
-        values = innovation(*_values(self._form, instant.before), *own)
-        nu[used, None], S[np.ix_(used, used)] = values
+        x, P = _values(self._form, instant.before)
+        nu[used, None], S[np.ix_(used, used)] = innovation(x, P, *own)
         both = float(told.nis[0]), float(told.log_likelihood[0])
         return instant._replace(after=after, known=known, nis=both[0], log_likelihood=both[1], diffuse=both[1])
 

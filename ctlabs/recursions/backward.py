@@ -126,18 +126,19 @@ def constrain(w: Work, r: int, j: int, unknowns: int, end: int) -> None:
 @helper
 def reflect(w: Work, j: int, end: int) -> int:
     """Reflect the noisy rows that are left so that unknown j stays in one of them, the largest; which one, or −1."""
-    p, top, square = -1, 0.0, 0.0
+    p, top, square, count = -1, 0.0, 0.0, 0
     for i in range(w.W.shape[0]):
         if w.kind[i] == NOISY and not w.taken[i] and abs(w.W[i, j]) > top:
             p, top = i, abs(w.W[i, j])
     if p < 0:
         return p
     for i in range(w.W.shape[0]):
-        if w.kind[i] == NOISY and not w.taken[i]:
+        if w.kind[i] == NOISY and not w.taken[i] and w.W[i, j] != 0.0:
             square += w.W[i, j] * w.W[i, j]
-    norm = np.sqrt(square)
-    if norm == top:  # alone
+            count += 1
+    if count == 1:
         return p
+    norm = np.sqrt(square)
     pivot = -norm if w.W[p, j] > 0 else norm
     own = w.W[p, j] - pivot
     scale = 1 / (norm * (norm + top))

@@ -215,11 +215,11 @@ def delicacy(P_minus: Array, P_plus: Array, S: Array, most: int) -> float:
 def wide(*curves: Array) -> str:
     """The axis to draw logarithmically: "y" where positive curves span more than two orders of magnitude."""
     values = np.concatenate(curves)
-    return "y" if 0 < 100 * values.min() < values.max() else ""
+    return "y" if 0 < 100 * np.nanmin(values) < np.nanmax(values) else ""
 
 
 def states_table(
-    report: Report, name: str, model: DiscreteModel, columns: Mapping[str, Iterable[float]], caption: str
+    report: Report, name: str, model: DiscreteModel, columns: Mapping[str, Iterable[float | None]], caption: str
 ) -> None:
     """A table with a row per state and a column per quantity."""
     rows = zip(model.states, model.units, *columns.values(), strict=True)

@@ -145,14 +145,23 @@ def _estimates(report: Report, run: Run) -> None:
     """The estimates in figures, the last ones in a table, and the second route."""
     model, found = run.model, run.filtered
     _figures(report, run)
-    columns = {_("estimate"): found.x_plus[-1], "σ": kalman.sd(found.P_plus)[-1]}
+    x, sd = found.x_plus[-1], kalman.sd(found.P_plus)[-1]
+    known = np.isfinite(sd).tolist()
+    columns = {_("estimate"): [v if there else None for v, there in zip(x.tolist(), known, strict=True)], "σ": sd}
     common.states_table(report, "last", model, columns, _("The last estimates."))
-    report.value("estimate_end", found.x_plus[-1], common.units(model))
-    report.value("sd_end", kalman.sd(found.P_plus)[-1], common.units(model))
+    if all(known):
+        report.value("estimate_end", x, common.units(model))
+        report.value("sd_end", sd, common.units(model))
+    else:
+        names = ", ".join(name for name, there in zip(model.states, known, strict=True) if not there)
+        reason = fill(_("the record does not determine {names}, of which nothing was known at the start"), names=names)
+        report.value("estimate_end", None, common.units(model), reason=reason)
+        report.value("sd_end", None, common.units(model), reason=reason)
+        report.says(_("No estimate of every state: {reason}."), reason=reason)
     _second_route(report, run)
     if run.smoothed is not None:
         report.check(
-            _("smoothed and filtered estimates at the last row"), run.smoothed.x[-1], found.x_plus[-1],
+            _("smoothed and filtered estimates at the last row"), run.smoothed.x[-1][known], x[known],
             (_("smoother"), _("filter")), EXACT,
         )  # fmt: skip
 
