@@ -110,7 +110,7 @@ def gain(
 ) -> int:
     """S and its factor C of the elements picked (in the leading rows), Kᵀ (m, n); how it ended.
 
-    INDEFINITE: S is not; PERFECT: an element without a noise of its own (d = 0) is known from what was before it, its variance
+    INDEFINITE: S is not, or as far as rounding tells; PERFECT: an element without a noise of its own (d = 0) is known from what was before it, its variance
     being rounding of its own terms, as in :mod:`ctlabs.kalman`.
     """
     n = P.shape[0]
@@ -132,12 +132,13 @@ def gain(
                 s -= C[a, c] * C[b, c]
             if a > b:
                 C[a, b] = s / C[b, b]
-            elif d[a] == 0.0 and s <= 16 * n * EPS * terms(P, H, R, pick, a, C, size):
-                return PERFECT
-            elif s > 0.0:
-                C[a, a] = np.sqrt(s)
             else:
-                return INDEFINITE
+                lost = MARGIN * n * EPS * terms(P, H, R, pick, a, C, size)
+                if d[a] == 0.0 and s <= 4 * lost:
+                    return PERFECT
+                if not s > lost:
+                    return INDEFINITE
+                C[a, a] = np.sqrt(s)
     for a in range(count):
         for b in range(a):
             for j in range(n):
