@@ -6,7 +6,8 @@ The innovations of the right model are independent and Gaussian, so that a recor
 
 After a start without information (``inf`` in P0) every measurement counts, one that determines something unknown by a term that
 depends on the model alone (``log_likelihood_diffuse`` of :class:`ctlabs.forms.Filtered`). Its maximum is searched
-in the logarithms of positive constants from several starts, and finished by Newton's method in the constants themselves (:mod:`ctlabs.maximum`); the units of the constants do not matter.
+in the logarithms of positive constants from several starts, and finished by Newton's method in the constants themselves
+(:mod:`ctlabs.maximum`); the units of the constants do not matter.
 """
 
 from __future__ import annotations

@@ -42,15 +42,19 @@ def seen(h: Numbers, A: Numbers, eps: float) -> Numbers:
 
 
 def turned(A: Numbers, a: Numbers, terms: Numbers | None = None) -> Turned:
-    """AΘ with the reflection Θ that turns the row a (d,), which is not zero, into one number at its beginning.
+    """AΘ, Θ orthogonal, that turns the row a (d,), which is not zero, into one number at its beginning.
+
+    The column with the largest element comes first, so that the reflection takes from small columns no more than their size.
 
     >>> turned(np.array([[3.0, 4.0], [-4.0, 3.0]]), np.array([3.0, 4.0])).A.round(12) + 0.0
     array([[-5.,  0.],
-           [ 0.,  5.]])
+           [ 0., -5.]])
     """
     terms = np.abs(A) if terms is None else terms
     if len(a) == 1:
         return Turned(A, terms)
+    order = np.argsort(-np.abs(a.astype(np.float64)), kind="stable")
+    A, a, terms = A[:, order], a[order], terms[:, order]
     v = a.copy()
     size = (a @ a) ** 0.5
     v[0] = a[0] + size if a[0] > 0 else a[0] - size

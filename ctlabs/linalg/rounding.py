@@ -42,7 +42,8 @@ def corrected(P_plus: Array, P_minus: Array, K: Array, H: Array, S: Array | None
 
     Row i of B = I − KH is a difference itself: K is known to :math:`\varepsilon|K||S||S^{-1}|`, so that of
     :math:`b_i = \sum_j|B_{ij}|\sigma_j` an error
-    :math:`c_i = \varepsilon\sum_j(\delta_{ij} + (|K||S||S^{-1}||H|)_{ij})\sigma_j` is left, and of the variance :math:`\varepsilon b_i^2 + c_i^2`.
+    :math:`c_i = \varepsilon\sum_j(\delta_{ij} + (|K||S||S^{-1}||H|)_{ij})\sigma_j` is left, and of the variance
+    :math:`\varepsilon b_i^2 + c_i^2`.
 
     Parameters
     ----------

@@ -110,8 +110,8 @@ def gain(
 ) -> int:
     """S and its factor C of the elements picked (in the leading rows), Kᵀ (m, n); how it ended.
 
-    INDEFINITE: S is not, or as far as rounding tells; PERFECT: an element without a noise of its own (d = 0) is known from what was before it, its variance
-    being rounding of its own terms, as in :mod:`ctlabs.kalman`.
+    INDEFINITE: S is not, or as far as rounding tells; PERFECT: an element without a noise of its own (d = 0) is known from
+    what was before it, its variance being rounding of its own terms, as in :mod:`ctlabs.kalman`.
     """
     n = P.shape[0]
     for a in range(count):
