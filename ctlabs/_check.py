@@ -16,6 +16,8 @@ Array = NDArray[Any]
 
 #: Asymmetry or negative eigenvalues below this fraction of a matrix's size are rounding, above it a mistake.
 ROUNDING = 1e-9
+#: A negative variance below this fraction of a matrix's size is the rounding of another program, and counts as zero.
+LOST = 1e-15
 
 
 def array(name: str, value: ArrayLike, *, finite: bool = True) -> Array:
@@ -72,9 +74,13 @@ def covariance(name: str, value: ArrayLike, *expected: tuple[int | str, ...]) ->
     result = 0.5 * (result + np.swapaxes(result, -1, -2))
     # Scaling to a unit diagonal makes the test independent of the units of the states.
     diagonal = np.diagonal(result, axis1=-2, axis2=-1)
-    if (diagonal < 0).any():
+    if (diagonal < -LOST * size[..., None]).any():
         msg = f"{name}: expected variances >= 0 on the diagonal, received {diagonal.min():.6g}"
         raise ValueError(msg)
+    if (diagonal < 0).any():  # what rounding left of a variance of zero
+        none = diagonal < 0
+        result = np.where(none[..., :, None] | none[..., None, :], 0.0, result)
+        diagonal = np.diagonal(result, axis1=-2, axis2=-1)
     scale = np.sqrt(np.where(diagonal > 0, diagonal, size[..., None]))
     lowest = np.linalg.eigvalsh(result / (scale[..., :, None] * scale[..., None, :])).min(initial=0.0)
     if lowest < -ROUNDING:
@@ -86,7 +92,7 @@ def covariance(name: str, value: ArrayLike, *expected: tuple[int | str, ...]) ->
 
 
 def measurement_covariance(name: str, value: ArrayLike, *expected: tuple[int | str, ...]) -> Array:
-    """Like ``covariance``, but ``inf`` on the diagonal is allowed and means that the element is not measured."""
+    """Like ``covariance``, but ``inf`` on the diagonal is allowed: an element not measured, or a state not known."""
     result = np.array(shaped(name, value, *expected, finite=False))
     missing = np.isinf(np.diagonal(result, axis1=-2, axis2=-1))
     if (np.diagonal(result, axis1=-2, axis2=-1) == -np.inf).any():
@@ -97,10 +103,16 @@ def measurement_covariance(name: str, value: ArrayLike, *expected: tuple[int | s
     if (result[off] != 0).any():
         msg = f"{name}: expected 0 beside an infinite variance, received a correlation"
         raise ValueError(msg)
-    covariance(name, np.where(either, 0.0, result), *expected)
-    result = np.where(either, result, 0.5 * (result + np.swapaxes(result, -1, -2)))
+    result = np.where(either, result, covariance(name, np.where(either, 0.0, result), *expected))
     result.setflags(write=False)
     return result
+
+
+def finite_start(what: str, P0: Array) -> None:
+    """Refuse a P0 of which a part is not known (``inf``) where no data tell it: ``what`` needs a finite one."""
+    if not np.isfinite(P0).all():
+        msg = f"P0: expected finite variances ({what} has no data to start from), received inf (nothing known)"
+        raise ValueError(msg)
 
 
 def count(name: str, value: object, *, least: int = 1) -> int:

@@ -99,6 +99,7 @@ def transient(model: ContinuousModel, t: ArrayLike) -> Transient:
     array([15.27121, 11.74123,  9.19909,  8.05573])
     """
     plain = _plain(model)
+    _check.finite_start("a transient", model.P0)
     t = _check.shaped("t", t, ("points",))
     steps = np.diff(t, prepend=0.0)
     if t.size and (t[0] < 0 or (steps[1:] <= 0).any()):

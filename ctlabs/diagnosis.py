@@ -410,8 +410,10 @@ def _scales(model: DiscreteModel, z: Array, first: int) -> list[Candidate]:
 def _constants(model: DiscreteModel, z: Array, first: int) -> list[Candidate]:
     """The most likely constant input of each state and bias of each measurement; the likelihood is quadratic in them."""
     record = records.filter_record(model, z, first)
-    here, found = record.log_likelihood, []
-    spread = np.sqrt(np.diagonal(record.P_minus, axis1=1, axis2=2).mean(axis=0))
+    here, found = record.log_likelihood_diffuse, []
+    variances = np.diagonal(record.P_minus, axis1=1, axis2=2)
+    known = np.isfinite(variances)
+    spread = np.sqrt(np.where(known, variances, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1))
     S = np.diagonal(record.S, axis1=1, axis2=2)
     seen = np.isfinite(S)
     noise = np.sqrt(np.where(seen, S, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1))

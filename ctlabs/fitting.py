@@ -4,8 +4,10 @@ The innovations of the right model are independent and Gaussian, so that a recor
 
 .. math:: \ell(\theta) = -\tfrac12\sum_k\left(\nu_k^TS_k^{-1}\nu_k + \ln\det S_k + m_k\ln 2\pi\right)
 
-Its maximum is searched in the logarithms of positive constants from several starts, and finished by Newton's method in
-the constants themselves (:mod:`ctlabs.maximum`); the units of the constants do not matter.
+After a start without information (``inf`` in P0) every measurement counts, one that determines something unknown by a term that
+depends on the model alone (``log_likelihood_diffuse`` of :class:`ctlabs.forms.Filtered`). Its maximum is searched
+in the logarithms of positive constants from several starts, and finished by Newton's method in the constants themselves
+(:mod:`ctlabs.maximum`); the units of the constants do not matter.
 
 Where perfect measurements contradict the constants (:mod:`ctlabs.contradictions`), ℓ = −∞ has no slope: the sum of squares of
 the contradicting innovations is lowered first, until none is left. Constants of which then no other value is possible are
@@ -49,7 +51,9 @@ class Fit:
     constants' are those given that one) · ``covariance`` (p, p) in the order of ``names``, NaN where there is no
     standard error · ``intervals``, 95 % by the likelihood ratio: all values whose profile lies less than 1.92 below the
     top; infinite where the record sets no limit, the bound where it is reached · ``profiles`` · ``log_likelihood`` of
-    the estimates, ``start_log_likelihood`` of ``start`` · ``gradient`` (p,) of ℓ at the estimates · ``converged``,
+    the estimates, ``start_log_likelihood`` of ``start`` · ``log_likelihood_diffuse`` of the estimates, which is what was
+    maximised: another one than ``log_likelihood`` only where nothing is known of a state at the start ·
+    ``gradient`` (p,) of ℓ at the estimates · ``converged``,
     whether no step promises more · ``observations``, elements that enter the filter at the start · ``evaluations`` of ℓ ·
     ``model`` with the estimates · ``contradictions`` of the record with it (ℓ = −∞, the estimates being those that make them
     least) · ``remark``, what became of those of the start, in words
@@ -60,6 +64,7 @@ class Fit:
     covariance: Array
     intervals: dict[str, tuple[float, float]]
     log_likelihood: float
+    log_likelihood_diffuse: float
     start: dict[str, float]
     start_log_likelihood: float
     profiles: dict[str, Profile]
@@ -80,7 +85,7 @@ class Fit:
     @property
     def aic(self) -> float:
         """Akaike's criterion 2p − 2ℓ: smaller is better."""
-        return 2 * len(self.estimates) - 2 * self.log_likelihood
+        return 2 * len(self.estimates) - 2 * self.log_likelihood_diffuse
 
 
 def fit(
@@ -137,9 +142,10 @@ def fit(
         covariance=covariance,
         intervals={names[i]: interval for i, (interval, _profile, _point) in followed.items()}
         | {names[i]: (float(top.at[i]),) * 2 for i in np.flatnonzero(fixed)},
-        log_likelihood=top.value,
+        log_likelihood=top.value - likelihood.extra(top.at),
+        log_likelihood_diffuse=top.value,
         start=_named(names, box.start),
-        start_log_likelihood=likelihood(box.start),
+        start_log_likelihood=likelihood(box.start) - likelihood.extra(box.start),
         profiles={names[i]: found for i, (_interval, found, _point) in followed.items()},
         reasons=reasons,
         gradient=top.gradient,
@@ -193,6 +199,14 @@ class _Likelihood:
             except (ValueError, ArithmeticError):
                 self.known[key] = -math.inf
         return self.known[key]
+
+    def extra(self, values: Array) -> float:
+        """What the measurements that determine something unknown contribute."""
+        model = self.build(_named(self.names, values))
+        if np.isfinite(model.P0).all():
+            return 0.0
+        found = records.filter_record(model, self.z, self.first)
+        return float(found.log_likelihood_diffuse - found.log_likelihood)
 
     def at_start(self, values: Array, *, possible: bool = False) -> None:
         """Refuse a record without measurements, and a start at which nothing can be computed (or ``possible``), with the reason."""
@@ -252,7 +266,7 @@ class _Likelihood:
                 value = records.log_likelihood(model, self.z, self.first)
             else:  # the filter passes over perfect measurements of what it knows: densities of fewer elements do not compare
                 found = records.filter_record(model, self.z, self.first)
-                value = float(found.log_likelihood) if found.used.sum() >= self.used else -math.inf
+                value = float(found.log_likelihood_diffuse) if found.used.sum() >= self.used else -math.inf
         return value if math.isfinite(value) else -math.inf
 
 

@@ -24,6 +24,7 @@ from ctlabs import _check, contradictions
 from ctlabs._check import Array
 from ctlabs.contradictions import Contradiction, Gains
 from ctlabs.discretise import CANCELLED, ldl
+from ctlabs.linalg import rounding
 from ctlabs.models import DiscreteModel, at
 from ctlabs.text import moment
 
@@ -217,24 +218,37 @@ def _filter(P: Array) -> Any:
 
 
 def _covariances(model: DiscreteModel, steps: int, first: int, gaps: Mask | None) -> Schedule:
-    """Predict and update the covariance from t0 to the end by filterpy."""
-    kf = _filter(model.P0)
+    """Predict and update the covariance from t0 to the end by filterpy; from a vague start by :mod:`ctlabs.forms.vague`."""
+    from ctlabs.forms import contract, vague  # made of this module's parts
+
+    state = vague.start(model, model.P0)
+    kf = _filter(state.P)
     rows: list[tuple[Array, Update]] = []
     for k in range(steps + 1):
         if k:
             Phi, Q, _ = _motion(model, k - 1, rows[-1][1].used)
             with np.errstate(over="ignore", invalid="ignore"):  # an overflow is reported below, with its time
-                kf.predict(F=Phi, Q=Q)
-                kf.P = _without_cancelled(kf.P, Phi, rows[-1][1].P_plus, Q)
-        P_minus = kf.P
-        if not np.isfinite(P_minus).all():
-            msg = f"P_minus: expected finite covariances, received an overflow at step {k} (t = {moment(k * model.dt)} s)"
-            raise FloatingPointError(msg)
-        R = at(model.R, k, 2)
+                if state.settled:
+                    kf.predict(F=Phi, Q=Q)
+                    kf.P = _without_cancelled(kf.P, Phi, rows[-1][1].P_plus, Q)
+                else:
+                    state = vague.predict(state, Phi, None, contract.Noise(Q))
+                    kf.P = state.P
+        H, R = at(model.H, k, 2), at(model.R, k, 2)
         if k < first or (gaps is not None and gaps[k].any()):
             R = _absent(R, np.full(model.m, True) if k < first or gaps is None else gaps[k])
+        if not np.isfinite(kf.P).all():
+            msg = f"P_minus: expected finite covariances, received an overflow at step {k} (t = {k * model.dt:g} s)"
+            raise FloatingPointError(msg)
+        if not state.settled:
+            P_minus = vague.covariance(state)
+            state, step = _vague(state, H, R)
+            kf.P = state.P
+            rows.append((P_minus, step))
+            continue
+        P_minus = kf.P
         try:
-            step = _update(kf, at(model.H, k, 2), R)
+            step = _update(kf, H, R)
         except np.linalg.LinAlgError as error:
             received = f"one singular by rounding at step {k} (t = {moment(k * model.dt)} s)"
             msg = f"S: expected a covariance of the innovation with an inverse, received {received}"
@@ -245,11 +259,28 @@ def _covariances(model: DiscreteModel, steps: int, first: int, gaps: Mask | None
     return Schedule(np.arange(steps + 1) * model.dt, np.array([P for P, _ in rows]), P_plus, K, S, used)
 
 
+def _vague(state: Any, H: Array, R: Array) -> tuple[Any, Update]:
+    """One update from a vague start; S is ``inf`` where an element sees something unknown."""
+    from ctlabs.forms import contract, vague
+
+    (m, n), used = H.shape, np.isfinite(R.diagonal())
+    K, S = np.zeros((n, m)), np.diag(np.full(m, np.inf))
+    if used.any():
+        before, own = state, (np.eye(used.sum()), H[used], contract.Noise(R[np.ix_(used, used)]))
+        state, told = vague.update(before._replace(x=np.zeros((n, 1))), *own)  # of unit innovations: the gain
+        K[:, used] = state.x
+        S[np.ix_(used, used)] = vague.innovation(before, *own)[1]
+        left_out = np.flatnonzero(used)[~told.used]
+        used[left_out], K[:, left_out], S[left_out], S[:, left_out] = False, 0.0, 0.0, 0.0
+        S[left_out, left_out] = np.inf
+    return state, Update(K, S, vague.covariance(state), used)
+
+
 def _estimates(model: DiscreteModel, z: Array, plan: Schedule, gaps: Mask) -> Ensemble:
     """The estimates of all runs under given gains."""
     x_minus = np.empty((len(z), model.n, z.shape[2]))
     x_plus, innovation = np.empty_like(x_minus), np.full(z.shape, np.nan)
-    x_minus[0] = model.x0[:, None]
+    x_minus[0] = np.where(np.isinf(np.diag(model.P0)), 0.0, model.x0)[:, None]
     used = plan.measured & ~gaps
     for k in range(len(z)):
         if k:
@@ -266,6 +297,8 @@ def _estimates(model: DiscreteModel, z: Array, plan: Schedule, gaps: Mask) -> En
             np.matmul(plan.K[k][:, used[k]], innovation[k, used[k]], out=x_plus[k])
             innovation[k, ~used[k]] = np.nan
         x_plus[k] += x_minus[k]
+    for values, variances in ((x_minus, plan.P_minus), (x_plus, plan.P_plus), (innovation, plan.S)):
+        values[np.isinf(np.diagonal(variances, axis1=1, axis2=2))] = np.nan  # not known, whatever stands there
     return Ensemble(plan.t, z, innovation, None, x_minus, x_plus, plan)
 
 
@@ -286,7 +319,8 @@ def _motion(model: DiscreteModel, k: int, used: Mask) -> tuple[Array, Array, Arr
         return Phi, Qd, None
     N = model.N[:, used]
     M = N @ np.linalg.pinv(at(model.R, k, 2)[np.ix_(used, used)], hermitian=True)
-    return Phi - M @ at(model.H, k, 2)[used], _without_rounding(Qd - M @ N.T, Qd), M
+    taken = M @ N.T
+    return Phi - M @ at(model.H, k, 2)[used], rounding.difference(Qd - taken, Qd, taken), M
 
 
 def _update(kf: Any, H: Array, R: Array) -> Update:
@@ -304,7 +338,7 @@ def _update(kf: Any, H: Array, R: Array) -> Update:
         K[:, used], S[np.ix_(used, used)] = kf.K, kf.S
     P_plus = 0.5 * (kf.P + kf.P.T)
     if _perfect(R).any():
-        P_plus = _without_rounding(P_plus, P_minus)
+        P_plus = rounding.corrected(P_plus, P_minus, K[:, used], H[used], S[np.ix_(used, used)])
     return Update(K, S, P_plus, used)
 
 
@@ -333,12 +367,6 @@ def _perfect(R: Array) -> Mask:
     if R.diagonal().all() and np.count_nonzero(R) == len(R):  # independent noises, none of them zero
         return np.zeros_like(used)
     return used & (ldl(np.where(used[:, None] & used, R, 0.0))[1] == 0)
-
-
-def _without_rounding(P_plus: Array, P_minus: Array) -> Array:
-    """Exact zeros for what a measurement determined: states by a perfect one, disturbances by their correlation."""
-    known = np.diag(P_plus) <= 16 * len(P_plus) * np.finfo(float).eps * np.diag(P_minus)
-    return np.where(known[:, None] | known, 0.0, P_plus)
 
 
 def _without_cancelled(P: Array, Phi: Array, before: Array, Q: Array) -> Array:

@@ -70,7 +70,8 @@ class ContinuousModel(_Display):
     Q : (s, s), strength of w, unit²·s
     H : (m, n)
     Rc : (m, m), strength of a continuous measurement's noise, unit²·s; ``None`` when measurements are only sampled
-    x0, P0 : (n,), (n, n), mean and covariance of x at t0; x0 defaults to zeros
+    x0, P0 : (n,), (n, n), mean and covariance of x at t0; x0 defaults to zeros. ``inf`` on P0's diagonal, with zeros beside it,
+        means that nothing is known of that state: its x0 is ignored
     N : (s, m), cross strength of w and v, or ``None``
     B : (n, r), input matrix of a known input, or ``None``
     states, units, measurements : names and units, for labels
@@ -137,7 +138,7 @@ class ContinuousModel(_Display):
         put("H", _check.shaped("H", self.H, ("m", n)))
         put("x0", np.zeros(n) if self.x0 is None else _check.shaped("x0", self.x0, (n,)))
         self.x0.setflags(write=False)
-        put("P0", _check.covariance("P0", self.P0, (n, n)))
+        put("P0", _check.measurement_covariance("P0", self.P0, (n, n)))
         if self.Rc is not None:
             put("Rc", _check.covariance("Rc", self.Rc, (self.m, self.m)))
         if self.N is not None:
@@ -188,7 +189,8 @@ class DiscreteModel(_Display):
     H : (m, n) or (steps+1, m, n)
     R : (m, m) or (steps+1, m, m), covariance of v_k, unit²; ``inf`` on the diagonal means that the element is not
         measured, 0 that it is measured perfectly
-    x0, P0 : (n,), (n, n), mean and covariance of the state at t0
+    x0, P0 : (n,), (n, n), mean and covariance of the state at t0. ``inf`` on P0's diagonal, with zeros beside it, means
+        that nothing is known of that state: its x0 is ignored
     dt : period, s
     N : (n, m), cross covariance of w_k and v_k (the same index k), or ``None``
     offset : (n,) or (steps, n), known input c_k, or ``None``
@@ -252,7 +254,7 @@ class DiscreteModel(_Display):
         put("H", _check.shaped("H", self.H, ("m", n), ("steps+1", "m", n)))
         m = self.m
         put("R", _check.measurement_covariance("R", self.R, (m, m), ("steps+1", m, m)))
-        put("P0", _check.covariance("P0", self.P0, (n, n)))
+        put("P0", _check.measurement_covariance("P0", self.P0, (n, n)))
         put("dt", _check.positive("dt", self.dt))
         if self.offset is not None:
             put("offset", _check.shaped("offset", self.offset, (n,), ("steps", n)))

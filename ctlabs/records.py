@@ -21,6 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 from ctlabs import _check, contradictions, forms, kalman
 from ctlabs._check import Array
 from ctlabs.forms import Filtered
+from ctlabs.forms.beginning import Beginning, begin
+from ctlabs.forms.vague import needed
 from ctlabs.models import DiscreteModel
 from ctlabs.text import moment
 
@@ -35,7 +37,7 @@ def filter_record(model: DiscreteModel, z: ArrayLike, first: int = 1) -> Filtere
     Parameters
     ----------
     model : constant or time-varying; N, a correlated R, absent (R = inf) and perfect (R = 0) measurements are allowed.
-        A model with a perfect measurement, or a singular R, goes through :mod:`ctlabs.forms`, which is slower.
+        A record with a perfect measurement of what is known already goes through :mod:`ctlabs.forms`, which is slower.
     z : (steps+1, m), NaN = not measured. With ``first=1`` row 0 is not used.
     first : 1 (first measurement at t1) or 0 (at t0)
 
@@ -58,18 +60,28 @@ def filter_record(model: DiscreteModel, z: ArrayLike, first: int = 1) -> Filtere
     (array([0.      , 0.916667, 0.916667]), -2.203059)
     """
     data, used = _measured(model, z, first)
+    begun = _begin(model, data, used)
+    rows = 0 if begun is None else begun.rows
     out = _histories(len(data), model.n, model.m)
-    total = _forward(model, data, used, out)
+    total = 0.0 if rows == len(data) else _forward(model, data, used, out, begun)
     if total is None:
         return _perfect(model, data, first)
-    t = np.arange(len(data)) * model.dt
-    found: Filtered = contradictions.judged(model, data, Filtered(t, *out, log_likelihood=total, used=used), first)
-    return found
+    t, both = np.arange(len(data)) * model.dt, (total, total)
+    if begun is not None:
+        both = (total + float(begun.ordinary[0]), total + float(begun.diffuse[0]))
+        for name, whole in out._asdict().items():
+            part = getattr(begun, name)
+            whole[:rows] = part[..., 0] if name in ("x_minus", "x_plus", "innovation", "nis") else part
+    start = None if begun is None else begun.start
+    found = Filtered(t, *out, log_likelihood=both[0], used=used, log_likelihood_diffuse=both[1], start=start)
+    judged: Filtered = contradictions.judged(model, data, found, first)
+    return judged
 
 
 def log_likelihood(model: DiscreteModel, z: ArrayLike, first: int = 1) -> float:
     """The logarithm of the probability density of the elements measured, without histories: for fitting.
 
+    Where nothing is known of a state (``inf`` in P0) it is ``log_likelihood_diffuse`` of :class:`ctlabs.forms.Filtered`.
     Parameters, and what is raised, as for :func:`filter_record`.
 
     >>> m = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]])
@@ -77,8 +89,13 @@ def log_likelihood(model: DiscreteModel, z: ArrayLike, first: int = 1) -> float:
     -2.203059
     """
     data, used = _measured(model, z, first)
-    total = _forward(model, data, used, _histories(0, model.n, model.m))
-    return float(_perfect(model, data, first).log_likelihood) if total is None else total
+    begun = _begin(model, data, used)
+    if begun is not None and begun.rows == len(data):
+        return float(begun.diffuse[0])
+    total = _forward(model, data, used, _histories(0, model.n, model.m), begun)
+    if total is None:
+        return float(_perfect(model, data, first).log_likelihood_diffuse)
+    return total if begun is None else total + float(begun.diffuse[0])
 
 
 def system(model: DiscreteModel) -> System:
@@ -120,11 +137,26 @@ def _histories(rows: int, n: int, m: int) -> Histories:
     )
 
 
-def _forward(model: DiscreteModel, z: Array, used: NDArray[np.bool_], out: Histories) -> float | None:
-    """The log-likelihood, the histories in ``out``; None where a measurement is perfect."""
+def _begin(model: DiscreteModel, z: Array, used: NDArray[np.bool_]) -> Beginning | None:
+    """The first instants from a vague start; ``used`` is corrected there."""
+    return begin(forms.Record(model, z[:, :, None], 0, float, used), model.P0) if needed(model, model.P0) else None
+
+
+def _forward(
+    model: DiscreteModel, z: Array, used: NDArray[np.bool_], out: Histories, begun: Beginning | None
+) -> float | None:
+    """The log-likelihood of what follows the beginning, the histories in ``out``; None where nothing is left to learn.
+
+    That is where a perfect measurement is of what is known already.
+    """
     from ctlabs.recursions import forward  # numba costs 0.3 s to import
 
-    end, k, total = forward.forward(system(model), fixed(model.x0), fixed(model.P0), fixed(z), fixed(used), out)
+    k, x, P = 0, model.x0, model.P0
+    if begun is not None:
+        assert begun.x is not None
+        assert begun.P is not None
+        k, x, P = begun.rows, begun.x[:, 0], begun.P
+    end, k, total = forward.forward(system(model), fixed(x), fixed(P), fixed(z), fixed(used), k, out)
     if end == forward.OVERFLOW:
         msg = f"P_minus: expected finite covariances, received an overflow {_when(model, k)}"
         raise FloatingPointError(msg)
@@ -136,7 +168,8 @@ def _forward(model: DiscreteModel, z: Array, used: NDArray[np.bool_], out: Histo
 def _perfect(model: DiscreteModel, z: Array, first: int) -> Filtered:
     """The record of a model with perfect measurements, by filterpy."""
     found = forms.run(model, z, "joseph", first)
-    wrong = np.isnan(found.nis) & found.used.any(axis=1)
+    begun = 0 if found.start is None else len(found.start.P)  # before, something unknown may be measured
+    wrong = np.isnan(found.nis) & found.used.any(axis=1) & (np.arange(len(z)) >= begun)
     if wrong.any():
         raise FloatingPointError(_indefinite(_when(model, int(np.argmax(wrong)))))
     return found

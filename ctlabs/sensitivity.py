@@ -434,6 +434,7 @@ def _means(truth: DiscreteModel, design: DiscreteModel, C: Array, maps: _Maps) -
 def _covariances(source: _Source, maps: _Maps, used: Mask) -> tuple[Array, Array]:
     """Covariance of e before and after each update, as far as ``source`` makes it."""
     d = maps.d
+    _check.finite_start("the actual error", source.P0)
     start = maps.predict[0].W  # x0 enters (x, e) as w does: with I and −C
     X = start @ source.P0 @ start.T
     minus, plus = np.empty((len(maps.update), d, d)), np.empty((len(maps.update), d, d))
@@ -490,6 +491,7 @@ def _components(matrix: Array) -> list[list[int]]:
 
 def _sources(model: DiscreteModel, groups: Mapping[str, ArrayLike] | None) -> dict[str, _Source]:
     """Independent sources by name, in the order initial state, process noise, measurement noise."""
+    _check.finite_start("an error budget", model.P0)
     n, m, everything = model.n, model.m, _all(model)
     nothing = _Source(np.zeros((n, n)), np.zeros((n, n)), np.zeros((m, m)), np.zeros((n, m)))
     found: dict[str, _Source] = {}

@@ -308,6 +308,7 @@ def stationary_covariance(model: ContinuousModel) -> Array:
         unit = np.outer(x, x)
         P = scipy.linalg.solve_continuous_lyapunov(model.F * x * t / x[:, None], -W * t / unit) * unit
         return 0.5 * (P + P.T)
+    _check.finite_start("a covariance that does not change", model.P0)
     flow = model.F @ model.P0
     terms = 2 * np.abs(model.F) @ np.abs(model.P0)
     if (np.abs(flow + flow.T + W) <= MARGIN * (terms + terms.T + np.abs(W))).all():

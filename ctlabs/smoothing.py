@@ -7,14 +7,11 @@ The estimate from what is measured up to k and the likelihood of what is measure
           P_s = L(I + L^TU^TUL)^{-1}L^T,\ P^+ = LL^T
 
 (Fraser & Potter, IEEE Trans. AC-14, 1969). U and y come backward through orthogonal reflections of
-square roots (:mod:`ctlabs.recursions.backward`): no covariance is inverted, so that singular P0, Qd, Φ or P⁻ are no exceptions, and
-P_s is a square, symmetric and nonnegative. It equals the recursion of Rauch, Tung & Striebel (AIAA J. 3, 1965),
-
-.. math:: \hat x_s = \hat x^+ + C(\hat x_{s,k+1} - \hat x^-_{k+1}), \quad C = P^+\Phi^T(P^-_{k+1})^{-1}, \quad
-          P_s = (I-C\Phi)P^+(I-C\Phi)^T + C(P_{s,k+1} + Q_d)C^T
-
-which serves where a perfect measurement (R = 0) would be an infinite information. With N ≠ 0 both use Φ−NR⁺H and
-Qd−NR⁺Nᵀ. Only the filter's estimates, covariances and innovations are used: any form's will do.
+square roots (:mod:`ctlabs.recursions.backward`), and perfect measurements (R = 0) as constraints Cx = c beside them: no covariance is
+inverted, so that singular P0, Qd, Φ, R or P⁻ are no exceptions, and P_s is a square, symmetric and nonnegative. After a
+vague start (:mod:`ctlabs.forms.vague`) L has the columns of what is vaguely known, or not known, beside P's. With N ≠ 0 the
+transition is Φ−NR⁺H with the noise Qd−NR⁺Nᵀ. Only the filter's estimates, covariances and innovations are used: any form's will do.
+It equals the recursion of Rauch, Tung & Striebel (AIAA J. 3, 1965), where that has the inverses that it needs.
 """
 
 from __future__ import annotations
@@ -25,15 +22,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ctlabs import _check, kalman, records
+from ctlabs import _check, forms, kalman, records
 from ctlabs._check import Array
 from ctlabs.contradictions import Contradiction
-from ctlabs.discretise import ldl
 from ctlabs.models import DiscreteModel
 
 if TYPE_CHECKING:
     from ctlabs.forms import Filtered
-    from ctlabs.recursions.backward import Backward
+    from ctlabs.recursions.backward import Backward, Prior
 
 #: Windows of the fixed-lag smoother that go back together where their matrices are the same.
 TOGETHER = 64
@@ -44,8 +40,9 @@ class Smoothed:
     """Estimates given the whole record.
 
     ``t`` (steps+1,) s · ``x`` (steps+1, n[, runs]) · ``P`` (steps+1, n, n), covariance of their errors · ``lag_one``
-    (steps+1, n, n), entry k is cov(x_k, x_{k−1}) given the record; NaN at 0, which nothing precedes · ``contradictions``,
-    those of the filtered record: the estimates are given the rest of it
+    (steps+1, n, n), entry k is cov(x_k, x_{k−1}) given the record; NaN at 0, which nothing precedes. A state that the
+    whole record does not determine is NaN with the variance ``inf``, zeros beside it and NaN in ``lag_one`` ·
+    ``contradictions``, those of the filtered record: the estimates are given the rest of it
     """
 
     t: Array
@@ -79,7 +76,9 @@ def smooth(model: DiscreteModel, filtered: Filtered) -> Smoothed:
     Raises
     ------
     ValueError
-        A history that does not fit the model; one that starts from zero information (``inf`` in P).
+        A history that does not fit the model; one that began without information elsewhere (``inf`` in P, and no ``start``).
+    FloatingPointError
+        An overflow.
 
     >>> from ctlabs import records
     >>> m = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]])
@@ -89,11 +88,9 @@ def smooth(model: DiscreteModel, filtered: Filtered) -> Smoothed:
     """
     _fits(model, filtered)
     single = filtered.x_plus.ndim == 2
-    x_plus = filtered.x_plus[:, :, None] if single else filtered.x_plus
-    x, P, lag_one = x_plus.copy(order="C"), filtered.P_plus.copy(order="C"), np.full_like(filtered.P_plus, np.nan)
-    way = _way(model, filtered)
-    if way is None or not _compiled("smooth", way, records.fixed(filtered.P_plus), x, P, lag_one):
-        x, P, lag_one = _striebel(model, filtered, 0, len(x) - 1)
+    way, prior, x = _way(model, filtered)
+    P, lag_one = np.empty_like(filtered.P_plus), np.full_like(filtered.P_plus, np.nan)
+    _compiled("smooth", way, prior, x, P, lag_one)
     return Smoothed(filtered.t, x[:, :, 0] if single else x, P, lag_one, filtered.contradictions)
 
 
@@ -125,12 +122,9 @@ def fixed_lag(model: DiscreteModel, z: ArrayLike, lag: int, first: int = 1) -> L
     steps = len(filtered.t) - 1
     if lag >= steps:
         return Lagged(whole.t, whole.x, whole.P, lag)
-    x, P = filtered.x_plus[:, :, None].copy(), filtered.P_plus.copy()
-    way = _way(model, filtered)
-    if way is None or not _compiled("windows", way, records.fixed(filtered.P_plus), lag, TOGETHER, x, P):
-        for k in range(steps - lag):
-            found, covariance, _ = _striebel(model, filtered, k, k + lag)
-            x[k], P[k] = found[0], covariance[0]
+    way, prior, x = _way(model, filtered)
+    P = np.empty_like(filtered.P_plus)
+    _compiled("windows", way, prior, lag, TOGETHER, x, P)
     x, rest = x[:, :, 0], slice(steps - lag, None)
     x[rest], P[rest] = whole.x[rest], whole.P[rest]
     return Lagged(filtered.t, x, P, lag)
@@ -147,63 +141,58 @@ def _fits(model: DiscreteModel, filtered: Filtered) -> None:
             msg = f"filtered.{name}: expected shape {shape} as the model has it, received {found}"
             raise ValueError(msg)
     kalman._horizon(model, rows - 1, 1)
-    unknown = ~np.isfinite(filtered.P_plus).all(axis=(1, 2))
+    begin = 0 if filtered.start is None else len(filtered.start.P)
+    unknown = ~np.isfinite(filtered.P_plus[begin:]).all(axis=(1, 2))
     if unknown.any():
-        msg = f"filtered.P_plus: expected finite covariances, received inf at step {int(np.argmax(unknown))} (no information)"
+        found = f"inf at step {begin + int(np.argmax(unknown))} (no information)"
+        msg = f"filtered.P_plus: expected finite covariances, received {found}"
         raise ValueError(msg)
 
 
-def _way(model: DiscreteModel, filtered: Filtered) -> Backward | None:
-    """What the compiled way back needs; None where a measurement is perfect."""
-    from ctlabs.recursions.backward import Backward
+def _way(model: DiscreteModel, filtered: Filtered) -> tuple[Backward, Prior, Array]:
+    """What the compiled way back needs: later data, earlier data, and x̂⁺ (steps+1, n, runs) to be changed."""
+    from ctlabs.recursions.backward import Backward, Prior
 
-    rows, n = len(filtered.t), model.n
-    innovation = records.fixed(filtered.innovation.reshape(rows, model.m, -1))
-    changing = model.N is not None or model.Qd.ndim == 3
-    Phi = np.tile(model.Phi, (rows - 1, 1, 1)) if model.N is not None and model.Phi.ndim == 2 else np.array(model.Phi)
+    rows, n, m, start = len(filtered.t), model.n, model.m, filtered.start
+    x_minus, x_plus = (x.reshape(rows, n, -1).copy() for x in (filtered.x_minus, filtered.x_plus))
+    innovation, P = filtered.innovation.reshape(rows, m, -1).copy(), filtered.P_plus.copy()
+    A, unknown, later = np.empty((0, n, n)), np.empty(0, dtype=np.int64), np.zeros(rows, dtype=np.int64)
+    if start is not None:
+        begin = len(start.P)
+        x_minus[:begin], x_plus[:begin], innovation[:begin] = start.x_minus, start.x_plus, start.innovation
+        P[:begin], A, unknown, later[:begin] = start.P, start.A, start.unknown, start.determined
+    Phi, Q = _motions(model, filtered.used)
+    system = records.system(model)
     way = Backward(
-        np.ascontiguousarray(Phi if Phi.ndim == 3 else Phi[None]),
-        np.empty((rows - 1 if changing else 1, n, n)),
-        np.empty((rows, model.m, n)),
+        Phi,
+        np.empty_like(Q),
+        np.empty((rows, m, n)),
         np.empty(innovation.shape),
-        np.ascontiguousarray(filtered.x_plus - filtered.x_minus).reshape(rows, n, -1),
+        np.empty((rows, m), dtype=np.int64),
+        x_plus - x_minus,
         np.empty(rows, dtype=np.int64),
     )
-    return way if _compiled("prepare", records.system(model), records.fixed(filtered.used), innovation, way) else None
+    _compiled("prepare", system, records.fixed(filtered.used), records.fixed(innovation), Q, way)
+    return way, Prior(P, A, unknown.astype(np.int64), later), x_plus
 
 
-def _compiled(name: str, *arguments: object) -> bool:
+def _motions(model: DiscreteModel, used: Array) -> tuple[Array, Array]:
+    """Φ and Q of each step as stacks, or of one step that is that of all; with N ≠ 0 what z_k tells of w_k is in them."""
+    if model.N is None:
+        return _stack(model.Phi), _stack(model.Qd)
+    motion = forms.Record(model, np.zeros((*used.shape, 1)), 0, float, used).motion
+    Phi, Q = zip(*((step[0], step[2].matrix) for step in map(motion, range(len(used) - 1))), strict=True)
+    return np.array(Phi), np.array(Q)
+
+
+def _stack(matrix: Array) -> Array:
+    return np.array(matrix if matrix.ndim == 3 else matrix[None], order="C")
+
+
+def _compiled(name: str, *arguments: object) -> None:
     """A compiled loop of :mod:`ctlabs.recursions.backward`, loaded when it is needed."""
     from ctlabs.recursions import backward
 
-    return bool(getattr(backward, name)(*arguments))
-
-
-def _striebel(model: DiscreteModel, filtered: Filtered, start: int, end: int) -> tuple[Array, Array, Array]:
-    """Rauch, Tung & Striebel's recursion over the instants from ``start`` to ``end``: x (…, n, runs), P, lag_one."""
-    rows, count, n = len(filtered.t), end - start + 1, model.n
-    x_minus, x_plus = filtered.x_minus.reshape(rows, n, -1), filtered.x_plus.reshape(rows, n, -1)
-    x, P = x_plus[start : end + 1].copy(), filtered.P_plus[start : end + 1].copy()
-    lag_one = np.full((count, n, n), np.nan)
-    for i in range(count - 2, -1, -1):
-        k = start + i
-        Phi, Q, _ = kalman._motion(model, k, filtered.used[k])
-        P_plus = filtered.P_plus[k]
-        C = _divided(Phi @ P_plus, filtered.P_minus[k + 1]).T
-        left = np.eye(n) - C @ Phi
-        x[i] += C @ (x[i + 1] - x_minus[k + 1])
-        P_s = left @ P_plus @ left.T + C @ (P[i + 1] + Q) @ C.T
-        P[i], lag_one[i + 1] = 0.5 * (P_s + P_s.T), P[i + 1] @ C.T
-    return x, P, lag_one
-
-
-def _divided(B: Array, P: Array) -> Array:
-    """P⁻¹B; a direction in which P is zero, as B is then, gets zeros."""
-    L, d = ldl(P)
-    B = np.array(B)
-    for j in range(len(P)):
-        B[j + 1 :] -= np.outer(L[j + 1 :, j], B[j])
-    B /= np.where(d > 0, d, np.inf)[:, None]
-    for j in range(len(P) - 1, -1, -1):
-        B[:j] -= np.outer(L[j, :j], B[j])
-    return B
+    if getattr(backward, name)(*arguments) is False:
+        msg = "smoothed P: expected finite covariances, received an overflow"
+        raise FloatingPointError(msg)

@@ -25,6 +25,7 @@ from ctlabs import _check, kalman
 from ctlabs._check import Array
 from ctlabs.discretise import ldl
 from ctlabs.forms.contract import Counted
+from ctlabs.linalg import rounding
 from ctlabs.models import DiscreteModel, at
 
 #: Orders of processing in :func:`extended`.
@@ -329,11 +330,11 @@ class SequentialExtended:
             K = np.divide(f, s, out=np.zeros_like(f), where=s > 0)
             nu = z[i] - self._h(k, self.x, none)[i]
             left = np.eye(len(f))[:, :, None] - K[:, None] * row[None]
-            before = np.einsum("ii...->i...", self.P)
+            before = self.P
             self.P = np.einsum("ij...,jk...,lk...->il...", left, self.P, left) + variances[i] * K[:, None] * K[None]
             if variances[i] == 0:  # what a perfect element determines is known, not of a variance of 1e-17
-                known = np.einsum("ii...->i...", self.P) <= 16 * len(f) * np.finfo(float).eps * before
-                self.P = np.where(known[:, None] | known[None], 0.0, self.P)
+                first = (np.moveaxis(part, -1, 0) for part in (self.P, before, K[:, None], row[None]))
+                self.P = np.moveaxis(rounding.corrected(*first), 0, -1)
             self.x = self.x + K * nu
             nis += np.divide(nu**2, s, out=np.zeros_like(s), where=s > 0)
             used += 1

@@ -473,7 +473,7 @@ def test_overflow_is_reported_with_its_time() -> None:
 
 def test_innovations_that_rounding_makes_equal_are_reported_with_their_time() -> None:
     """Two measurements of one state so uncertain that their own noises are beyond the last digit of S."""
-    model = DiscreteModel([[1]], [[0]], [[1], [1]], np.diag([1e-9, 1e-9]), x0=[0], P0=[[1e12]], dt=0.5)
+    model = DiscreteModel([[1]], [[1e12]], [[1], [1]], np.diag([1e-9, 1e-9]), x0=[0], P0=[[0]], dt=0.5)
     with pytest.raises(FloatingPointError, match=r"^S: .*received one singular by rounding at step 1 \(t = 0.5 s\)$"):
         schedule(model, 3)
 

@@ -190,31 +190,32 @@ def test_plain_python_is_what_is_compiled(first):
     known = DiscreteModel([[1, -1], [0, 1]], np.zeros((2, 2)), [[0, 1]], [[1]], x0=[1, 1], P0=[[1, 1], [1, 1]])
     singular = changed(CORRELATED, Qd=CORRELATED.N @ np.linalg.solve(TRACK.R, CORRELATED.N.T))
     varying = changed(DRIVEN, Phi=np.tile(TRACK.Phi, (600, 1, 1)))
-    for model in (TRACK, DRIVEN, singular, varying, known):
+    perfect = changed(TRACK, R=np.diag([0.0, 1.0]))
+    for model in (TRACK, DRIVEN, singular, varying, known, perfect):
         z = record(model, 150, np.random.default_rng(7), first=first)
         z[60, 0] = np.nan
         data, used = records._measured(model, z, first)
         own, plain = (records._histories(151, model.n, model.m) for _ in range(2))
-        arguments = (records.system(model), model.x0, model.P0, data, used)
-        assert records._forward(model, data, used, own) == pytest.approx(
+        arguments = (records.system(model), model.x0, model.P0, data, used, 0)
+        assert records._forward(model, data, used, own, None) == pytest.approx(
             forward.forward.py_func(*arguments, plain)[2], rel=EXACT
         )
         assert all(close(a, b, EXACT) for a, b in zip(own, plain, strict=True))
 
 
 def test_plain_python_reports_how_a_record_ends():
-    """Perfect, overflow, indefinite: the kernel's own words for it."""
+    """Known already, overflow, indefinite: the kernel's own words for it."""
     ends = []
-    for Phi, R, P0 in (([[1.0]], [[0.0]], [[1.0]]), ([[1e200]], [[1.0]], [[1.0]]), ([[1.0]], [[1.0]], [[1.0]])):
-        model = DiscreteModel(Phi, [[1]], [[1]], R, x0=[0], P0=P0)
-        data, used = records._measured(model, [[0.0], [0.0]], 1)
+    for Phi, Qd, R in (([[1.0]], [[0.0]], [[0.0]]), ([[1e200]], [[1.0]], [[1.0]]), ([[1.0]], [[1.0]], [[1.0]])):
+        model = DiscreteModel(Phi, Qd, [[1]], R, x0=[0], P0=[[1]])
+        data, used = records._measured(model, [[0.0], [0.0], [0.0]], 1)
         start = -100 * model.P0 if len(ends) == 2 else model.P0  # no model has it; rounding may
         with np.errstate(over="ignore", invalid="ignore"):
             end = forward.forward.py_func(
-                records.system(model), model.x0, start, data, used, records._histories(0, 1, 1)
+                records.system(model), model.x0, start, data, used, 0, records._histories(0, 1, 1)
             )
         ends.append(end[:2])
-    assert ends == [(forward.PERFECT, 1), (forward.OVERFLOW, 1), (forward.INDEFINITE, 1)]
+    assert ends == [(forward.PERFECT, 2), (forward.OVERFLOW, 1), (forward.INDEFINITE, 1)]
 
 
 def test_an_overflow_names_its_step():
@@ -233,25 +234,34 @@ def test_an_overflow_names_its_step():
 
 
 def test_an_indefinite_innovation_is_refused_with_advice():
-    """Two sensors that differ by 1e-9 with errors as small: Joseph's form loses S, and says which forms do not."""
-    delta = 1e-9
-    hard = DiscreteModel(
-        np.eye(3), np.zeros((3, 3)), [[1, 1, 1], [1, 1, 1 + delta]], delta**2 * np.eye(2), x0=np.zeros(3), P0=np.eye(3)
-    )
-    z = record(hard, 40, np.random.default_rng(8))
+    """Two sensors that are one in double precision: Joseph's form loses S, and says which forms do not."""
+    hard = DiscreteModel([[1, 0], [0, 1]], np.eye(2), [[1, 1], [1, 1]], 1e-18 * np.eye(2), x0=[0, 0], P0=np.zeros((2, 2)))
+    z = np.full((6, 2), 0.5)
     with pytest.raises(FloatingPointError, match=r"S: expected a positive definite .* at step \d+ .*ud, array, srif"):
         filter_record(hard, z)
     with pytest.raises(FloatingPointError, match="S: expected"):
         log_likelihood(hard, z)
 
 
+def test_what_joseph_loses_is_kept_from_a_large_start():
+    """Bierman's two sensors: P0 is 1e18 times R, and every digit is there."""
+    delta = 1e-9
+    hard = DiscreteModel(
+        np.eye(3), np.zeros((3, 3)), [[1, 1, 1], [1, 1, 1 + delta]], delta**2 * np.eye(2), x0=np.zeros(3), P0=np.eye(3)
+    )
+    z = record(hard, 10, np.random.default_rng(8))
+    found, exact = filter_record(hard, z), forms.reference(hard, z)
+    assert close(found.x_plus, exact.x_plus, 1e-6)  # of what H, with its 1e-9, determines
+    assert close(found.log_likelihood, exact.log_likelihood, 1e-6)
+
+
 def test_no_likelihood_is_no_number(monkeypatch):
     """Where the form that takes over for a perfect measurement loses S, that is said as well."""
-    perfect, run = changed(TRACK, R=np.diag([0.0, 1.0])), forms.run
+    perfect, run = changed(TRACK, R=np.diag([0.0, 1.0]), N=[[0.0, 0.1], [0.0, 0.1]]), forms.run
 
     def lost(*arguments):
         found = run(*arguments)
-        return dataclasses.replace(found, nis=np.where(np.arange(9) == 3, np.nan, found.nis), log_likelihood=np.nan)
+        return dataclasses.replace(found, nis=np.where(np.arange(9) == 3, np.nan, found.nis))
 
     monkeypatch.setattr(forms, "run", lost)
     for verb in (filter_record, log_likelihood):

@@ -85,7 +85,7 @@ def filtered(model: Any, z: Array, first: int = 1, digits: int = DIGITS) -> dict
         Phi, Qd, x, P = exact(model.Phi), exact(model.Qd), exact(model.x0), exact(model.P0)
         found: dict[str, list[Any]] = {"x_plus": [], "P_plus": [], "log_likelihood": [mpmath.mpf(0)]}
         for k, row in enumerate(np.asarray(z)):
-            if k or first == 1 and len(found["x_plus"]):
+            if k or (first == 1 and len(found["x_plus"])):
                 x, P = Phi @ x, Phi @ P @ Phi.T + Qd
             used = np.isfinite(row) & (k >= first)
             if used.any():

@@ -15,8 +15,7 @@ chapter 12.
 
 Operations per step (leading terms, s = rank of Q): 10n³/3 + 2sn² for the prediction, 4(m+n)³/3 + 2mn² for the update.
 
-R = 0 and singular R: yes · singular Q, P0, Φ: yes · no information
-(``inf`` in P0): no.
+R = 0 and singular R: yes · singular Q, P0, Φ: yes.
 """
 
 from __future__ import annotations

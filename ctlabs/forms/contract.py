@@ -30,8 +30,6 @@ from ctlabs.models import DiscreteModel
 
 #: Arrays of doubles, of mpmath numbers, or of counted ones.
 Numbers = NDArray[Any]
-#: Information below this fraction of what a state's own variance would mean is rounding.
-ZERO_INFORMATION = 1e-12
 LOG_2PI = float(np.log(2 * np.pi))
 
 
@@ -51,7 +49,7 @@ class Form(Protocol):
     def start(self, model: DiscreteModel, P0: Numbers) -> Any:
         """The state at t0: mean ``model.x0``, covariance ``P0`` (n, n), which stands in place of ``model.P0``.
 
-        ``inf`` on the diagonal of P0 (zeros beside it): nothing is known of that state (:func:`unknown`).
+        It is finite: where nothing is known of a state the driver begins by :mod:`ctlabs.forms.vague`.
         """
 
     def predict(self, state: Any, Phi: Numbers, c: Numbers | None, Q: Noise) -> Any:
@@ -64,10 +62,10 @@ class Form(Protocol):
         """
 
     def mean(self, state: Any) -> Numbers:
-        """The estimate, (n, runs), or (n, 1) before data of several runs came in; NaN for a state not known at all."""
+        """The estimate, (n, runs), or (n, 1) before data of several runs came in."""
 
     def covariance(self, state: Any) -> Numbers:
-        """The covariance of its error, (n, n); a state of which nothing is known has ``inf`` and zeros beside it."""
+        """The covariance of its error, (n, n)."""
 
 
 class Noise:
@@ -146,9 +144,9 @@ def refuse(form: str, expected: str, received: str) -> NoReturn:
 
 
 def known(form: str, P0: Numbers) -> Numbers:
-    """P0, refused where nothing is known of a state (``inf``): for forms that need a finite covariance."""
+    """P0, refused where nothing is known of a state (``inf``): a form takes over when something is."""
     if unknown(P0).any():
-        refuse(form, "a finite P0", "inf on its diagonal (only the information forms start from no information)")
+        refuse(form, "a finite P0", "inf on its diagonal (nothing known)")
     return P0
 
 
@@ -307,16 +305,6 @@ def whitened(e: Numbers, c: Numbers) -> Evidence:
     return Evidence(-0.5 * (nis + (2 * _log(abs(c)).sum() + len(c) * _log_2pi(kind))), nis)
 
 
-def of_known(x: Numbers, P: Numbers, z: Numbers, H: Numbers, R: Noise) -> Evidence:
-    """Of ν and S where not every state is known (``inf`` on P's diagonal); NaN where such a state is measured."""
-    lost = unknown(P)
-    if doubles(H[:, lost]).any():
-        nothing = like(np.full(z.shape[1], np.nan), z)
-        return Evidence(nothing, nothing)
-    rows = H[:, ~lost]
-    return evidence(z - rows @ x[~lost], rows @ P[np.ix_(~lost, ~lost)] @ rows.T + R.matrix)
-
-
 def _log_2pi(kind: Any) -> Any:
     if kind is float:
         return LOG_2PI
@@ -333,38 +321,6 @@ def _log(values: Numbers) -> Numbers:
     import mpmath
 
     return np.array([mpmath.log(v) if v > 0 else mpmath.nan for v in values], dtype=object)
-
-
-def recovered(Y: Numbers, y: Numbers) -> tuple[Numbers, Numbers]:
-    """Mean (n, runs) and covariance (n, n) from Y = P⁻¹ and y = Yx̂, where Y may be singular: zero information.
-
-    A state that a vector v with Yv = 0 reaches is not known at all: NaN, and ``inf`` with zeros beside it. Zero is
-    what rounding may leave, 10⁻¹² of the unit diagonal that Y is scaled to.
-    """
-    n = len(Y)
-    size = doubles(Y.diagonal())
-    scale = like(np.sqrt(np.where(size > 0, size, 1.0)), Y)
-    A = Y / np.outer(scale, scale)
-    rest, pivots = doubles(A).copy(), list[int]()
-    while len(pivots) < n and (j := int(np.argmax(rest.diagonal()))) not in pivots and rest[j, j] > ZERO_INFORMATION:
-        rest -= np.outer(rest[:, j], rest[j]) / rest[j, j]
-        rest[j] = rest[:, j] = 0.0
-        pivots.append(j)
-    others = [j for j in range(n) if j not in pivots]
-    x, P = zeros(y.shape, y), zeros((n, n), Y)
-    lost = np.isin(np.arange(n), others)
-    if pivots:
-        inner = np.ix_(pivots, pivots)
-        P[inner] = inverse(A[inner])
-        if others:
-            reached = np.abs(doubles(P[inner] @ A[np.ix_(pivots, others)])).max(axis=1) > np.sqrt(ZERO_INFORMATION)
-            lost[np.array(pivots)[reached]] = True
-        x = (P @ (y / scale[:, None])) / scale[:, None]
-        P = P / np.outer(scale, scale)
-    x[lost] = like(np.nan, Y)
-    P[lost], P[:, lost] = zeros(1, Y), zeros(1, Y)
-    P[lost, lost] = like(np.inf, Y)
-    return x, P
 
 
 # Linear algebra by two routes -----------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ Source: Kalman (1960), J. Basic Engineering 82; Maybeck vol. 1, eq. 5-36 to 5-42
 
 Operations per step (leading terms): 4n³ for the prediction, 6mn² + 4m²n for the update.
 
-R = 0: yes · singular Q, P0, Φ: yes · no information (``inf`` in P0): no. P⁺ is a difference: where a measurement is far
+R = 0: yes · singular Q, P0, Φ: yes. P⁺ is a difference: where a measurement is far
 better than the prediction it loses as many digits as P⁻/P⁺ has, then its symmetry and its sign.
 """
 

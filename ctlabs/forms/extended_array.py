@@ -18,7 +18,7 @@ Kailath, Sayed & Hassibi, *Linear Estimation*, chapter 12.
 Operations per step (leading terms, s = rank of Q): 10n³/3 + 2sn² for the prediction, 4(m+n)³/3 + 2mn² and 2(m+n)² for
 each run for the update.
 
-R = 0 or singular R: no (the row needs R^{-1/2}) · singular Q, P0, Φ: yes · no information (``inf`` in P0): no. P is as
+R = 0 or singular R: no (the row needs R^{-1/2}) · singular Q, P0, Φ: yes. P is as
 accurate as in the SRCF. The estimate is not: the row is as large as R^{-1/2}ν, and its rounding acts on the innovation
 like an error of eps·√(HPHᵀ/R) of itself. Where measurements are 10⁴ times more precise than predictions, take the SRCF.
 """

@@ -13,9 +13,8 @@ Joseph's form is the dual of :mod:`ctlabs.forms.joseph`.
 
 Operations per step (leading terms): 2m²n + 2mn² for the update, (32/3)n³ + 6sn² + 4s²n + 2s³/3 for the prediction.
 
-R = 0 and singular R: no · singular Q: yes · singular P0: no (it has no inverse) · singular Φ: no · no information
-(``inf`` in P0): yes, it begins with Y = 0 there. What Y adds up it rounds to the size of the sum: where one combination
-of states is known far better than another, the poorly known one is lost.
+R = 0 and singular R: no · singular Q: yes · singular P0: no (it has no inverse) · singular Φ: no. What Y adds up it
+rounds to the size of the sum: where one combination of states is known far better than another, the poorly known one is lost.
 """
 
 from __future__ import annotations
@@ -30,24 +29,18 @@ from ctlabs.models import DiscreteModel
 
 
 class State(NamedTuple):
-    """``Y`` (n, n) · ``y`` (n, runs) · ``full``: whether something is known of every state."""
+    """``Y`` (n, n) · ``y`` (n, runs)."""
 
     Y: Numbers
     y: Numbers
-    full: bool
 
 
 def start(model: DiscreteModel, P0: Numbers) -> State:
     """The state at t0."""
-    given = ~contract.unknown(P0)
-    inner = np.ix_(given, given)
-    Y, y = contract.zeros(P0.shape, P0), contract.zeros((len(P0), 1), P0)
-    if given.any():
-        if not contract.definite(P0[inner]):
-            contract.refuse("information", "a P0 with an inverse", "a singular one")
-        Y[inner] = contract.inverse(P0[inner])
-        y = Y @ contract.column(model, P0)
-    return State(Y, y, bool(given.all()))
+    if not contract.definite(contract.known("information", P0)):
+        contract.refuse("information", "a P0 with an inverse", "a singular one")
+    Y = contract.inverse(P0)
+    return State(Y, Y @ contract.column(model, P0))
 
 
 def predict(state: State, Phi: Numbers, c: Numbers | None, Q: Noise) -> State:
@@ -60,7 +53,7 @@ def predict(state: State, Phi: Numbers, c: Numbers | None, Q: Noise) -> State:
         J = contract.solve(G.T @ MG + np.diag(1 / d), MG.T).T
         left = contract.identity(len(M), M) - J @ G.T
         M, y = left @ M @ left.T + (J / d) @ J.T, left @ y
-    return State(M, y if c is None else y + M @ c, state.full)
+    return State(M, y if c is None else y + M @ c)
 
 
 def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evidence]:
@@ -70,35 +63,28 @@ def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evide
     own, rows, d = contract.decorrelated(z, H, R)
     weighted = rows.T / d
     Y, y = state.Y + weighted @ rows, state.y + weighted @ own
-    full = state.full or not contract.unknown(contract.recovered(Y, y)[1]).any()
-    return State(Y, y, full), _evidence(state, z, H, R)
+    return State(Y, y), _evidence(state, z, H, R)
 
 
 def mean(state: State) -> Numbers:
     """The estimate, (n, runs)."""
-    if not state.full:
-        return contract.recovered(state.Y, state.y)[0]
     C = contract.cholesky(state.Y)
     return contract.substituted_back(C.T, contract.substituted(C, state.y))
 
 
 def covariance(state: State) -> Numbers:
     """The covariance of its error, (n, n)."""
-    if not state.full:
-        return contract.recovered(state.Y, state.y)[1]
     root = contract.substituted(contract.cholesky(state.Y), contract.identity(len(state.Y), state.Y))
     return root.T @ root
 
 
 def _evidence(state: State, z: Numbers, H: Numbers, R: Noise) -> Evidence:
-    """Of ν = z − HY⁻¹y with S = HY⁻¹Hᵀ + R; NaN where nothing is known of what is measured."""
+    """Of ν = z − HY⁻¹y with S = HY⁻¹Hᵀ + R."""
     if contract.kind_of(z) is Counted:  # what no estimate needs is not counted
         return contract.independent(z, R.matrix.diagonal())
-    if state.full:
-        both = contract.substituted(contract.cholesky(state.Y), np.hstack([H.T, state.y]))
-        root, e = both[:, : len(H)], both[:, len(H) :]
-        return contract.evidence(z - root.T @ e, root.T @ root + R.matrix)
-    return contract.of_known(*contract.recovered(state.Y, state.y), z, H, R)
+    both = contract.substituted(contract.cholesky(state.Y), np.hstack([H.T, state.y]))
+    root, e = both[:, : len(H)], both[:, len(H) :]
+    return contract.evidence(z - root.T @ e, root.T @ root + R.matrix)
 
 
 def _inverse(Phi: Numbers) -> Numbers:

@@ -9,7 +9,7 @@ perfect measurement determines; other numbers through the formula.
 
 Operations per step (leading terms): 4n³ for the prediction, 4n³ + 6mn² + 6m²n for the update.
 
-R = 0: yes · singular Q, P0, Φ: yes · no information (``inf`` in P0): no. P⁺ keeps its symmetry and its sign for any K,
+R = 0: yes · singular Q, P0, Φ: yes. P⁺ keeps its symmetry and its sign for any K,
 even a rounded one, but a variance that is a small difference of large entries is lost as in every form that hands over P.
 """
 

@@ -15,7 +15,7 @@ Automatica 22 (1986) 43–57; Björck & Paige, SIAM J. Matrix Anal. Appl. 13 (19
 
 Operations per step (leading terms, s = rank of Q): 4n³ + 2sn² for the prediction, 2(m+n)³ + 2mn² for the update.
 
-R = 0 and singular R: yes · singular Q, P0, Φ: yes · no information (``inf`` in P0): no.
+R = 0 and singular R: yes · singular Q, P0, Φ: yes.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ Discrete Sequential Estimation* (1977), chapter V; Maybeck vol. 1, sections 7.3 
 
 Operations per step (leading terms, s = rank of Q): 10n³/3 + 2sn² for the prediction, 6n² for each of m elements.
 
-R = 0 and singular R: yes · singular Q, P0, Φ: yes · no information (``inf`` in P0): no.
+R = 0 and singular R: yes · singular Q, P0, Φ: yes.
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ from ctlabs._check import Array
 from ctlabs.contradictions import Contradiction
 from ctlabs.forms import (
     array,
+    beginning,
     carlson,
     contract,
     conventional,
@@ -28,6 +29,7 @@ from ctlabs.forms import (
     steady,
     ud,
 )
+from ctlabs.forms.beginning import Beginning, Start
 from ctlabs.forms.contract import Counted, Form, Noise, Numbers
 from ctlabs.models import DiscreteModel, at
 from ctlabs.text import moment
@@ -62,11 +64,15 @@ class Filtered:
     and ``S`` (steps+1, m, m), its covariance; NaN, and ``inf`` on the diagonal, where an element does not enter the
     update · ``nis`` (steps+1,[ runs]), νᵀS⁻¹ν, NaN where nothing is measured · ``log_likelihood`` (a number or (runs,)),
     −½Σ(νᵀS⁻¹ν + ln det S + m ln 2π), NaN where rounding has left S indefinite, −∞ where there is a contradiction ·
-    ``used`` (steps+1, m), whether the element enters the update · ``contradictions``, the perfect measurements that disagree
-    with what is known exactly (:mod:`ctlabs.contradictions`); the filter goes on without them.
+    ``used`` (steps+1, m), whether the element enters the update · ``log_likelihood_diffuse``, see below · ``start``,
+    what the smoother needs of the first instants after a vague start, or ``None`` · ``contradictions``, the perfect
+    measurements that disagree with what is known exactly (:mod:`ctlabs.contradictions`); the filter goes on without them.
 
-    A state of which nothing is known (zero information) has the estimate NaN and the variance ``inf``, with zeros
-    beside it; an instant at which such a state is measured has no ``nis`` and adds nothing to the likelihood.
+    A state of which nothing is known (``inf`` in P0) has the estimate NaN and the variance ``inf``, with zeros beside it; an
+    instant at which something unknown is measured has no ``nis``. ``log_likelihood`` is then the density of what is measured
+    after something is known of every state, given what was measured before. ``log_likelihood_diffuse`` counts every
+    measurement, one that determines something unknown by −½ ln 2π − ½ ln α² (Durbin & Koopman, section 7.2.2): constants of
+    the model on which α depends have their greatest likelihood by this one. From a finite P0 both are the same.
     """
 
     t: Array
@@ -79,6 +85,8 @@ class Filtered:
     nis: Array
     log_likelihood: Any
     used: NDArray[np.bool_]
+    log_likelihood_diffuse: Any
+    start: Start | None = None
     contradictions: tuple[Contradiction, ...] = ()
 
 
@@ -101,8 +109,19 @@ class Comparison(NamedTuple):
     failed: str
 
 
-def run(model: DiscreteModel, z: ArrayLike, form: str, first: int = 1, *, P0: ArrayLike | None = None) -> Filtered:
+def run(
+    model: DiscreteModel,
+    z: ArrayLike,
+    form: str,
+    first: int = 1,
+    *,
+    P0: ArrayLike | None = None,
+    own_start: bool = False,
+) -> Filtered:
     """Filter a record with one form, in double precision; an ensemble of records in one pass.
+
+    From a P0 of which a part is unknown, or very large beside the noises, the form takes over when that part is known about as well
+    as the noises allow (:mod:`ctlabs.forms.vague`): from such a P0 itself most forms lose digits.
 
     Parameters
     ----------
@@ -110,8 +129,8 @@ def run(model: DiscreteModel, z: ArrayLike, form: str, first: int = 1, *, P0: Ar
     z : (steps+1, m) or (steps+1, m, runs); NaN = not measured, for all runs alike. With ``first=1`` row 0 is not used.
     form : a name of :data:`FORMS`
     first : 1 (first measurement at t1) or 0 (at t0)
-    P0 : (n, n), in place of ``model.P0``; ``inf`` on its diagonal means that nothing is known of that state, which
-        the forms ``information`` and ``srif`` allow
+    P0 : (n, n), in place of ``model.P0``; ``inf`` on its diagonal means that nothing is known of that state
+    own_start : the form starts from a finite P0 itself, however large, as :func:`compare` lets it: to see what it loses
 
     Raises
     ------
@@ -126,7 +145,7 @@ def run(model: DiscreteModel, z: ArrayLike, form: str, first: int = 1, *, P0: Ar
     >>> run(m, [[0.0], [1.0], [2.0]], "ud").P_plus[1:, 0, 0].round(6)
     array([0.916667, 0.657143])
     """
-    return _run(model, z, form, first, float, P0)[0]
+    return _run(model, z, form, first, float, P0, own_start)[0]
 
 
 def reference(model: DiscreteModel, z: ArrayLike, first: int = 1) -> Filtered:
@@ -150,7 +169,8 @@ def flops(model: DiscreteModel, form: str) -> int:
     how = _form(form)
     first = 1 if model.N is None else 0  # what a measurement tells of the next disturbance belongs to a step
     record = Record(model, np.zeros((2, model.m, 1)), first, Counted)
-    P0 = np.eye(model.n) + 0.1 if contract.definite(model.P0) else model.P0
+    known = np.isfinite(model.P0).all()
+    P0 = np.eye(model.n) + 0.1 if not known or contract.definite(model.P0) else model.P0
     state = how.start(model, contract.numbers(P0, Counted))
     if record.used[0].any():
         state = how.update(state, *_tame(record, 0, P0))[0]
@@ -189,7 +209,8 @@ def compare(
 ) -> tuple[Comparison, ...]:
     """Several forms (all by default) on one record: errors by rounding, and cost.
 
-    A form that refuses the model, or gives up on the way, stays in the list and says why. ``exact`` is the record's
+    Each starts from P0 itself, if that is finite. A form that refuses the model, or gives up on the way, stays in the list and
+    says why. ``exact`` is the record's
     :func:`reference`, where it is at hand already: it takes most of the time.
 
     >>> m = DiscreteModel([[1]], [[1]], [[1]], [[1e-14]], x0=[0], P0=[[1]])
@@ -249,9 +270,11 @@ class Record:
     :mod:`ctlabs.kalman`'s recursion), nor do absent ones.
     """
 
-    def __init__(self, model: DiscreteModel, z: Array, first: int, kind: Any) -> None:
+    def __init__(
+        self, model: DiscreteModel, z: Array, first: int, kind: Any, used: NDArray[np.bool_] | None = None
+    ) -> None:
         self.model, self.z, self.kind = model, z, kind
-        self.used = _used(model, z, first)
+        self.used = _used(model, z, first) if used is None else used
         self._kept: dict[Any, Any] = {}
 
     def motion(self, k: int) -> tuple[Numbers, Numbers | None, Noise]:
@@ -340,74 +363,103 @@ def _record(model: DiscreteModel, z: ArrayLike) -> tuple[Array, bool]:
     return data, single
 
 
-def _start(model: DiscreteModel, P0: ArrayLike | None) -> tuple[DiscreteModel, Array]:
-    """The model with the P0 to start from (a finite one replaces its own), and that P0."""
-    if P0 is None:
-        return model, model.P0
-    given = _check.measurement_covariance("P0", P0, (model.n, model.n))
-    return (replace(model, P0=given) if np.isfinite(given).all() else model), given
+def started(model: DiscreteModel, P0: ArrayLike | None) -> DiscreteModel:
+    """The model with the P0 to start from, if one is given."""
+    return model if P0 is None else replace(model, P0=_check.measurement_covariance("P0", P0, (model.n, model.n)))
 
 
 def _run(
-    model: DiscreteModel, z: ArrayLike, form: str, first: int, kind: Any, P0: ArrayLike | None
+    model: DiscreteModel, z: ArrayLike, form: str, first: int, kind: Any, P0: ArrayLike | None, own_start: bool = True
 ) -> tuple[Filtered, float]:
     """One form in one kind of number, rounded to doubles; and the seconds per step of prediction and update."""
     how = _form(form)
     data, single = _record(model, z)
-    model, given = _start(model, P0)
+    model = started(model, P0)
+    given = model.P0
     record = Record(model, data, first, kind)
     steps, runs = len(data) - 1, data.shape[2]
-    x_minus, x_plus = np.empty((2, steps + 1, model.n, runs))
-    P_minus, P_plus = np.empty((2, steps + 1, model.n, model.n))
-    innovation, S = np.full(data.shape, np.nan), np.zeros((steps + 1, model.m, model.m))
-    S[:, range(model.m), range(model.m)] = np.inf
-    nis, log_likelihood = np.full((steps + 1, runs), np.nan), np.zeros(runs)
-    seconds, k = 0.0, 0
+    begun = None if form == "steady" else beginning.begin(record, contract.numbers(given, kind))
+    own = None if own_start and np.isfinite(given).all() else begun
+    out = _Histories(steps, model.n, model.m, runs)
+    seconds, begin, k = 0.0, 0, 0
+    if own is not None:
+        begin = out.begin(own)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # overflows are reported below, with their time
         try:
-            state = how.start(model, contract.numbers(given, kind))
-            for k in range(steps + 1):
-                if k:
+            if own is None:
+                state = how.start(model, contract.numbers(given, kind))
+            elif own.x is not None and own.P is not None:
+                state = taken_over(how, model, own.x, own.P)
+            for k in range(begin, steps + 1):
+                if k > begin:
                     motion, before = record.motion(k - 1), perf_counter()
                     state = how.predict(state, *motion)
                     seconds += perf_counter() - before
                 x, P = how.mean(state), how.covariance(state)
-                x_minus[k], P_minus[k] = contract.doubles(x), contract.doubles(P)
+                out.x_minus[k], out.P_minus[k] = contract.doubles(x), contract.doubles(P)
                 if not (used := record.used[k]).any():
-                    x_plus[k], P_plus[k] = x_minus[k], P_minus[k]
+                    out.x_plus[k], out.P_plus[k] = out.x_minus[k], out.P_minus[k]
                     continue
                 measured, before = record.measurement(k), perf_counter()
                 state, told = how.update(state, *measured)
                 seconds += perf_counter() - before
-                innovation[k, used], S[k][np.ix_(used, used)] = _innovation(x, P, *measured)
-                x_plus[k], P_plus[k] = contract.doubles(how.mean(state)), contract.doubles(how.covariance(state))
-                if np.isfinite(S[k, used, used]).all():
-                    nis[k] = contract.doubles(told.nis)
-                    log_likelihood += contract.doubles(told.log_likelihood)
+                out.innovation[k, used], out.S[k][np.ix_(used, used)] = innovation(x, P, *measured)
+                out.x_plus[k], out.P_plus[k] = contract.doubles(how.mean(state)), contract.doubles(how.covariance(state))
+                if np.isfinite(out.S[k, used, used]).all():
+                    out.nis[k] = contract.doubles(told.nis)
+                    out.log_likelihood += contract.doubles(told.log_likelihood)
         except np.linalg.LinAlgError as error:
-            _finite(form, given, model.dt, x_minus[: k + 1], P_minus[: k + 1])
+            _finite(form, given, model.dt, out.x_minus[: k + 1], out.P_minus[: k + 1])
             msg = f"form {form}: expected matrices with an inverse, received one singular by rounding at step {k}"
             raise FloatingPointError(msg) from error
-    _finite(form, given, model.dt, x_minus, P_minus)
-    _finite(form, given, model.dt, x_plus, P_plus)
-    P_minus, P_plus = (0.5 * (P + P.transpose(0, 2, 1)) for P in (P_minus, P_plus))
-    t = np.arange(steps + 1) * model.dt
-    found = Filtered(t, x_minus, x_plus, P_minus, P_plus, innovation, S, nis, log_likelihood, record.used)
+    _finite(form, given, model.dt, out.x_minus, out.P_minus)
+    _finite(form, given, model.dt, out.x_plus, out.P_plus)
+    P_minus, P_plus = (0.5 * (P + P.transpose(0, 2, 1)) for P in (out.P_minus, out.P_plus))
+    found = Filtered(
+        t=np.arange(steps + 1) * model.dt,
+        x_minus=out.x_minus,
+        x_plus=out.x_plus,
+        P_minus=P_minus,
+        P_plus=P_plus,
+        innovation=out.innovation,
+        S=out.S,
+        nis=out.nis,
+        log_likelihood=out.log_likelihood + (0.0 if own is None else own.ordinary),
+        used=record.used,
+        log_likelihood_diffuse=out.log_likelihood + (0.0 if own is None else own.diffuse),
+        start=None if begun is None else begun.start,
+    )
     found = contradictions.judged(model, data, found, first)
-    return (_without_runs(found) if single else found), seconds / steps
+    return (without_runs(found) if single else found), seconds / steps
 
 
-def _innovation(x: Numbers, P: Numbers, z: Numbers, H: Numbers, R: Noise) -> tuple[Array, Array]:
-    """ν and S in doubles; NaN, and ``inf`` on the diagonal, where a state is measured of which nothing is known."""
-    lost = contract.unknown(P)
-    if not lost.any():
-        return contract.doubles(z - H @ x), contract.doubles(H @ P @ H.T + R.matrix)
-    unknown = contract.doubles(H[:, lost]).any(axis=1)
-    rows = H[:, ~lost]
-    nu, S = contract.doubles(z - rows @ x[~lost]), contract.doubles(rows @ P[np.ix_(~lost, ~lost)] @ rows.T + R.matrix)
-    nu[unknown], S[unknown], S[:, unknown] = np.nan, 0.0, 0.0
-    S[unknown, unknown] = np.inf
-    return nu, S
+class _Histories:
+    """What a run leaves, to be filled."""
+
+    def __init__(self, steps: int, n: int, m: int, runs: int) -> None:
+        self.x_minus, self.x_plus = np.empty((2, steps + 1, n, runs))
+        self.P_minus, self.P_plus = np.empty((2, steps + 1, n, n))
+        self.innovation, self.S = np.full((steps + 1, m, runs), np.nan), np.zeros((steps + 1, m, m))
+        self.S[:, range(m), range(m)] = np.inf
+        self.nis, self.log_likelihood = np.full((steps + 1, runs), np.nan), np.zeros(runs)
+
+    def begin(self, own: Beginning) -> int:
+        """Fill in the first instants; their number."""
+        for name in ("x_minus", "x_plus", "P_minus", "P_plus", "innovation", "S", "nis"):
+            getattr(self, name)[: own.rows] = getattr(own, name)
+        return own.rows
+
+
+def taken_over(how: Form, model: DiscreteModel, x: Numbers, P: Numbers) -> Any:
+    """The form's state of an estimate x (n, runs) with the covariance P."""
+    there = replace(model, x0=np.zeros(model.n), P0=contract.doubles(P))
+    nothing = Noise(contract.zeros(P.shape, P))
+    return how.predict(how.start(there, P), contract.identity(model.n, P), x, nothing)
+
+
+def innovation(x: Numbers, P: Numbers, z: Numbers, H: Numbers, R: Noise) -> tuple[Array, Array]:
+    """ν and S in doubles."""
+    return contract.doubles(z - H @ x), contract.doubles(H @ P @ H.T + R.matrix)
 
 
 def _finite(form: str, P0: Array, dt: float, x: Array, P: Array) -> None:
@@ -421,7 +473,7 @@ def _finite(form: str, P0: Array, dt: float, x: Array, P: Array) -> None:
         raise FloatingPointError(msg)
 
 
-def _without_runs(found: Filtered) -> Filtered:
+def without_runs(found: Filtered) -> Filtered:
     """The histories of one record without the last axis."""
     return replace(
         found,
@@ -430,4 +482,5 @@ def _without_runs(found: Filtered) -> Filtered:
         innovation=found.innovation[..., 0],
         nis=found.nis[..., 0],
         log_likelihood=float(found.log_likelihood[0]),
+        log_likelihood_diffuse=float(found.log_likelihood_diffuse[0]),
     )

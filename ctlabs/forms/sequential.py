@@ -14,7 +14,7 @@ Source: Bierman, *Factorization Methods for Discrete Sequential Estimation* (197
 
 Operations per step (leading terms): 4n³ for the prediction, 8n² for each of m elements; m²n more to separate them.
 
-R = 0 and singular R: yes · singular Q, P0, Φ: yes · no information (``inf`` in P0): no. As accurate as Joseph's form.
+R = 0 and singular R: yes · singular Q, P0, Φ: yes. As accurate as Joseph's form.
 """
 
 from __future__ import annotations

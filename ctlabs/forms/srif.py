@@ -19,8 +19,7 @@ Discrete Sequential Estimation* (1977), chapters V and VI; Cox & Higham, BIT 38 
 Operations per step (leading terms, s = rank of Q): 17n³/3 + 12sn² + 8s²n + 4s³/3 for the prediction, 4n³/3 + 2mn²
 + m²n for the update.
 
-R = 0 and singular R: no · singular Q: yes · singular P0: no · singular Φ: where ΦPΦᵀ + Q is regular · no information
-(``inf`` in P0): yes, ρ begins with zero columns there.
+R = 0 and singular R: no · singular Q: yes · singular P0: no · singular Φ: where ΦPΦᵀ + Q is regular.
 """
 
 from __future__ import annotations
@@ -37,29 +36,24 @@ EPS = float(np.finfo(float).eps)
 
 
 class State(NamedTuple):
-    """``rho`` (n, n), upper triangular · ``b`` (n, runs) · ``full``: whether something is known of every state."""
+    """``rho`` (n, n), upper triangular · ``b`` (n, runs)."""
 
     rho: Numbers
     b: Numbers
-    full: bool
 
 
 def start(model: DiscreteModel, P0: Numbers) -> State:
     """The state at t0."""
-    given = ~contract.unknown(P0)
-    rho = contract.zeros(P0.shape, P0)
-    if given.any():
-        inner = np.ix_(given, given)
-        if not contract.definite(P0[inner]):
-            contract.refuse("srif", "a P0 with an inverse", "a singular one")
-        lower = contract.inverse(Noise(P0[inner]).root)
-        rho[inner] = contract.triangular(lower.T.copy()).T
-    return State(rho, rho @ contract.column(model, P0), bool(given.all()))
+    if not contract.definite(contract.known("srif", P0)):
+        contract.refuse("srif", "a P0 with an inverse", "a singular one")
+    lower = contract.inverse(Noise(P0).root)
+    rho = contract.triangular(lower.T.copy()).T
+    return State(rho, rho @ contract.column(model, P0))
 
 
 def predict(state: State, Phi: Numbers, c: Numbers | None, Q: Noise) -> State:
     """One step ahead."""
-    (rho, b, full), (n, s) = state, Q.thin.shape
+    (rho, b), (n, s) = state, Q.thin.shape
     units = _units(rho)
     both = np.hstack([Phi * units, Q.thin])[::-1]  # from the last row up: T is upper triangular, and so is ρ
     w = np.hstack([contract.zeros((s, n), rho), contract.identity(s, rho)])
@@ -70,54 +64,44 @@ def predict(state: State, Phi: Numbers, c: Numbers | None, Q: Noise) -> State:
         contract.refuse("srif", "ΦPΦᵀ + Q with an inverse", "a singular Φ whose null space Q does not fill")
     unknown = np.hstack([turned[n:, n:], turned[n:, :n][:, ::-1]])  # v, then u
     equations = np.hstack([unknown, np.vstack([contract.zeros((s, b.shape[1]), b), b])])
-    left = _triangle(equations, s + n, s, full)
+    left = _triangle(equations, s + n, s)
     rho = contract.substituted(T.T.copy(), left[s : s + n, s:]).T.copy()
     b = left[s + n :, s:].T
-    return State(rho, b if c is None else b + rho @ c, full)
+    return State(rho, b if c is None else b + rho @ c)
 
 
 def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evidence]:
     """One instant's measurements, all at once."""
     if R.singular:
         contract.refuse("srif", "an R with an inverse", "a perfect measurement (a singular R)")
-    (rho, b, full), n = state, H.shape[1]
+    (rho, b), n = state, H.shape[1]
     b = np.repeat(b, z.shape[1] // b.shape[1], axis=1)  # of one run until data of several come in
     own = contract.substituted(R.root, np.hstack([H, z]))
-    left = _triangle(np.vstack([own, np.hstack([rho, b])]), n, n, full)
-    after = State(left[:n, :n].T.copy(), left[n:, :n].T.copy(), full)
-    if not full:
-        told = contract.of_known(*_recovered(state), z, H, R)
-        return after._replace(full=not contract.unknown(covariance(after)).any()), told
+    left = _triangle(np.vstack([own, np.hstack([rho, b])]), n, n)
+    after = State(left[:n, :n].T.copy(), left[n:, :n].T.copy())
     S_root = R.root.diagonal().copy()
     S_root[0] = S_root[0] * np.prod(after.rho.diagonal() / rho.diagonal())  # the product is √det S
     return after, contract.whitened(left[n:, n:].T, S_root)
 
 
 def mean(state: State) -> Numbers:
-    """The estimate, (n, runs); NaN for a state not known at all."""
-    return contract.substituted_back(state.rho, state.b) if state.full else _recovered(state)[0]
+    """The estimate, (n, runs)."""
+    return contract.substituted_back(state.rho, state.b)
 
 
 def covariance(state: State) -> Numbers:
-    """The covariance of its error, (n, n); ``inf`` for a state not known at all."""
-    if not state.full:
-        return _recovered(state)[1]
+    """The covariance of its error, (n, n)."""
     root = contract.substituted_back(state.rho, contract.identity(len(state.rho), state.rho))
     return root @ root.T
 
 
-def _triangle(equations: Numbers, unknown: int, first: int, full: bool) -> Numbers:
+def _triangle(equations: Numbers, unknown: int, first: int) -> Numbers:
     """The triangle, transposed, that orthogonal transformations from the left make of equations (rows).
 
-    Its first ``unknown`` columns are the unknowns'. The equations are put in the order of their size in the ``first``
-    ones. Where not every state is known what rounding leaves must not pass for information: it is set to zero.
+    Its first ``unknown`` columns are the unknowns'. The equations are put in the order of their size in the ``first`` ones.
     """
     order = np.argsort(-_size(contract.doubles(equations[:, :first])), kind="stable")
-    left = contract.triangularised(equations[order].T.copy(), unknown)
-    if not full:
-        rounding = 16 * len(equations) * EPS * _size(contract.doubles(equations.T))
-        left[np.abs(contract.doubles(left)) <= rounding[:, None]] = contract.like(0.0, left)
-    return left
+    return contract.triangularised(equations[order].T.copy(), unknown)
 
 
 def _size(rows: Numbers) -> Numbers:
@@ -130,21 +114,4 @@ def _units(rho: Numbers) -> Numbers:
 
     Powers of 2, so that nothing is rounded.
     """
-    size = _size(contract.doubles(rho.T))
-    return contract.like(np.where(size > 0, 2.0 ** -np.round(np.log2(np.where(size > 0, size, 1.0))), 1.0), rho)
-
-
-def _recovered(state: State) -> tuple[Numbers, Numbers]:
-    """Mean and covariance by the pseudoinverse of ρ; what its null space reaches is not known."""
-    rho = contract.doubles(state.rho)
-    scale = _size(rho.T)
-    scale[scale == 0] = 1.0
-    U, sizes, V = np.linalg.svd(rho / scale)
-    rank = int((sizes > 64 * len(rho) * EPS * max(1.0, sizes[0])).sum())
-    lost = (np.abs(V[rank:]) > EPS**0.5).any(axis=0)
-    root = contract.like((V[:rank].T / sizes[:rank]) @ U[:, :rank].T / scale[:, None], state.rho)
-    x, P = root @ state.b, root @ root.T
-    x[lost] = contract.like(np.nan, x)
-    P[lost], P[:, lost] = contract.zeros(1, P), contract.zeros(1, P)
-    P[lost, lost] = contract.like(np.inf, P)
-    return x, P
+    return contract.like(2.0 ** -np.round(np.log2(_size(contract.doubles(rho.T)))), rho)

@@ -10,7 +10,7 @@ Source: Maybeck vol. 1, section 5.8; Anderson & Moore, *Optimal Filtering* (1979
 
 Operations per step: 2n² for the prediction, 4mn for the update.
 
-R = 0, singular Q, P0, Φ: yes, where the limit exists · no information (``inf`` in P0): no · matrices that vary, missing
+R = 0, singular Q, P0, Φ: yes, where the limit exists · matrices that vary, missing
 elements, instants without a measurement: no, the gain then has no limit.
 """
 

@@ -14,7 +14,7 @@ Source: Bierman, *Factorization Methods for Discrete Sequential Estimation* (197
 
 Operations per step (leading terms, s = rank of Q): 4n³ + 2sn² for the prediction, 4n² for each of m elements.
 
-R = 0 and singular R: yes · singular Q, P0, Φ: yes · no information (``inf`` in P0): no.
+R = 0 and singular R: yes · singular Q, P0, Φ: yes.
 """
 
 from __future__ import annotations

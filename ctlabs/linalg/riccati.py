@@ -30,8 +30,8 @@ import numpy as np
 from ctlabs._check import Array
 from ctlabs.linalg import manyfold, undriven
 from ctlabs.linalg.lyapunov import Operator, lost, prove
-from ctlabs.linalg.starts import ADDED, LARGE, Plain, doubled, starts
 from ctlabs.linalg.manyfold import Manyfold, Matrix, high
+from ctlabs.linalg.starts import ADDED, LARGE, Plain, doubled, starts
 from ctlabs.linalg.units import balanced
 
 #: A solution counts as one below this bound of its error, in standard deviations.
@@ -82,7 +82,7 @@ class Equation(NamedTuple):
             self.continuous,
         )
 
-    def without_N(self) -> Equation:  # noqa: N802, the matrix's name
+    def without_N(self) -> Equation:
         """Transition and noise given what the measurements tell of the noise; what is rounding of its own terms is zero."""
         N = self.N.high
         if not N.any():

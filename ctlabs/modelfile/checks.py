@@ -221,9 +221,9 @@ def _refused(name: str, value: Array) -> list[Problem]:
     """What a model says about a matrix."""
     place_of = f"model.{name}"
     try:
-        if name in COVARIANCES:
+        if name in COVARIANCES and name != "P0":
             _check.covariance(place_of, value, value.shape)
-        elif name == "R":
+        elif name in ("R", "P0"):
             _check.measurement_covariance(place_of, value, value.shape)
         else:
             _check.array(place_of, value)

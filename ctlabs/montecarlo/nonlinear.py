@@ -20,6 +20,7 @@ import numpy as np
 
 from ctlabs import _check
 from ctlabs._check import Array
+from ctlabs.linalg import rounding
 from ctlabs.models import at
 from ctlabs.montecarlo.plan import Design, entry, whiten
 
@@ -213,7 +214,7 @@ class Extended:
         K = np.swapaxes(_solve(S, np.swapaxes(cross, 1, 2)), 1, 2)
         left = np.eye(model.n) - K @ H
         after = _symmetric(left @ P @ np.swapaxes(left, 1, 2) + K @ R @ np.swapaxes(K, 1, 2))
-        self._P = _without_rounding(after, P)
+        self._P = rounding.corrected(after, P, K, H, S)
         self.x = x + (K @ nu)[:, :, 0].T
         return (nu * _solve(S, nu)).sum(axis=(1, 2)), float(used.sum())
 
@@ -245,13 +246,6 @@ def _stack(matrix: Array) -> Array:
 
 def _symmetric(P: Array) -> Array:
     return 0.5 * (P + np.swapaxes(P, 1, 2))
-
-
-def _without_rounding(P_plus: Array, P_minus: Array) -> Array:
-    """Exact zeros for the states that a perfect measurement determined, as in :mod:`ctlabs.kalman`."""
-    before, after = (np.diagonal(P, axis1=1, axis2=2) for P in (P_minus, P_plus))
-    known = after <= 16 * P_plus.shape[1] * np.finfo(float).eps * before
-    return np.where(known[:, :, None] | known[:, None, :], 0.0, P_plus) if known.any() else P_plus
 
 
 def _derivative(function: Callable[[Array], Array], x: Array, scale: Array) -> Array:

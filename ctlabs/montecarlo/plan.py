@@ -104,6 +104,7 @@ class Gains:
 
 def truth_arrays(model: DiscreteModel, steps: int) -> Truth:
     """Factors and matrices of a truth over ``steps`` steps."""
+    _check.finite_start("a simulation", model.P0)
     n, m = model.n, model.m
     varies = model.R.ndim == 3 or model.Qd.ndim == 3
     joint = np.array([_noise(model, k) for k in range(steps + 1 if varies else 1)])

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from ctlabs import _check, contradictions, forms, kalman
 from ctlabs._check import Array
 from ctlabs.contradictions import Contradiction
-from ctlabs.forms.run import _innovation
+from ctlabs.forms import contract, vague
+from ctlabs.forms.run import innovation, taken_over
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.online import files
 from ctlabs.online.plants import Given, Instant, finite_time, plant, short
@@ -54,8 +55,8 @@ class Filter:
     t0 : time of x0 and P0, s
     first : 1 (the first measurement comes after t0) or 0 (it may come at t0)
     memory : how many instants before the present one are kept for late measurements
-    P0 : (n, n), in place of the model's; ``inf`` on its diagonal means that nothing is known of that state, which the
-        forms ``information`` and ``srif`` allow
+    P0 : (n, n), in place of the model's; ``inf`` on its diagonal means that nothing is known of that state. The algorithm
+        takes over when something is known of every state (:mod:`ctlabs.forms.vague`)
 
     Raises
     ------
@@ -88,13 +89,17 @@ class Filter:
         self._plant = plant(model, algorithm, R, finite_time("t0", t0), P0)
         self._algorithm, self._form, self._first = algorithm, forms.FORMS[algorithm], int(first)
         self._memory = _check.count("memory", memory, least=0)
-        self._before, self._begun = 0.0, False  # log-likelihood of what is forgotten; whether a step was made
-        state = self._form.start(self._plant.model, self._plant.P0)
-        known = JOSEPH.start(self._plant.model, self._plant.model.P0) if self._plant.perfect else None
+        self._before, self._begun = (0.0, 0.0), False  # log-likelihoods of what is forgotten; whether a step was made
+        state: Any = vague.start(self._plant.model, self._plant.P0)
+        if state.settled or algorithm == "steady":
+            state = self._form.start(self._plant.model, self._plant.P0)
+        settled = not isinstance(state, vague.State)
+        known = JOSEPH.start(self._plant.model, self._plant.P0) if self._plant.perfect and settled else None
         z = np.full(self._plant.model.m, np.nan)
         none, S, u = np.zeros(len(z), dtype=bool), np.diag(np.full(len(z), np.inf)), self._plant.input(None)
-        exact = contradictions.begun(self._plant.model.x0, self._plant.P0) if self._plant.perfect else None
-        told = (z, S, np.nan, 0.0, exact, exact, z, z)
+        perfect = self._plant.perfect and settled
+        exact = contradictions.begun(self._plant.model.x0, self._plant.P0) if perfect else None
+        told = (z, S, np.nan, 0.0, 0.0, exact, exact, z, z)
         start = Instant(0, self._plant.t0, u, z, none, state, state, known, known, *told)
         self._past = [start]
 
@@ -150,12 +155,12 @@ class Filter:
     @property
     def x(self) -> Array:
         """Estimate of the state at the present, (n,); NaN where nothing is known of a state."""
-        return self._form.mean(self._past[-1].after)[:, 0].copy()
+        return _values(self._form, self._past[-1].after)[0][:, 0].copy()
 
     @property
     def P(self) -> Array:
         """Covariance of its error, (n, n); ``inf`` on the diagonal where nothing is known of a state."""
-        P = self._form.covariance(self._past[-1].after)
+        P = _values(self._form, self._past[-1].after)[1]
         return 0.5 * (P + P.T)
 
     @property
@@ -170,10 +175,21 @@ class Filter:
 
     @property
     def log_likelihood(self) -> float:
-        """The logarithm of the joint density of everything measured so far; −∞ after a contradiction."""
-        total = self._before
+        """The logarithm of the joint density of everything measured so far, since something is known of every state.
+
+        It is −∞ after a contradiction.
+        """
+        total = self._before[0]
         for instant in self._past:  # one by one: the sum must not depend on how many are remembered
             total += instant.log_likelihood
+        return total
+
+    @property
+    def log_likelihood_diffuse(self) -> float:
+        """The same of everything measured, after a start without information (:class:`ctlabs.forms.Filtered`)."""
+        total = self._before[1]
+        for instant in self._past:
+            total += instant.diffuse
         return total
 
     def save(self, path: str | Path) -> None:
@@ -185,6 +201,7 @@ class Filter:
         header, arrays = files.described(plant.given)
         header |= {"algorithm": self._algorithm, "t0": plant.t0, "first": self._first, "memory": self._memory}
         header |= {"begun": self._begun, "before": self._before, "instants": len(self._past)}
+        header |= {"columns": [[_columns(instant.before), _columns(instant.after)] for instant in self._past]}
         arrays |= {"option.P0": plant.P0} | ({} if plant.R is None else {"option.R": plant.R})
         for i, instant in enumerate(self._past):
             arrays |= {f"instant.{i}.{j}": np.asarray(leaf) for j, leaf in enumerate(files.leaves(instant))}
@@ -215,10 +232,24 @@ class Filter:
             memory=header["memory"],
             P0=arrays["option.P0"],
         )
-        start, saved = restored._past[0], range(_check.count("instants", header["instants"]))
-        restored._past = [files.filled(start, (arrays[f"instant.{i}.{j}"] for j in count())) for i in saved]
-        restored._before, restored._begun = float(header["before"]), bool(header["begun"])
+        saved, columns = range(_check.count("instants", header["instants"])), header["columns"]
+        restored._past = [
+            files.filled(restored._template(*columns[i]), (arrays[f"instant.{i}.{j}"] for j in count())) for i in saved
+        ]
+        own, diffuse = header["before"]
+        restored._before, restored._begun = (float(own), float(diffuse)), bool(header["begun"])
         return restored
+
+    def _template(self, before: int | None, after: int | None) -> Instant:
+        """An instant of the right shapes, given how many columns its states have before the form takes over."""
+        start, n = self._past[0], self._plant.model.n
+        if before is None and after is None and not isinstance(start.after, vague.State):
+            return start
+        own = taken_over(self._form, self._plant.model, np.zeros((n, 1)), np.eye(n))
+        known = taken_over(JOSEPH, self._plant.model, np.zeros((n, 1)), np.eye(n)) if self._plant.perfect else None
+        states = [own if d is None else start.after._replace(A=np.zeros((n, d))) for d in (before, after)]
+        known = None if isinstance(states[0], vague.State) else known
+        return start._replace(before=states[0], after=states[1], ahead=known, known=known)
 
     # What is measured, in its place ---------------------------------------------------------------------------------
 
@@ -270,17 +301,27 @@ class Filter:
         for given in way:
             past.append(self._updated(self._predicted(past[-1], given), given.z))
             if len(past) > self._memory + 1:
-                before += past.pop(0).log_likelihood
+                gone = past.pop(0)
+                before = (before[0] + gone.log_likelihood, before[1] + gone.diffuse)
         self._past, self._before = past, before
 
     def _predicted(self, last: Instant, given: Given) -> Instant:
         """The next instant before its data."""
-        motion = self._plant.motion(last, given)
-        before, ahead, exact = self._form.predict(last.after, *motion), last.known, last.gathered
-        if ahead is not None:
-            ahead = JOSEPH.predict(ahead, *motion)
-            x, P, (Phi, c, Q) = self._form.mean(last.after), self._form.covariance(last.after), motion
-            exact = contradictions.predicted(exact, x, P, Phi, c, Q.matrix, self._plant.model.m)
+        motion, model = self._plant.motion(last, given), self._plant.model
+        before, ahead, exact = last.after, last.known, last.gathered
+        if isinstance(before, vague.State):
+            before = vague.predict(before, *motion)
+            if before.settled:
+                x, P = before.x, before.P
+                before = taken_over(self._form, model, x, P)
+                if self._plant.perfect:
+                    ahead, exact = taken_over(JOSEPH, model, x, P), contradictions.begun(x[:, 0], P)
+        else:
+            if ahead is not None:
+                ahead = JOSEPH.predict(ahead, *motion)
+                x, P, (Phi, c, Q) = self._form.mean(before), self._form.covariance(before), motion
+                exact = contradictions.predicted(exact, x, P, Phi, c, Q.matrix, model.m)
+            before = self._form.predict(before, *motion)
         return last._replace(k=last.k + 1, t=given.t, u=given.u, before=before, ahead=ahead, approaching=exact)
 
     def _updated(self, instant: Instant, z: Array) -> Instant:
@@ -290,23 +331,40 @@ class Filter:
         if instant.ahead is not None:
             used = kalman._informative(instant.ahead.P, H, kalman._absent(R, ~used))
         nu, S = np.full(len(z), np.nan), np.diag(np.full(len(z), np.inf))
-        after, known, nis, log_likelihood = instant.before, instant.ahead, np.nan, 0.0
+        changed = instant._replace(z=z, used=used, after=instant.before, known=instant.ahead, innovation=nu, S=S)
+        changed = changed._replace(nis=np.nan, log_likelihood=0.0, diffuse=0.0)
         if used.any():
             own = (z[used, None], H[used], self._plant.noise(R, used))
-            after, told = self._form.update(instant.before, *own)
-            if known is not None:
-                known = JOSEPH.update(known, *own)[0]
-            x, P = self._form.mean(instant.before), self._form.covariance(instant.before)
-            nu[used, None], S[np.ix_(used, used)] = _innovation(x, P, *own)
-            if np.isfinite(S.diagonal()[used]).all():  # what was not known at all says nothing of the model
-                nis, log_likelihood = float(told.nis[0]), float(told.log_likelihood[0])
-        self._finite(instant.t, after, S.diagonal()[used])
-        changed = instant._replace(z=z, used=used, after=after, known=known, innovation=nu, S=S)
-        if known is not None:
+            changed = self._vaguely(changed, own) if isinstance(instant.before, vague.State) else self._told(changed, own)
+        self._finite(instant.t, changed.after, changed.S.diagonal()[changed.used])
+        if changed.known is not None:
             changed = self._compared(changed, H, R)
             if _contradictions(changed):
-                log_likelihood = -np.inf
-        return changed._replace(nis=nis, log_likelihood=log_likelihood)
+                changed = changed._replace(log_likelihood=-np.inf, diffuse=-np.inf)
+        return changed
+
+    def _told(self, instant: Instant, own: tuple[Array, Array, contract.Noise]) -> Instant:
+        """The instant after its elements used, by the form."""
+        after, told = self._form.update(instant.before, *own)
+        known = None if instant.ahead is None else JOSEPH.update(instant.ahead, *own)[0]
+        nu, S, used = instant.innovation, instant.S, instant.used
+        x, P = _values(self._form, instant.before)
+        nu[used, None], S[np.ix_(used, used)] = innovation(x, P, *own)
+        both = float(told.nis[0]), float(told.log_likelihood[0])
+        return instant._replace(after=after, known=known, nis=both[0], log_likelihood=both[1], diffuse=both[1])
+
+    def _vaguely(self, instant: Instant, own: tuple[Array, Array, contract.Noise]) -> Instant:
+        """The instant after its elements used, before the form takes over."""
+        before, nu, S, used = instant.before, instant.innovation, instant.S, instant.used.copy()
+        after, told = vague.update(before, *own)
+        values, variances = vague.innovation(before, *own)
+        used[used] = told.used
+        nu[used, None], S[np.ix_(used, used)] = values[told.used], variances[np.ix_(told.used, told.used)]
+        changed = instant._replace(after=after, used=used, diffuse=float(told.log_likelihood[0]))
+        if before.unknown == 0:
+            changed = changed._replace(log_likelihood=changed.diffuse)
+        finite = used.any() and np.isfinite(S.diagonal()[used]).all()
+        return changed._replace(nis=float(told.nis[0]) if finite else np.nan)
 
     def _compared(self, instant: Instant, H: Array, R: Array) -> Instant:
         """The instant with what its measurements say of what was known already."""
@@ -316,7 +374,7 @@ class Filter:
 
     def _finite(self, t: float, state: Any, variances: Array) -> None:
         """An overflow is refused; from a start without information NaN and inf have their meaning."""
-        x, P = self._form.mean(state), self._form.covariance(state)
+        x, P = _values(self._form, state)
         start = not np.isfinite(self._plant.P0).all()
         free = np.isposinf(P.diagonal()) & start
         finite = (np.isfinite(P) | np.diag(free)).all() and (np.isfinite(x[:, 0]) | free).all()
@@ -331,3 +389,14 @@ def _contradictions(instant: Instant) -> tuple[Contradiction, ...]:
     return tuple(
         Contradiction(instant.k, int(i), float(instant.excess[i]), float(instant.allowed[i])) for i in wrong.tolist()
     )
+
+
+def _values(form: Any, state: Any) -> tuple[Array, Array]:
+    """Mean (n, 1) and covariance (n, n) of a form's state, or of one before the form takes over."""
+    how = vague if isinstance(state, vague.State) else form
+    return how.mean(state), how.covariance(state)
+
+
+def _columns(state: Any) -> int | None:
+    """How many columns a state has before the form takes over; ``None`` after that."""
+    return state.A.shape[1] if isinstance(state, vague.State) else None

@@ -12,7 +12,7 @@ from ctlabs import _check, kalman
 from ctlabs._check import Array
 from ctlabs.discretise import interval
 from ctlabs.forms.contract import Noise
-from ctlabs.forms.run import _start
+from ctlabs.forms.run import started
 from ctlabs.models import ContinuousModel, DiscreteModel, at
 from ctlabs.text import moment
 
@@ -27,6 +27,8 @@ SKIPPED = 10**6
 class Instant(NamedTuple):
     """One instant: the known input until then, the data, and the form's states before and after the update.
 
+    Until a vague start is over they are those of :mod:`ctlabs.forms.vague`. ``diffuse`` is the log-likelihood of everything measured,
+    ``log_likelihood`` that of what is measured when something is known of every state.
     ``known`` is Joseph's state after the update where some measurements are perfect: it tells which of them are known
     already, as in :mod:`ctlabs.forms.run`; ``ahead`` the same before the update. Of those that are, ``excess`` (m,) is the
     innovation and ``allowed`` (m,) what rounding explains of it, from what it may have ``gathered`` in x (and ``approaching``
@@ -46,6 +48,7 @@ class Instant(NamedTuple):
     S: Array
     nis: float
     log_likelihood: float
+    diffuse: float
     approaching: Any
     gathered: Any
     excess: Array
@@ -71,7 +74,8 @@ class Plant:
         self, given: DiscreteModel | ContinuousModel, model: DiscreteModel, R: Array | None, t0: float, P0: Any
     ) -> None:
         self.given, self.R, self.t0 = given, R, t0
-        self.model, self.P0 = _start(model, P0)
+        self.model = started(model, P0)
+        self.P0 = self.model.P0
         self.perfect = any(kalman._perfect(R).any() for R in model.R.reshape(-1, model.m, model.m))
         self._kept: dict[Any, Any] = {}
 

@@ -123,7 +123,7 @@ def motion(system: System, k: int, pick: Array, count: int, Phi: Array, Q: Array
     for i in range(n):
         for j in range(i):
             Q[j, i] = Q[i, j]
-    if count > 0:  # exact zeros for a disturbance that the measurement gives away, as in kalman._without_rounding
+    if count > 0:  # exact zeros for a disturbance that the measurement gives away: rounding.difference
         for i in range(n):
             if Q[i, i] <= 16 * n * EPS * W[i, i]:
                 Q[i, :] = 0.0

@@ -15,8 +15,10 @@ import numpy as np
 
 from ctlabs import compiled
 from ctlabs._check import Array
+from ctlabs.linalg import rounding
 from ctlabs.recursions.common import (
     CANCELLED,
+    EPS,
     System,
     alike,
     entry,
@@ -28,13 +30,16 @@ from ctlabs.recursions.common import (
     triangle,
 )
 
+#: As in :mod:`ctlabs.linalg.rounding`.
+MARGIN = rounding.MARGIN
 LOG_2PI = float(np.log(2 * np.pi))
 #: P is at its fixed point when what is left of its way there is below this fraction of the standard deviations.
 SETTLED = 1e-13
 #: The longest wait, in steps, from one look at the fixed point to the next.
 PATIENCE = 4096
 
-#: How a record ended: at its last row, or before, with the reason.
+#: How a record ended: at its last row, or before, with the reason. PERFECT: where a perfect measurement is of what is known, or
+#: N ≠ 0 beside a singular R.
 DONE, PERFECT, OVERFLOW, INDEFINITE = 0, 1, 2, 3
 
 
@@ -82,8 +87,32 @@ def predict(P: Array, Phi: Array, Q: Array, ahead: Array, work: Array, size: Arr
 
 
 @helper
-def gain(P: Array, H: Array, R: Array, pick: Array, count: int, S: Array, C: Array, Kt: Array) -> bool:
-    """S and its factor C of the elements picked (in the leading rows), Kᵀ (m, n); False: S is not definite."""
+def terms(P: Array, H: Array, R: Array, pick: Array, a: int, C: Array, size: Array) -> float:
+    """The size of the terms of the variance that element a has when those before it are known; ``size`` (2, m) is filled."""
+    for b in range(a + 1):
+        s = 0.0
+        for j in range(P.shape[0]):
+            s += abs(H[pick[b], j]) * np.sqrt(max(P[j, j], 0.0))
+        size[0, b] = np.sqrt(s * s + R[pick[b], pick[b]])
+    total = size[0, a]
+    for b in range(a - 1, -1, -1):  # the weights of those before it
+        s = C[a, b]
+        for c in range(b + 1, a):
+            s -= C[c, b] * size[1, c]
+        size[1, b] = s / C[b, b]
+        total += abs(size[1, b]) * size[0, b]
+    return total * total
+
+
+@helper
+def gain(
+    P: Array, H: Array, R: Array, pick: Array, count: int, d: Array, S: Array, C: Array, Kt: Array, size: Array
+) -> int:
+    """S and its factor C of the elements picked (in the leading rows), Kᵀ (m, n); how it ended.
+
+    INDEFINITE: S is not, or as far as rounding tells; PERFECT: an element without a noise of its own (d = 0) is known from
+    what was before it, its variance being rounding of its own terms, as in :mod:`ctlabs.kalman`.
+    """
     n = P.shape[0]
     for a in range(count):
         for j in range(n):
@@ -103,10 +132,13 @@ def gain(P: Array, H: Array, R: Array, pick: Array, count: int, S: Array, C: Arr
                 s -= C[a, c] * C[b, c]
             if a > b:
                 C[a, b] = s / C[b, b]
-            elif s > 0.0:
-                C[a, a] = np.sqrt(s)
             else:
-                return False
+                lost = MARGIN * n * EPS * terms(P, H, R, pick, a, C, size)
+                if d[a] == 0.0 and s <= 4 * lost:
+                    return PERFECT
+                if not s > lost:
+                    return INDEFINITE
+                C[a, a] = np.sqrt(s)
     for a in range(count):
         for b in range(a):
             for j in range(n):
@@ -119,7 +151,7 @@ def gain(P: Array, H: Array, R: Array, pick: Array, count: int, S: Array, C: Arr
                 Kt[a, j] -= C[b, a] * Kt[b, j]
         for j in range(n):
             Kt[a, j] /= C[a, a]
-    return True
+    return DONE
 
 
 @helper
@@ -156,11 +188,55 @@ def joseph(
 
 
 @helper
+def determined(
+    P: Array, P_minus: Array, Kt: Array, H: Array, pick: Array, count: int, B: Array, S: Array, C: Array, work: Array
+) -> None:
+    """Exact zeros in P for states that perfect measurements determined: :func:`ctlabs.linalg.rounding.corrected`."""
+    n = P.shape[0]
+    inverse, size = np.zeros((count, count)), np.zeros((count, count))
+    for c in range(count):  # S⁻¹ = C⁻ᵀC⁻¹
+        for a in range(count):
+            s = 1.0 if a == c else 0.0
+            for b in range(a):
+                s -= C[a, b] * inverse[b, c]
+            inverse[a, c] = s / C[a, a]
+        for a in range(count - 1, -1, -1):
+            s = inverse[a, c]
+            for b in range(a + 1, count):
+                s -= C[b, a] * inverse[b, c]
+            inverse[a, c] = s / C[a, a]
+    for a in range(count):
+        for b in range(count):
+            for c in range(count):
+                size[a, b] += abs(S[a, c]) * abs(inverse[c, b])
+    for i in range(n):
+        for a in range(count):
+            s = 0.0
+            for b in range(count):
+                s += abs(Kt[b, i]) * size[b, a]
+            inverse[a, 0] = s
+        left, whole = 0.0, 0.0
+        for j in range(n):
+            sd = np.sqrt(max(P_minus[j, j], 0.0))
+            s = 1.0 if i == j else 0.0
+            for a in range(count):
+                s += inverse[a, 0] * abs(H[pick[a], j])
+            left += abs(B[i, j]) * sd
+            whole += s * sd
+        level = MARGIN * n * EPS
+        work[0, i] = P[i, i] <= level * left * left + (level * whole) ** 2
+    for i in range(n):
+        if work[0, i] > 0:
+            P[i, :] = 0.0
+            P[:, i] = 0.0
+
+
+@helper
 def near(P: Array, before: Array) -> bool:
     """Whether one step changed P by less than the tolerance."""
     for i in range(P.shape[0]):
         for j in range(i + 1):
-            if abs(P[i, j] - before[i, j]) > SETTLED * np.sqrt(P[i, i]) * np.sqrt(P[j, j]):
+            if not abs(P[i, j] - before[i, j]) <= SETTLED * np.sqrt(P[i, i]) * np.sqrt(P[j, j]):
                 return False
     return True
 
@@ -237,8 +313,10 @@ def put(
 
 
 @numba.njit(nogil=True, error_model="numpy")
-def forward(system: System, x0: Array, P0: Array, z: Array, used: Array, out: Histories) -> tuple[int, int, float]:
-    """Filter a record; how it ended, at which step, and the log-likelihood.
+def forward(
+    system: System, x0: Array, P0: Array, z: Array, used: Array, begin: int, out: Histories
+) -> tuple[int, int, float]:
+    """Filter a record from the instant ``begin``, predicted as x0 and P0; how it ended, at which step, the log-likelihood.
 
     Where nothing but z and c varies, and P has come to its fixed point, the covariances are not computed again until
     other elements are measured than at the step before.
@@ -251,12 +329,12 @@ def forward(system: System, x0: Array, P0: Array, z: Array, used: Array, out: Hi
     S, C, Kt, RKt, B = np.empty((m, m)), np.empty((m, m)), np.empty((m, n)), np.empty((m, n)), np.empty((n, n))
     A, X, Y, work, size = np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty(n)
     Phi_N, Q_N, M = np.empty((n, n)), np.empty((n, n)), np.zeros((n, m))
-    L, d, pick = np.empty((m, m)), np.empty(m), np.empty(m, dtype=np.int64)
-    fixed, wait, look, half, total, count = False, 1, 0, 0.0, 0.0, 0
-    for k in range(rows):
-        same = k > 0 and alike(used[k], used[k - 1])
-        if k > 0:
-            if correlated and not (constant and k > 1 and alike(used[k - 1], used[k - 2])):
+    L, d, pick, sizes = np.empty((m, m)), np.empty(m), np.empty(m, dtype=np.int64), np.empty((2, m))
+    fixed, wait, look, half, total, count, perfect = False, 1, 0, 0.0, 0.0, 0, False
+    for k in range(begin, rows):
+        same = k > begin and alike(used[k], used[k - 1])
+        if k > begin:
+            if correlated and not (constant and k > begin + 1 and alike(used[k - 1], used[k - 2])):
                 count = picked(used[k - 1], pick)
                 motion(system, k - 1, pick, count, Phi_N, Q_N, M, L, d)
             Phi = Phi_N if correlated else entry(system.Phi, k - 1)
@@ -277,12 +355,17 @@ def forward(system: System, x0: Array, P0: Array, z: Array, used: Array, out: Hi
         H, R = entry(system.H, k), entry(system.R, k)
         if not fixed or not same:
             count = picked(used[k], pick)
-            if (not constant or not same) and not triangle(R, L, d, pick, count):
-                return PERFECT, k, np.nan
-            if not gain(P_minus, H, R, pick, count, S, C, Kt):
-                return INDEFINITE, k, np.nan
+            if correlated or not constant or not same:
+                perfect = not triangle(R, L, d, pick, count)
+                if perfect and correlated:
+                    return PERFECT, k, np.nan
+            end = gain(P_minus, H, R, pick, count, d, S, C, Kt, sizes)
+            if end != DONE:
+                return end, k, np.nan
             closed(Kt, H, pick, count, B)
             joseph(P_minus, R, Kt, B, pick, count, P, work, RKt)
+            if perfect:
+                determined(P, P_minus, Kt, H, pick, count, B, S, C, work)
             half = 0.5 * count * LOG_2PI
             for a in range(count):
                 half += np.log(C[a, a])

@@ -214,7 +214,8 @@ def _transient(report: Report, model: DiscreteModel, steps: int, first: int, lim
     """Standard deviations and gains over time, and the sources of the error at the end."""
     plan = kalman.schedule(model, steps, first)
     for i, (name, unit) in enumerate(list(zip(model.states, model.units, strict=True))[: common.SHOWN]):
-        curves = {_("before an update"): plan.sd_minus[:, i], _("after it"): plan.sd_plus[:, i]}
+        both = (np.where(np.isfinite(sd[:, i]), sd[:, i], np.nan) for sd in (plan.sd_minus, plan.sd_plus))
+        curves = dict(zip((_("before an update"), _("after it")), both, strict=True))
         limits = None
         if limit is not None:
             limits = {_("before an update"): kalman.sd(limit.P_minus)[i], _("after it"): kalman.sd(limit.P_plus)[i]}
@@ -227,6 +228,9 @@ def _transient(report: Report, model: DiscreteModel, steps: int, first: int, lim
         )
     report.value("sd_minus_end", plan.sd_minus[-1], common.units(model))
     report.value("sd_plus_end", plan.sd_plus[-1], common.units(model))
+    if not np.isfinite(model.P0).all():
+        report.says(_("No error budget: nothing is known of a state at the start (`inf` in P0), so that it has no size."))
+        return
     budget = sensitivity.budget(model, steps, first=first)
     report.table(
         "budget",
@@ -252,10 +256,10 @@ def _bucy(report: Report, model: ContinuousModel) -> None:
     report.value("P_steady_continuous", limit.P)
     report.value("gain_steady_continuous", limit.Kc)
     report.value("filter_poles_continuous", limit.poles, "1/s")
-    settled = bucy.settling_time(model)
-    report.value(
-        "settling_time_continuous", settled, "s", reason=_never(np.diag(limit.P), _("any time that was searched"))
-    )
+    known = bool(np.isfinite(model.P0).all())
+    settled = bucy.settling_time(model) if known else None
+    why = _never(np.diag(limit.P), _("any time that was searched")) if known else _("nothing is known at the start")
+    report.value("settling_time_continuous", settled, "s", reason=why)
     slowest = -float(limit.poles.real.max(initial=-np.inf))
     if 0 < slowest < math.inf:
         variance = np.diag(limit.P)

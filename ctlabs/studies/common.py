@@ -195,8 +195,13 @@ def delicacy(P_minus: Array, P_plus: Array, S: Array, most: int) -> float:
     """How much rounding is magnified: the largest condition number of P⁺ and S, of at most ``most`` rows of each.
 
     They are rows at equal distances, and those whose update lessens a variance most. Or, where it is larger, that
-    factor in units of 1/ε: Joseph's form squares I − KH, whose rounding ε then stands beside what is left.
+    factor in units of 1/ε: Joseph's form squares I − KH, whose rounding ε then stands beside what is left. Rows at which something
+    is unknown do not count.
     """
+    known = np.isfinite(P_minus).all(axis=(1, 2))
+    if not known.any():
+        return 1.0
+    P_minus, P_plus, S = P_minus[known], P_plus[known], S[known]
     before, after = (np.diagonal(P, axis1=1, axis2=2) for P in (P_minus, P_plus))
     lessened = (before / np.where(after > 0, after, np.inf)).max(axis=1)
     rows = {*range(0, len(P_plus), -(-2 * len(P_plus) // most)), *np.argsort(lessened)[-most // 2 :].tolist()}
@@ -210,11 +215,11 @@ def delicacy(P_minus: Array, P_plus: Array, S: Array, most: int) -> float:
 def wide(*curves: Array) -> str:
     """The axis to draw logarithmically: "y" where positive curves span more than two orders of magnitude."""
     values = np.concatenate(curves)
-    return "y" if 0 < 100 * values.min() < values.max() else ""
+    return "y" if 0 < 100 * np.nanmin(values) < np.nanmax(values) else ""
 
 
 def states_table(
-    report: Report, name: str, model: DiscreteModel, columns: Mapping[str, Iterable[float]], caption: str
+    report: Report, name: str, model: DiscreteModel, columns: Mapping[str, Iterable[float | None]], caption: str
 ) -> None:
     """A table with a row per state and a column per quantity."""
     rows = zip(model.states, model.units, *columns.values(), strict=True)

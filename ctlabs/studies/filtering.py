@@ -150,10 +150,19 @@ def _estimates(report: Report, run: Run) -> None:
     """The estimates in figures, the last ones in a table, and the second route."""
     model, found = run.model, run.filtered
     _figures(report, run)
-    columns = {_("estimate"): found.x_plus[-1], "σ": kalman.sd(found.P_plus)[-1]}
+    x, sd = found.x_plus[-1], kalman.sd(found.P_plus)[-1]
+    known = np.isfinite(sd).tolist()
+    columns = {_("estimate"): [v if there else None for v, there in zip(x.tolist(), known, strict=True)], "σ": sd}
     common.states_table(report, "last", model, columns, _("The last estimates."))
-    report.value("estimate_end", found.x_plus[-1], common.units(model))
-    report.value("sd_end", kalman.sd(found.P_plus)[-1], common.units(model))
+    if all(known):
+        report.value("estimate_end", x, common.units(model))
+        report.value("sd_end", sd, common.units(model))
+    else:
+        names = ", ".join(name for name, there in zip(model.states, known, strict=True) if not there)
+        reason = fill(_("the record does not determine {names}, of which nothing was known at the start"), names=names)
+        report.value("estimate_end", None, common.units(model), reason=reason)
+        report.value("sd_end", None, common.units(model), reason=reason)
+        report.says(_("No estimate of every state: {reason}."), reason=reason)
     _second_route(report, run)
     if run.smoothed is not None:
         _smoothed_route(report, run)
@@ -222,15 +231,19 @@ def _second_route(report: Report, run: Run) -> None:
     model = run.model.cut(steps)
     other = kalman.filter_runs(model, run.z[: steps + 1], first=run.first)
     routes = (_("this form of the filter"), _("filterpy"))
+    known = np.isfinite(other.schedule.P_plus).all(axis=(1, 2))
+    if not known.any():
+        return
     _same_estimates(report, run, other.x_plus[:, :, 0], kalman.sd(other.schedule.P_plus), routes)
-    ours = run.filtered.P_plus[: steps + 1]
-    report.check(_("error covariances, scaled to unit variances"), ours, other.schedule.P_plus, routes, SOLVER)
+    ours, theirs = (P[: steps + 1][known] for P in (run.filtered.P_plus, other.schedule.P_plus))
+    report.check(_("error covariances, scaled to unit variances"), ours, theirs, routes, SOLVER)
 
 
 def _same_estimates(report: Report, run: Run, x: Array, sd: Array, routes: tuple[str, str]) -> None:
     """The estimates by another route, in units of their σ; of a state's own size no more than 14 digits are asked for."""
-    size = sd + 1e-6 * np.abs(x).max(axis=0, initial=0.0)
-    report.check(_("estimates"), run.filtered.x_plus[: len(x)], x, routes, SOLVER, scale=np.where(size > 0, size, 1.0))
+    known = np.isfinite(sd).all(axis=1)
+    size = sd[known] + 1e-6 * np.abs(x[known]).max(axis=0, initial=0.0)
+    report.check(_("estimates"), run.filtered.x_plus[: len(x)][known], x[known], routes, SOLVER, scale=np.where(size > 0, size, 1.0))
 
 
 def _steady_route(report: Report, run: Run) -> None:
@@ -255,6 +268,8 @@ def _verdict(report: Report, run: Run, units: Sequence[str]) -> None:
     found = run.filtered
     if "log_likelihood" not in report.values:
         report.value("log_likelihood", float(found.log_likelihood))
+        if found.log_likelihood_diffuse != found.log_likelihood:
+            report.value("log_likelihood_diffuse", float(found.log_likelihood_diffuse))
     known = int(contradictions.known(run.model, run.z, found.used, run.first).sum())
     excluded = excluding(report, run.model, found, run.t)
     measured = np.isfinite(found.innovation)

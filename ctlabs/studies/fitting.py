@@ -111,6 +111,7 @@ def _estimates(report: Report, model: ModelFile, found: Fit) -> None:
     report.table("estimates", columns, rows, caption)
     more = {
         "log_likelihood": found.log_likelihood,
+        **({} if found.log_likelihood_diffuse == found.log_likelihood else {"log_likelihood_diffuse": found.log_likelihood_diffuse}),
         "log_likelihood_start": found.start_log_likelihood,
         "aic": found.aic,
         "converged": found.converged,
@@ -144,7 +145,7 @@ def _profiles(report: Report, model: ModelFile, found: Fit) -> None:
         figure = pictures.likelihood_profiles(
             {name: (profile.values, profile.log_likelihood) for name, profile in found.profiles.items()},
             found.estimates,
-            top=found.log_likelihood,
+            top=found.log_likelihood_diffuse,
             labels={name: common.label(name, units[name]) for name in found.names},
             standard_errors=found.standard_errors,
         )
@@ -179,7 +180,9 @@ def _likelihood(report: Report, found: Fit, z: Array, first: int) -> None:
         report.says(_("The error covariance is nearly singular: forms of the filter differ by their rounding."))
         return
     total, count = 0.0, 0
-    for nu, S, used in zip(run.innovation[:, :, 0], run.schedule.S, run.schedule.measured, strict=True):
+    known = np.isfinite(run.schedule.P_minus).all(axis=(1, 2))
+    rows = (run.innovation[known, :, 0], run.schedule.S[known], run.schedule.measured[known])
+    for nu, S, used in zip(*rows, strict=True):
         seen = used & ~np.isnan(nu)
         if seen.any():
             e, own = nu[seen], S[np.ix_(seen, seen)]
