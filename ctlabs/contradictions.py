@@ -149,6 +149,16 @@ def innovations(model: DiscreteModel, z: Array, history: History | Gains, first:
     asked = known(model, z, history.used, first)
     runs = (z[..., None] if z.ndim == 2 else z).shape[2]
     e, allowed = np.full((*asked.shape, runs), np.nan), np.full(asked.shape, np.nan)
+    unknown = ~np.isfinite(history.P_plus).all(axis=(1, 2))
+    begun = int(np.flatnonzero(unknown).max(initial=-1)) + 1  # from here on something is known of every state
+    if asked[:begun].any():
+        _vaguely(getattr(history, "start", None), e, allowed)
+    if begun:  # what has been gathered until then is rounding of the estimate with which the others begin
+        rest = slice(begun, None)
+        if begun < len(z) and asked[rest].any():
+            later = _From(*(getattr(history, name)[rest] for name in _From._fields))
+            e[rest], allowed[rest] = innovations(_later(model, begun, later), z[rest], later, 0)
+        return e, allowed
     if asked.any():
         from ctlabs.recursions.rounding import Passed, bounds  # numba costs 0.3 s to import
 
@@ -159,6 +169,38 @@ def innovations(model: DiscreteModel, z: Array, history: History | Gains, first:
         size = np.sqrt(np.where(np.isfinite(model.P0.diagonal()), model.P0.diagonal(), 0.0))
         bounds(*_system(model, history.used), given(model.x0), size, 0, rows, e, allowed)
     return e, allowed
+
+
+class _From(NamedTuple):
+    """A history from an instant on."""
+
+    x_minus: Array
+    x_plus: Array
+    P_minus: Array
+    P_plus: Array
+    used: Mask
+
+
+def _vaguely(start: Any, e: Array, allowed: Array) -> None:
+    """What the first instants after a vague start say of what was known already, into ``e`` and ``allowed``."""
+    if start is None:
+        return
+    rows = len(start.terms)
+    e[:rows] = start.excess
+    for k in range(rows):
+        allowed[k] = vaguely(start.terms[k], start.P.shape[1], k)
+
+
+def vaguely(terms: Array, n: int, k: int) -> Array:
+    """What rounding explains of innovations that are sums of ``terms`` (m,), at instant k since a vague start of n states."""
+    return np.asarray(8 * (n + len(terms) + 2) * EPS * (k + 1) * terms)
+
+
+def _later(model: DiscreteModel, k: int, history: _From) -> DiscreteModel:
+    """The model from instant k on, with what was known then before its measurement."""
+    varying: dict[str, Any] = {name: M[k:] for name, (M, _extra) in model.varying().items()}
+    x0 = history.x_minus[0].reshape(model.n, -1)[:, 0]
+    return replace(model, x0=np.where(np.isfinite(x0), x0, 0.0), P0=history.P_plus[0], **varying)
 
 
 def given(x: Array) -> Rounding:

@@ -282,7 +282,7 @@ class DiscreteModel(_Display):
     @property
     def horizon(self) -> int | None:
         """The number of steps a time-varying model is given for; ``None`` for a constant one."""
-        given = {name: len(matrix) - extra for name, (matrix, extra) in self._varying().items()}
+        given = {name: len(matrix) - extra for name, (matrix, extra) in self.varying().items()}
         if len(set(given.values())) > 1:
             msg = f"matrices that vary: expected one number of steps, received {given}"
             raise ValueError(msg)
@@ -297,10 +297,10 @@ class DiscreteModel(_Display):
         """
         if self.horizon is None or self.horizon <= steps:
             return self
-        shorter: dict[str, Any] = {name: matrix[: steps + extra] for name, (matrix, extra) in self._varying().items()}
+        shorter: dict[str, Any] = {name: matrix[: steps + extra] for name, (matrix, extra) in self.varying().items()}
         return replace(self, **shorter)
 
-    def _varying(self) -> dict[str, tuple[Array, int]]:
+    def varying(self) -> dict[str, tuple[Array, int]]:
         """The matrices that vary, each with how many more entries it has than there are steps."""
         able = {"Phi": (2, 0), "Qd": (2, 0), "offset": (1, 0), "H": (2, 1), "R": (2, 1)}
         found = {name: (getattr(self, name), axes, extra) for name, (axes, extra) in able.items()}

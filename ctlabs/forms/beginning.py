@@ -23,7 +23,8 @@ class Start:
     ``x_minus``, ``x_plus`` (rows, n, runs), with any number where a state is not known · ``innovation`` (rows, m, runs) of x_minus,
     NaN where an element does not enter the update · ``P`` (rows, n, n), the covariance of e · ``A`` (rows, n, n), first the
     ``unknown`` (rows,) columns, then vague ones with δ ~ N(0, I), then zeros · ``determined`` (rows,), how many of the
-    unknown columns later measurements determine
+    unknown columns later measurements determine · ``excess`` (rows, m, runs), the innovations of perfect elements that were
+    known already, and the ``terms`` (rows, m) whose rounding may be in them; NaN for all others
     """
 
     x_minus: Array
@@ -33,6 +34,8 @@ class Start:
     A: Array
     unknown: NDArray[np.intp]
     determined: NDArray[np.intp]
+    excess: Array
+    terms: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,7 +94,7 @@ def begin(record: Record, P0: Numbers) -> Beginning | None:
         rows.append(row)
     found = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     later = np.append(found.pop("determined")[:0:-1].cumsum()[::-1], 0)
-    nominal = {name: found.pop("nominal_" + name) for name in ("x_minus", "x_plus", "innovation", "P", "A")}
+    nominal = {name: found.pop("nominal_" + name) for name in ("x_minus", "x_plus", "innovation", "P", "A", "excess", "terms")}
     start = Start(**nominal, unknown=found.pop("unknown"), determined=later)
     return Beginning(start, **found, x=state.x if state.settled else None, P=state.P if state.settled else None)
 
@@ -103,11 +106,13 @@ def _instant(record: Record, k: int, state: vague.State) -> tuple[dict[str, Any]
     own |= {"x_minus": _spread(vague.mean(state), runs), "P_minus": contract.doubles(vague.covariance(state))}
     own |= {"nominal_x_minus": _spread(state.x, runs), "nis": np.full(runs, np.nan)}
     own |= {"nominal_innovation": np.full((m, runs), np.nan), "innovation": np.full((m, runs), np.nan)}
+    own |= {"nominal_excess": np.full((m, runs), np.nan), "nominal_terms": np.full(m, np.nan)}
     own["S"] = np.diag(np.full(m, np.inf))
     if (used := record.used[k].copy()).any():
         z, H, R = record.measurement(k)
         before = state
         state, told = vague.update(state, z, H, R)
+        own["nominal_excess"][used], own["nominal_terms"][used] = told.excess, told.terms
         record.used[k, used] = told.used
         used = record.used[k]
         z, H, R = z[told.used], H[told.used], record.measurement(k)[2]

@@ -65,13 +65,16 @@ class State(NamedTuple):
 class Told(NamedTuple):
     """What one instant says: ``log_likelihood`` and ``nis`` (runs,), the ``used`` elements (m,).
 
-    ``determined``: how many unknown columns it determined.
+    ``determined``: how many unknown columns it determined · ``excess`` (m, runs), the innovation of an element that is left out,
+    given the ones before it, and the ``terms`` (m,) whose rounding may be in it; NaN where one is used
     """
 
     log_likelihood: Numbers
     nis: Numbers
     used: NDArray[np.bool_]
     determined: int
+    excess: Array
+    terms: Array
 
 
 def needed(model: DiscreteModel, P0: Array) -> bool:
@@ -145,7 +148,8 @@ def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Told]
     """One instant's measurements, one element after another; a perfect one of what is known already is left out."""
     z, H, r = contract.decorrelated(z, H, R)
     state = state._replace(x=np.repeat(state.x, z.shape[1] // state.x.shape[1], axis=1))
-    told = Told(contract.zeros(z.shape[1], state.P), contract.zeros(z.shape[1], state.P), np.ones(len(z), dtype=bool), 0)
+    none = contract.zeros(z.shape[1], state.P)
+    told = Told(none, none, np.ones(len(z), dtype=bool), 0, np.full(z.shape, np.nan), np.full(len(z), np.nan))
     for i in range(len(z)):
         state, told = _element(state, told, i, z[i], H[i], r[i])
     return folded(state), told
@@ -173,9 +177,7 @@ def _element(state: State, told: Told, i: int, z: Numbers, h: Numbers, r: Any) -
         own = contract.independent(0 * nu[None], np.array([alpha * alpha], dtype=nu.dtype))
         told = told._replace(determined=told.determined + 1)
     elif not F > 0:
-        used = told.used.copy()
-        used[i] = False
-        return state, told._replace(used=used)
+        return state, _left_out(told, i, nu, np.abs(z) + np.abs(h) @ np.abs(state.x))
     else:
         K_all, own = K_v, contract.independent(nu[None], np.array([F], dtype=nu.dtype))
     told = told._replace(log_likelihood=told.log_likelihood + own.log_likelihood, nis=told.nis + own.nis)
@@ -186,6 +188,13 @@ def _element(state: State, told: Told, i: int, z: Numbers, h: Numbers, r: Any) -
         P = rounding.corrected(P, state.P, K[:, None], h[None])
     A = np.hstack([unknown, vague])
     return state._replace(x=state.x + np.outer(K_all, nu), P=P, A=A, unknown=unknown.shape[1]), told
+
+
+def _left_out(told: Told, i: int, nu: Numbers, terms: Numbers) -> Told:
+    """An element whose innovation ν (runs,) has no variance."""
+    used, excess, size = told.used.copy(), told.excess.copy(), told.terms.copy()
+    used[i], excess[i], size[i] = False, contract.doubles(nu), contract.doubles(terms).max()
+    return told._replace(used=used, excess=excess, terms=size)
 
 
 def _gain(P: Numbers, h: Numbers, r: Any, eps: float) -> tuple[Numbers, Any]:

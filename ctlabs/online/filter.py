@@ -332,15 +332,16 @@ class Filter:
             used = kalman._informative(instant.ahead.P, H, kalman._absent(R, ~used))
         nu, S = np.full(len(z), np.nan), np.diag(np.full(len(z), np.inf))
         changed = instant._replace(z=z, used=used, after=instant.before, known=instant.ahead, innovation=nu, S=S)
-        changed = changed._replace(nis=np.nan, log_likelihood=0.0, diffuse=0.0)
+        none = np.full(len(z), np.nan)
+        changed = changed._replace(nis=np.nan, log_likelihood=0.0, diffuse=0.0, excess=none, allowed=none)
         if used.any():
             own = (z[used, None], H[used], self._plant.noise(R, used))
             changed = self._vaguely(changed, own) if isinstance(instant.before, vague.State) else self._told(changed, own)
         self._finite(instant.t, changed.after, changed.S.diagonal()[changed.used])
         if changed.known is not None:
             changed = self._compared(changed, H, R)
-            if _contradictions(changed):
-                changed = changed._replace(log_likelihood=-np.inf, diffuse=-np.inf)
+        if _contradictions(changed):
+            changed = changed._replace(log_likelihood=-np.inf, diffuse=-np.inf)
         return changed
 
     def _told(self, instant: Instant, own: tuple[Array, Array, contract.Noise]) -> Instant:
@@ -360,7 +361,10 @@ class Filter:
         values, variances = vague.innovation(before, *own)
         used[used] = told.used
         nu[used, None], S[np.ix_(used, used)] = values[told.used], variances[np.ix_(told.used, told.used)]
-        changed = instant._replace(after=after, used=used, diffuse=float(told.log_likelihood[0]))
+        excess, terms = np.full(len(used), np.nan), np.full(len(used), np.nan)
+        excess[instant.used], terms[instant.used] = told.excess[:, 0], told.terms
+        allowed = contradictions.vaguely(terms, len(before.P), instant.k)
+        changed = instant._replace(after=after, used=used, diffuse=float(told.log_likelihood[0]), excess=excess, allowed=allowed)
         if before.unknown == 0:
             changed = changed._replace(log_likelihood=changed.diffuse)
         finite = used.any() and np.isfinite(S.diagonal()[used]).all()
