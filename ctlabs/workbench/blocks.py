@@ -18,6 +18,7 @@ import numpy as np
 
 from ctlabs import spectra
 from ctlabs._check import Array
+from ctlabs.linalg.companion import companion
 from ctlabs.modelfile import ModelFile
 from ctlabs.modelfile.expressions import CONSTANTS, Expression, ExpressionError, parse
 from ctlabs.workbench.plain import data
@@ -132,11 +133,8 @@ def _of_transfer(num: Array, den: Array) -> Block:
     if len(den) == 1:
         msg = f"transfer: expected a function with poles, received the constant {num[0]:g}"
         raise ValueError(msg)
-    n = len(den) - 1
-    num, den = np.pad(num, (len(den) - len(num), 0)) / den[0], den / den[0]
-    F = np.eye(n, k=1)
-    F[:, 0] = -den[1:]
-    return _block(F, num[1:] - num[0] * den[1:], np.eye(n)[0], float(num[0]))
+    made = companion([num], den)
+    return _block(made.F, made.G[:, 0], made.H[0], float(made.D[0, 0]))
 
 
 def _of_spectrum(num: Array, den: Array) -> Block:
