@@ -50,9 +50,9 @@ def check(report: Report, continuous: ContinuousModel, discrete: DiscreteModel) 
 def series(F: Array, W: Array, h: float, *, exact: bool = True) -> tuple[Array, Array]:
     """Φ and Qd of the interval h, by integers (``exact``, up to LARGEST states) or in doubles.
 
-    >>> Phi, Qd = series(np.eye(3, k=1), np.diag([0.0, 0.0, 1.0]), 1e-3)
+    >>> Phi, Qd = series(np.eye(3, k=1), np.diag([0.0, 0.0, 1.0]), 0.5)
     >>> float(Phi[0, 2]), float(Qd[0, 0])
-    (5e-07, 5e-17)
+    (0.125, 0.0015625)
     """
     n = len(F)
     bits = BITS if exact and n <= LARGEST else 0
