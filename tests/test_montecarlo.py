@@ -12,6 +12,7 @@ from ctlabs.models import DiscreteModel
 from ctlabs.montecarlo import Bins, NonlinearModel, chance, kernel, plan, run, simulate, streams, sweep
 from ctlabs.montecarlo.executors import one_thread
 from ctlabs.montecarlo.functional import functional
+from ctlabs.montecarlo.histogram import Counter
 from ctlabs.montecarlo.linear import linear
 from ctlabs.montecarlo.simulate import histories, shape
 from ctlabs.montecarlo.statistics import from_sums
@@ -121,6 +122,14 @@ def test_the_compiled_kernel_equals_its_plain_python_on_numpys_normals():
     assert not close(
         compiled[0], sums(kernel.block.py_func, experiment.truth._replace(G=broken(experiment.truth.G)))[0], EXACT
     )
+
+
+def test_bins_need_no_kernel_of_their_own():
+    """Whichever errors are counted, the arrays are stored row by row as those of an experiment that counts none."""
+    claimed = np.ones((6, 3))
+    for bins in (None, Bins((0,), 4), Bins((2, 0), 4), Bins((1, 2), 4, sd=[1.0, 2.0])):
+        counted, table = Counter.of(bins, claimed, 5).arrays()
+        assert all(array.flags.c_contiguous for array in (*counted, table))
 
 
 def test_plain_python_covers_matrix_products_and_a_selection():

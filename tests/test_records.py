@@ -311,10 +311,11 @@ def test_kernels_are_kept_where_the_user_says_or_not_at_all(tmp_path, monkeypatc
     assert dispatcher(np.array([True]), np.array([True]))
 
 
-def test_a_kernel_is_compiled_anew_when_its_helpers_change(tmp_path):
+def test_a_kernel_is_compiled_anew_when_its_helpers_change(tmp_path, monkeypatch):
     """The stamp of the cache covers the files beside the kernel's."""
     import numba
 
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
     (tmp_path / "helpers.py").write_text("one = 1\n")
     (tmp_path / "kernels.py").write_text("def add(x):\n    return x + 1\n")
 

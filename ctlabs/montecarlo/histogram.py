@@ -79,7 +79,8 @@ def half_width(bins: Bins, claimed: Array | None, steps: int) -> Array:
         raise ValueError(msg)
     else:
         chosen = claimed[:, list(bins.states)]
-    return np.array(np.broadcast_to(bins.span * np.where(chosen > 0, chosen, 1.0), (steps + 1, len(bins.states))))
+    half = np.broadcast_to(bins.span * np.where(chosen > 0, chosen, 1.0), (steps + 1, len(bins.states)))
+    return np.array(half, order="C")  # columns that were picked are stored column by column: a kernel of their own
 
 
 @dataclass(frozen=True, slots=True, eq=False)
