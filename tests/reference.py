@@ -49,11 +49,13 @@ def precisely(function: Any) -> Any:
     return run
 
 
+_decimals = np.frompyfunc(lambda number: Decimal(float(number)), 1, 1)
+
+
 def exact(numbers: ArrayLike) -> Array:
     """The same numbers as Decimals, without rounding; ``@``, ``+`` and ``*`` then keep the digits of the context."""
-    return np.frompyfunc(lambda number: Decimal(number if isinstance(number, Decimal) else float(number)), 1, 1)(
-        np.asarray(numbers)
-    )
+    array = np.asarray(numbers)
+    return array.copy() if array.dtype == object else np.asarray(_decimals(array), dtype=object)
 
 
 def as_floats(numbers: Any) -> Array:
@@ -282,31 +284,24 @@ def joint(model: Any, steps: int) -> Joint:
     return J
 
 
-class Given(NamedTuple):
-    """Mean and covariance of everything given some elements, and the logarithm of the density of these elements."""
-
-    mean: Array
-    cov: Array
-    log_density: float
-
-
 @precisely
-def condition(mean: Array, cov: Array, known: NDArray[np.intp], values: Array, sizes: Array | None = None) -> Given:
+def condition(J: Joint, known: NDArray[np.intp], values: Array, sizes: Array) -> Joint:
     """Moments of everything given that some elements are known, one after another (Maybeck vol. 1, eq. 3-117).
 
-    An element that follows from those before it tells nothing more and has no density: of its variance, at first
-    ``sizes`` (the diagonal of ``cov``), only rounding is left, less than 10 to the power of −3/4 of the digits.
+    An element that follows from those before it tells nothing more: of its variance, at first ``sizes``, only rounding is
+    left (:func:`follows`).
     """
-    mean, cov, log_density = exact(mean), exact(cov), Decimal(0)
-    sizes = cov.diagonal() if sizes is None else sizes
-    nothing = Decimal(1).scaleb(-3 * decimal.getcontext().prec // 4)
+    mean, cov = J.mean, J.cov
     for i, value in zip(known, exact(values), strict=True):
-        S, nu = cov[i, i], value - mean[i]
-        if S > sizes[i] * nothing:
-            gain = cov[i] / S
-            mean, cov = mean + gain * nu, cov - np.multiply.outer(gain, cov[i])
-            log_density -= (nu * nu / S + S.ln() + LOG_2PI) / 2
-    return Given(mean, cov, float(log_density))
+        if not follows(cov[i, i], sizes[i]):
+            gain = cov[i] / cov[i, i]
+            mean, cov = mean + gain * (value - mean[i]), cov - np.multiply.outer(gain, cov[i])
+    return J._replace(mean=mean, cov=cov)
+
+
+def follows(left: Decimal, size: Decimal) -> bool:
+    """Whether of a variance of a given size next to nothing is left: 10 to the power of −3/4 of the digits."""
+    return left <= size.scaleb(-3 * decimal.getcontext().prec // 4)
 
 
 def _known(model: Any, z: Array, J: Joint, first: int, rows: range) -> tuple[NDArray[np.intp], Array]:
@@ -317,36 +312,54 @@ def _known(model: Any, z: Array, J: Joint, first: int, rows: range) -> tuple[NDA
     return np.concatenate([empty, *places]).astype(np.intp), np.concatenate([empty, *values])
 
 
+def learned(model: Any, z: ArrayLike, first: int = 1) -> list[Joint]:
+    """The joint distribution of everything given nothing, z up to row 0, up to row 1, … and the whole record; rounded."""
+    z = np.asarray(z, dtype=np.float64)
+    J = joint(model, len(z) - 1)
+    found, sizes = [J], J.cov.diagonal()
+    for k in range(len(z)):
+        found.append(condition(found[-1], *_known(model, z, J, first, range(k, k + 1)), sizes))
+    return [given._replace(mean=as_floats(given.mean), cov=as_floats(given.cov)) for given in found]
+
+
 def conditioned(model: Any, z: ArrayLike, first: int = 1) -> Moments:
     """The filter by definition: the moments of x_k given z_first … z_{k−1} and z_first … z_k."""
-    z = np.asarray(z, dtype=np.float64)
-    J = joint(model, len(z) - 1)
-    mean, cov, rows = J.mean, J.cov, []
-    for k in range(len(z)):
-        before = mean[J.x(k)], cov[J.x(k), J.x(k)]
-        mean, cov, _ = condition(mean, cov, *_known(model, z, J, first, range(k, k + 1)), J.cov.diagonal())
-        rows.append((*before, mean[J.x(k)], cov[J.x(k), J.x(k)]))
-    return Moments(*(np.array([as_floats(value) for value in column]) for column in zip(*rows, strict=True)))
-
-
-def given_all(model: Any, z: ArrayLike, first: int = 1) -> tuple[Joint, float]:
-    """The joint distribution given the whole record, and the logarithm of the density of what was measured."""
-    z = np.asarray(z, dtype=np.float64)
-    J = joint(model, len(z) - 1)
-    mean, cov, log_density = condition(J.mean, J.cov, *_known(model, z, J, first, range(len(z))))
-    return J._replace(mean=as_floats(mean), cov=as_floats(cov)), log_density
+    given = learned(model, z, first)
+    rows = [
+        (before.mean[x], before.cov[x, x], after.mean[x], after.cov[x, x])
+        for x, before, after in zip(map(given[0].x, range(len(given))), given[:-1], given[1:], strict=False)
+    ]
+    return Moments(*(np.array(column) for column in zip(*rows, strict=True)))
 
 
 def smoothed(model: Any, z: ArrayLike, first: int = 1) -> Trajectory:
     """The smoother by definition: the moments of every x_k given the whole record."""
-    J, _ = given_all(model, z, first)
+    return states(learned(model, z, first)[-1])
+
+
+def states(J: Joint) -> Trajectory:
+    """The moments of every x_k."""
     parts = [J.x(k) for k in range(J.steps + 1)]
     return Trajectory(np.array([J.mean[p] for p in parts]), np.array([J.cov[p, p] for p in parts]))
 
 
+@precisely
 def log_likelihood(model: Any, z: ArrayLike, first: int = 1) -> float:
-    """The logarithm of the joint density of the measured elements."""
-    return given_all(model, z, first)[1]
+    """The logarithm of the joint density of the measured elements, the product of each one's given those before it.
+
+    An element that follows from those before it has no density.
+    """
+    z = np.asarray(z, dtype=np.float64)
+    J = joint(model, len(z) - 1)
+    known, values = _known(model, z, J, first, range(len(z)))
+    nu, S, total = exact(values) - J.mean[known], J.cov[np.ix_(known, known)], Decimal(0)
+    for size in S.diagonal().copy():
+        if not follows(S[0, 0], size):
+            total -= (nu[0] ** 2 / S[0, 0] + S[0, 0].ln() + LOG_2PI) / 2
+            gain = S[1:, 0] / S[0, 0]
+            nu[1:], S[1:, 1:] = nu[1:] - gain * nu[0], S[1:, 1:] - np.multiply.outer(gain, S[0, 1:])
+        nu, S = nu[1:], S[1:, 1:]
+    return float(total)
 
 
 # --- least squares -------------------------------------------------------------------------------------------------

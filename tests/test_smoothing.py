@@ -30,12 +30,11 @@ def filtered(model, z, first=1):
 
 def jointly(model, z, first=1):
     """Means, covariances and lag-one covariances of the states given the record, by conditioning all at once."""
-    J, _ = reference.given_all(model, z, first)
-    parts = [J.x(k) for k in range(J.steps + 1)]
-    x, P = np.array([J.mean[p] for p in parts]), np.array([J.cov[p, p] for p in parts])
+    J = reference.learned(model, z, first)[-1]
+    x, P = reference.states(J)
     lag_one = np.full_like(P, np.nan)
-    for k in range(1, len(parts)):
-        lag_one[k] = J.cov[parts[k], parts[k - 1]]
+    for k in range(1, len(x)):
+        lag_one[k] = J.cov[J.x(k), J.x(k - 1)]
     return x, P, lag_one
 
 
@@ -192,14 +191,14 @@ def test_perfect_measurements_are_smoothed(model):
 def test_a_fixed_lag_is_the_conditional_mean(model, seed, gaps, first, lag):
     """Entry k is x_k given what is measured up to k + lag, by the joint distribution; nothing is approximated."""
     z = record(model, 6, np.random.default_rng(seed), gaps, first)
-    found = fixed_lag(model, z, lag, first)
+    found, given = fixed_lag(model, z, lag, first), reference.learned(model, z, first)
     for k in range(7):
         last = max(min(k + lag, 6), 1)  # a record has one step at least; with one row less x_0 is P0's or the filter's
         if k + lag == 0:
             past = filtered(model, z, first)
             x, P = past.x_plus[:1], past.P_plus[:1]
         else:
-            x, P = reference.smoothed(model, z[: last + 1], first)
+            x, P = (moments[: last + 1] for moments in reference.states(given[last + 1]))
         assert close(found.x[k], x[k], EXACT, np.abs(x).max())
         assert close(found.P[k], P[k], EXACT, size_of(model))
 
