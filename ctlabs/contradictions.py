@@ -130,8 +130,8 @@ def find(model: DiscreteModel, z: Array, history: History | Gains, first: int = 
 
     >>> from ctlabs import records
     >>> m = DiscreteModel([[0.5]], [[0]], [[1]], [[0]], x0=[1], P0=[[0]])
-    >>> records.filter_record(m, [[np.nan], [0.5], [0.2]]).contradictions[0]._replace(allowed=0)
-    Contradiction(row=2, element=0, innovation=-0.05, allowed=0, run=0)
+    >>> records.filter_record(m, [[np.nan], [0.5], [0.5]]).contradictions[0]._replace(allowed=0)
+    Contradiction(row=2, element=0, innovation=0.25, allowed=0, run=0)
     """
     e, allowed = innovations(model, z, history, first)
     with np.errstate(invalid="ignore"):

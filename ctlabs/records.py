@@ -90,6 +90,8 @@ def log_likelihood(model: DiscreteModel, z: ArrayLike, first: int = 1) -> float:
     """
     data, used = _measured(model, z, first)
     begun = _begin(model, data, used)
+    if begun is not None and np.isfinite(begun.start.excess).any():  # a perfect measurement of what was known: is it true?
+        return float(filter_record(model, z, first).log_likelihood_diffuse)
     if begun is not None and begun.rows == len(data):
         return float(begun.diffuse[0])
     total = _forward(model, data, used, _histories(0, model.n, model.m), begun)

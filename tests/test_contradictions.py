@@ -19,8 +19,7 @@ from ctlabs._check import Array
 from ctlabs.contradictions import Contradiction
 from ctlabs.models import DiscreteModel
 from ctlabs.online import Filter
-
-from . import cases
+from tests import cases
 
 Command = Callable[..., tuple[int, str, dict[str, Any]]]
 #: Forms that take a perfect measurement.

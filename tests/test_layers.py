@@ -42,6 +42,7 @@ LAYERS: list[set[str]] = [
         "export",
         "fields",
         "fitting",
+        "likelihood",
         "maximum",
         "montecarlo",
         "reduced",
