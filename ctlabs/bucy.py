@@ -200,8 +200,8 @@ def filter_system(model: ContinuousModel) -> control.StateSpace:
 def settling_time(model: ContinuousModel, within: float = 0.01) -> float | None:
     """The first time from which the variance of every state stays within a fraction of its limit, s.
 
-    Searched as far as needed; ``None`` when there is no such time: a variance that tends to zero never stays within
-    a fraction of it (unless it is zero all the time).
+    Searched as far as needed, up to 2⁴⁷ times of the fastest pole; ``None`` when there is no such time: a variance that tends to
+    zero never stays within a fraction of it (unless it is zero all the time).
 
     Raises
     ------

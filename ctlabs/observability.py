@@ -24,7 +24,7 @@ import scipy.linalg
 from ctlabs import _check
 from ctlabs._check import Array
 from ctlabs.discretise import interval
-from ctlabs.linalg import riccati
+from ctlabs.linalg import lyapunov, riccati
 from ctlabs.linalg.staircase import ComplexArray, clusters, eigenvalues, hidden
 from ctlabs.linalg.units import balanced
 from ctlabs.models import ContinuousModel, DiscreteModel
@@ -304,8 +304,7 @@ class _Scaling(NamedTuple):
 
 def _scaling(A: Array, H: Array, continuous: bool) -> _Scaling:
     """Units in which the nonzero elements of A and H are near 1: least squares in the logarithms, powers of 2."""
-    n, m = A.shape[0], H.shape[0]
-    time = 1.0
+    n, time = A.shape[0], 1.0
     if continuous:
         time = np.abs(np.linalg.eigvals(A)).max(initial=0.0) or 1.0
     # An equation log|element| + unit of its column − unit of its row = 0, weighted, for each; the normal equations of all.
@@ -338,7 +337,7 @@ def _modes(basis: Array, A: Array, scaling: _Scaling, continuous: bool) -> list[
     values, doubt = eigenvalues(inner)
     if np.count_nonzero(basis) > basis.shape[1]:  # combinations of states: the product itself rounds
         doubt = doubt + 4 * len(A) * np.finfo(float).eps * np.abs(A).sum(axis=1).max()
-    found = []
+    stable, found = lyapunov.stable(inner, continuous=continuous), []
     for group in clusters(values, doubt):
         value = complex(values[group].mean())
         if value.imag < -doubt[group].max():
@@ -349,7 +348,7 @@ def _modes(basis: Array, A: Array, scaling: _Scaling, continuous: bool) -> list[
         )
         share = np.linalg.norm(basis @ Z[:, : max(count, 1)], axis=1)
         distance = value.real if continuous else abs(value) - 1
-        found.append(Mode(value * scaling.time, share, distance < -doubt[group].max()))
+        found.append(Mode(value * scaling.time, share, stable or distance < -doubt[group].max()))
     return found
 
 

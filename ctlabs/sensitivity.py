@@ -29,6 +29,7 @@ from ctlabs import steady as steady_state
 from ctlabs._check import Array
 from ctlabs.discretise import interval
 from ctlabs.kalman import Mask, Schedule
+from ctlabs.linalg import riccati
 from ctlabs.models import ContinuousModel, DiscreteModel, at
 
 #: Below this fraction of the terms it is the difference of, a coupling of the error to the truth is rounding.
@@ -654,7 +655,7 @@ def _limits(
     R, N = everything.R[np.ix_(used, used)], everything.N[:, used]
     cycle, still = predict_s.A @ update_s.A, np.zeros((r + len(C), r + len(C)))
     noise = _moved(_symmetric(update_s.V @ R @ update_s.V.T), update_s, predict_s, truth.Qd, R, N)
-    X = _symmetric(scipy.linalg.solve_discrete_lyapunov(cycle, noise)) if noise.any() else still
+    X = riccati.stationary(cycle, noise, continuous=False).P.high if noise.any() else still
     X_plus = _symmetric(update_s.A @ X @ update_s.A.T + update_s.V @ R @ update_s.V.T)
     mean = np.linalg.solve(np.eye(len(cycle)) - cycle, predict_s.c)
     # The constants y add T y to e⁻, with T = (cycle of e) T + (what the coupling makes of y), and so to e⁺.

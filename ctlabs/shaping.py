@@ -20,6 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ctlabs import _check
 from ctlabs._check import Array
+from ctlabs.linalg import riccati
+from ctlabs.linalg.manyfold import Manyfold
 from ctlabs.linalg.resolvent import resolvent
 from ctlabs.linalg.units import balanced
 from ctlabs.models import ContinuousModel
@@ -300,14 +302,12 @@ def stationary_covariance(model: ContinuousModel) -> Array:
     array([[5.]])
     """
     _check.instance("model", model, ContinuousModel)
-    W = model.G @ model.Q @ model.G.T
-    values = np.linalg.eigvals(model.F)
+    G = Manyfold.of(model.G, 2)
+    exact = (G @ model.Q @ G.T).symmetric
+    W, values = exact.high, np.linalg.eigvals(model.F)
     worst = values[values.real.argmax()]
     if worst.real < -_margin(model.F):
-        x, t = balanced(model.F, W, continuous=True)
-        unit = np.outer(x, x)
-        P = scipy.linalg.solve_continuous_lyapunov(model.F * x * t / x[:, None], -W * t / unit) * unit
-        return 0.5 * (P + P.T)
+        return riccati.stationary(model.F, exact, continuous=True).P.high
     _check.finite_start("a covariance that does not change", model.P0)
     flow = model.F @ model.P0
     terms = 2 * np.abs(model.F) @ np.abs(model.P0)

@@ -63,7 +63,7 @@ def riccati(A: Any, H: Any, Q: Any, R: Any, N: Any = None, *, continuous: bool, 
 
 def _cayley(F: Array, G: Array, Q: Array) -> tuple[Array, Array, Array]:
     """The discrete equation with the same solution (Chu, Fan & Lin 2005)."""
-    n, one = len(F), eye(len(F))
+    one = eye(len(F))
     rates = np.abs(np.linalg.eigvals(np.block([[F.T, Q], [G, -F]]).astype(float)))
     tau = mpmath.mpf(float(np.exp(np.log(rates[rates > 0]).mean())) * 1.0123)
     B = solve(F - tau * one, one)
@@ -85,7 +85,7 @@ def filtered(model: Any, z: Array, first: int = 1, digits: int = DIGITS) -> dict
         Phi, Qd, x, P = exact(model.Phi), exact(model.Qd), exact(model.x0), exact(model.P0)
         found: dict[str, list[Any]] = {"x_plus": [], "P_plus": [], "log_likelihood": [mpmath.mpf(0)]}
         for k, row in enumerate(np.asarray(z)):
-            if k or (first == 1 and len(found["x_plus"])):
+            if k:
                 x, P = Phi @ x, Phi @ P @ Phi.T + Qd
             used = np.isfinite(row) & (k >= first)
             if used.any():
@@ -104,4 +104,5 @@ def off(found: Any, right: Array) -> float:
     """The largest error of a covariance, in units of the standard deviations that it gives; absolute where one is zero."""
     found = exact(found)
     sd = [mpmath.sqrt(v) if v > 0 else mpmath.mpf(1) for v in found.diagonal()]
-    return float(max((abs(d) / (a * b) for row, a in zip(found - right, sd) for d, b in zip(row, sd)), default=0))
+    size = np.outer(np.array(sd, dtype=object), np.array(sd, dtype=object))
+    return float((np.abs(found - right) / size).max()) if len(sd) else 0.0

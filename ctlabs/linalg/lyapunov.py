@@ -27,7 +27,10 @@ class Operator:
     def __init__(self, A: Matrix, *, continuous: bool) -> None:
         """``ArithmeticError``: A is not stable, as far as this precision tells."""
         self.continuous, self.A = continuous, A
-        self._root, step = _transformed(A) if continuous else (None, A)
+        self._root: Matrix | None = None
+        step = A
+        if continuous:
+            self._root, step = _transformed(A)
         self._powers: list[Matrix] = []
         while len(self._powers) < DOUBLINGS:
             self._powers.append(step)
@@ -92,6 +95,19 @@ def prove(operator: Operator, A: Manyfold, size: Array) -> Proof | None:
     rest += lost(size, np.abs(high(X)), A.fold, continuous=continuous)
     proof = Proof(weight, 2 * high(X))
     return proof if proof.times(rest) <= 0.5 else None
+
+
+def stable(A: Array, *, continuous: bool) -> bool:
+    """Whether A can be proved stable; False is no proof of the contrary.
+
+    >>> stable(np.array([[0.9, 1e9], [0.0, 0.9]]), continuous=False), stable(np.eye(1), continuous=False)
+    (True, False)
+    """
+    try:
+        with np.errstate(all="ignore"):
+            return prove(Operator(A, continuous=continuous), Manyfold.of(A, 2), np.abs(A)) is not None
+    except (ArithmeticError, np.linalg.LinAlgError):
+        return False
 
 
 def lost(size: Array, X: Array, fold: int, *, continuous: bool) -> Array:

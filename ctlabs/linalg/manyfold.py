@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -102,8 +103,8 @@ class Manyfold:
     def __rmatmul__(self, other: Array) -> Manyfold:
         return _product(Manyfold.of(other), self)
 
-    def __getitem__(self, key: object) -> Manyfold:
-        return Manyfold(tuple(part[key] for part in self.parts))  # type: ignore[index]  # whatever an array takes
+    def __getitem__(self, key: Any) -> Manyfold:
+        return Manyfold(tuple(part[key] for part in self.parts))
 
 
 Matrix = Array | Manyfold

@@ -218,7 +218,8 @@ def _solved(eq: Equation, plain: Equation) -> Solution:
             K = found.K * x[:, None] / z / (time if eq.continuous else 1.0)
             P, reach = found.P.scaled(x, x), found.reach * np.outer(x, x)
             return Solution(P, K, reach, max(found.error, _absolute(P.high, reach)))
-    msg = f"Riccati equation: expected a stabilising solution with an error bound below {SOLVED:g}, received {why}"
+    sought = "Riccati equation: expected a stabilising solution" if m else "Lyapunov equation: expected the solution of a stable matrix"
+    msg = f"{sought} with an error bound below {SOLVED:g}, received {why}"
     raise ValueError(msg)
 
 

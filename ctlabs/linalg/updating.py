@@ -13,7 +13,10 @@ from ctlabs.linalg.riccati import NOTHING, Solution, power
 
 
 class Updated(NamedTuple):
-    """``P`` (n, n) after the update · ``K`` (n, m) · ``S`` (m, m) · ``error``, the bound for P as in :class:`.Solution`"""
+    """After the update.
+
+    ``P`` (n, n) · ``K`` (n, m) · ``S`` (m, m) · ``error``, the bound for P as in :class:`.riccati.Solution`
+    """
 
     P: Array
     K: Array

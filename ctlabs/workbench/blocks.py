@@ -18,6 +18,7 @@ import numpy as np
 
 from ctlabs import spectra
 from ctlabs._check import Array
+from ctlabs.linalg import riccati
 from ctlabs.linalg.companion import companion
 from ctlabs.modelfile import ModelFile
 from ctlabs.modelfile.expressions import CONSTANTS, Expression, ExpressionError, parse
@@ -152,12 +153,9 @@ def _of_spectrum(num: Array, den: Array) -> Block:
 
 
 def _block(F: Array, G: Array, H: Array, D: float) -> Block:
-    import scipy.linalg
-
     P0 = np.zeros_like(F)
     if np.linalg.eigvals(F).real.max() < -1e-12 * max(np.abs(F).max(), 1e-300):
-        P0 = scipy.linalg.solve_continuous_lyapunov(F, -np.outer(G, G))
-        P0 = 0.5 * (P0 + P0.T)
+        P0 = riccati.stationary(F, np.outer(G, G), continuous=True).P.high
     return Block(np.array(F), np.array(G), np.array(H), D, P0)
 
 
