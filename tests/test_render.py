@@ -293,7 +293,9 @@ class TestPage:
             cells = {row.count("<td") + row.count("<th") for row in re.findall(r"<tr>.*?</tr>", table, re.DOTALL)}
             assert len(cells) == 1
 
-    @pytest.mark.parametrize("name", labs.catalogue())
+    @pytest.mark.parametrize(  # in the process that runs the lab's own tests: it has the report
+        "name", [pytest.param(name, marks=pytest.mark.xdist_group(name)) for name in labs.catalogue()]
+    )
     def test_the_page_of_every_lab_is_whole(self, name):
         """Each lab's page needs no server and shows every equation."""
         report = default(name)

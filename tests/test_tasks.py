@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ctlabs import kalman, labs, steady
+from ctlabs import kalman, labs, plots, steady
 from ctlabs.experiment import Experiment
-from ctlabs.report import Heading, Picture
+from ctlabs.report import Heading, Picture, Report
 
 LABS = labs.catalogue()
 #: Axis labels without a unit: pure numbers by their words.
@@ -24,6 +24,36 @@ DIMENSIONLESS = re.compile(
 def run(lab, seed=1, runs=60, **settings):
     values = labs.parameters([lab], settings)[lab.name]
     return labs.run(lab, values, Experiment(runs, seed))
+
+
+def numbers(lab, **how):
+    """The report of a run with blank figures: the default run's are looked at, of the others the numbers are."""
+    with pytest.MonkeyPatch.context() as patch:
+        for name in plots.__all__:
+            if hasattr(getattr(plots, name), "__wrapped__"):  # it draws with the project's style
+                patch.setattr(plots, name, lambda *args, **named: plots.Figure())
+        return run(lab, **how)
+
+
+class FailedError(Exception):
+    """A check of a report failed."""
+
+
+def _or_else(verb):
+    def judged(self, *args, **named):
+        verb(self, *args, **named)
+        if not self.checks[-1].passed:
+            raise FailedError
+
+    return judged
+
+
+def until_a_check_fails(lab):
+    """The report of a run, which ends with :class:`FailedError` at the first check that fails."""
+    with pytest.MonkeyPatch.context() as patch:
+        for verb in ("check", "holds", "chance", "order"):
+            patch.setattr(Report, verb, _or_else(getattr(Report, verb)))
+        return numbers(lab)
 
 
 @cache
@@ -43,7 +73,7 @@ class TestLab:
     @pytest.mark.parametrize("seed", [1, 2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (3, 4))])
     def test_all_checks_pass_for_any_seed(self, name, seed):
         """Theory and ensemble agree, whatever the random numbers."""
-        report = default(name) if seed == 1 else run(LABS[name], seed, runs=25)
+        report = default(name) if seed == 1 else numbers(LABS[name], seed=seed, runs=25)
         assert [check for check in report.checks if not check.passed] == []
 
     def test_figures_have_labelled_axes_with_units(self, name):
@@ -59,8 +89,8 @@ class TestLab:
                     assert re.search(r", \S+|\(.+\)", label) or DIMENSIONLESS.search(label), f"{block.name}: {label}"
 
     def test_results_do_not_depend_on_anything_but_parameters_and_seed(self, name):
-        """Two runs give the same results."""
-        assert run(LABS[name]).results() == default(name).results()
+        """Two runs give the same results, drawn or not."""
+        assert numbers(LABS[name]).results() == default(name).results()
 
     @pytest.mark.parametrize("wrong", ["K", "Qd", "R"])
     def test_a_filter_wrong_by_five_percent_is_noticed(self, name, wrong, monkeypatch):
@@ -81,12 +111,12 @@ class TestLab:
         # A wrong filter never comes near the right limit: the search for its settling need not go to the end.
         monkeypatch.setattr(steady, "settling", partial(steady.settling, longest=500))
         try:
-            report = run(LABS[name])
-        except (ValueError, FloatingPointError):
+            until_a_check_fails(LABS[name])
+        except (FailedError, ValueError, FloatingPointError):
             return  # refused: noticed all the more
         if not any(touched):
             pytest.skip(f"{wrong} is zero or absent in this lab")
-        assert any(not check.passed for check in report.checks)
+        pytest.fail("no check noticed it")
 
 
 def reached(tree, start):
