@@ -5,6 +5,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from ctlabs import kalman, scheduling
 from ctlabs.models import DiscreteModel
@@ -44,9 +45,8 @@ def test_enumeration_agrees_with_the_filter(n, seed):
         assert close([rms, worst], through_the_filter(model, row, 5), 1e-10)
 
 
-@settings(max_examples=20)
-@given(seed=seeds)
-@pytest.mark.parametrize("n", [1, 2, 3])
+@settings(max_examples=30)
+@given(n=st.integers(1, 3), seed=seeds)
 def test_the_search_finds_the_best_of_all(n, seed):
     """With nothing cut off, the search through time equals complete enumeration, with and without a limit."""
     model = drawn(seed, n)
