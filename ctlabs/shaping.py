@@ -23,6 +23,7 @@ from ctlabs._check import Array
 from ctlabs.linalg import riccati
 from ctlabs.linalg.manyfold import Manyfold
 from ctlabs.linalg.resolvent import resolvent
+from ctlabs.linalg.staircase import growing
 from ctlabs.linalg.units import balanced
 from ctlabs.models import ContinuousModel
 
@@ -306,7 +307,7 @@ def stationary_covariance(model: ContinuousModel) -> Array:
     exact = (G @ model.Q @ G.T).symmetric
     W, values = exact.high, np.linalg.eigvals(model.F)
     worst = values[values.real.argmax()]
-    if worst.real < -_margin(model.F):
+    if (growing(model.F, continuous=True) < 0).all():
         return riccati.stationary(model.F, exact, continuous=True).P.high
     _check.finite_start("a covariance that does not change", model.P0)
     flow = model.F @ model.P0

@@ -271,7 +271,7 @@ def test_rounding_of_the_noise_input_is_not_part_of_the_answer() -> None:
 # --- what no noise drives --------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("weak", [1e-6, 1e-18, 1e-30, 1e-60])
+@pytest.mark.parametrize("weak", [1e-6, 1e-18, 1e-30])
 def test_weak_is_not_none(weak: float) -> None:
     """A constant driven by however little beside a state driven by 1 has the variance that is right for it alone."""
     model = DiscreteModel(np.eye(2), np.diag([1.0, weak]), np.eye(2), np.eye(2), x0=[0, 0], P0=np.eye(2))
@@ -369,7 +369,7 @@ def test_gramian_over_an_infinite_horizon() -> None:
     assert close(observability.gramian(model, np.inf), observability.gramian(model, 40.0), EXACT)
     sampled = discretise(model, 0.3, R=[[1.0]])
     assert close(observability.gramian(sampled, np.inf), observability.gramian(sampled, 400), EXACT)
-    with pytest.raises(ValueError, match=r"^horizon: expected a finite one .* eigenvalue 0 of the states x2"):
+    with pytest.raises(ValueError, match=r"^horizon: expected a finite one .* eigenvalue 0 of the states x1, x2"):
         observability.gramian(replace(model, F=[[-1, 0.5], [0, 0]]), np.inf)
 
 

@@ -18,7 +18,7 @@ from ctlabs._check import Array
 from ctlabs.linalg.manyfold import Manyfold, Matrix, high, inverse, rounding, symmetric
 
 #: The number of terms is doubled until a power of A is below this, or so many times.
-NEGLIGIBLE, DOUBLINGS = 1e-24, 80
+NEGLIGIBLE, DOUBLINGS = 1e-24, 128
 
 
 class Operator:

@@ -21,8 +21,6 @@ A Lyapunov equation is one without measurements.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -31,7 +29,7 @@ from ctlabs._check import Array
 from ctlabs.linalg import manyfold, undriven
 from ctlabs.linalg.lyapunov import Operator, lost, prove
 from ctlabs.linalg.manyfold import Manyfold, Matrix, high
-from ctlabs.linalg.starts import ADDED, LARGE, Plain, doubled, starts
+from ctlabs.linalg.starts import Plain, starts
 from ctlabs.linalg.units import balanced
 
 #: A solution counts as one below this bound of its error, in standard deviations.
@@ -39,9 +37,7 @@ SOLVED = 1e-6
 #: Bound that a solution in doubles must reach to be left at that.
 GOOD = 1e-13
 #: Newton's steps, at most: far from the solution each halves an error, near it they square it.
-STEPS = 60
-#: Multiples of the working precision, in turn, of residuals; those above 2 for equations that are small enough.
-FOLDS = (2, 4, 8)
+STEPS = 40
 #: A correction below this part of the standard deviations is none; of twice the precision, and that to the power fold/2.
 STILL = 1e-26
 #: A variance below this part of its own terms is the rounding of twice the working precision, and zero; the same.
@@ -199,21 +195,17 @@ def _solved(eq: Equation, plain: Equation) -> Solution:
     x, time = balanced(plain.A, plain.Q.high, seen.T @ seen, continuous=plain.continuous)
     z = power(plain.innovation(plain.Q.high) / time)
     here, first = eq.scaled(x, z, time), plain.scaled(x, z, time)
-    small = Plain(first.A, first.H, first.Q.high, first.R)
-    attempts: list[tuple[int, Callable[[], Matrix]]] = [(2, start) for start in starts(small, continuous=eq.continuous)]
-    if n <= LARGE:
-        attempts += [
-            (fold, partial(doubled, small, added, fold, continuous=eq.continuous)) for fold in FOLDS for added in ADDED
-        ]
-    why = "none"
+    why = "none whose loop is provably stable"
     # What fails here, and what other solvers warn of, only leads to the next one.
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for fold, start in attempts:
+        for fold, start in starts(Plain(first.A, first.H, first.Q.high, first.R), continuous=eq.continuous):
             try:
                 found = _Newton(here, fold).solution(Manyfold.of(start(), fold))
-            except (ArithmeticError, np.linalg.LinAlgError) as error:
+            except _Unproved as error:
                 why = str(error)
+                continue
+            except (ArithmeticError, np.linalg.LinAlgError):
                 continue
             K = found.K * x[:, None] / z / (time if eq.continuous else 1.0)
             P, reach = found.P.scaled(x, x), found.reach * np.outer(x, x)
@@ -261,6 +253,10 @@ def _at(eq: Equation, P: Manyfold) -> _Point:
     return _Point(P, K, S, loop, size, (moved + noise - best).symmetric, doubt, best.high)
 
 
+class _Unproved(ArithmeticError):
+    """A P that does not change any more, with too large a bound or none."""
+
+
 class _Newton:
     """Newton's method for one equation: residuals in a multiple of the working precision, corrections in it or, later, as well."""
 
@@ -299,8 +295,8 @@ class _Newton:
             else:
                 P = (own + change).symmetric.scaled(x, x)
             last = part
-        msg = f"the bound {bound:.3g}" if np.isfinite(bound) else "none whose filter is provably stable"
-        raise ArithmeticError(msg)
+        msg = f"the bound {bound:.3g}" if np.isfinite(bound) else "none whose loop is provably stable"
+        raise _Unproved(msg)
 
     def _units(self, P: Manyfold) -> tuple[Equation, Manyfold, Array, Array]:
         """The equation and P in units in which the variances are near 1, and these units."""

@@ -21,8 +21,8 @@ from ctlabs.linalg.manyfold import Manyfold, Matrix, high, inverse, solve, symme
 #: Above this number of states doubling is the faster one.
 LARGE = 60
 #: Noise added, in units in which the elements of the equation are near 1.
-ADDED = (0.0, 1e-9)
-DOUBLINGS = 100
+ADDED = 1e-9
+DOUBLINGS = 128
 
 
 class Plain(NamedTuple):
@@ -34,12 +34,17 @@ class Plain(NamedTuple):
     R: Array
 
 
-def starts(eq: Plain, *, continuous: bool) -> Iterator[Callable[[], Matrix]]:
-    """Ways to a first P, the cheapest first."""
+def starts(eq: Plain, *, continuous: bool) -> Iterator[tuple[int, Callable[[], Matrix]]]:
+    """Ways to a first P, the cheapest first, and the multiple of the working precision in which to go on from there."""
     if len(eq.A) <= LARGE and len(eq.H):
-        yield partial(by_control, eq, continuous=continuous)
-    for added in ADDED:
-        yield partial(doubled, eq, added, 1, continuous=continuous)
+        yield 2, partial(by_control, eq, continuous=continuous)
+    yield 2, partial(doubled, eq, 0.0, 1, continuous=continuous)
+    yield 2, partial(doubled, eq, ADDED, 1, continuous=continuous)
+    if len(eq.A) <= LARGE:
+        yield 2, partial(doubled, eq, 0.0, 2, continuous=continuous)
+        yield 2, partial(doubled, eq, ADDED, 2, continuous=continuous)
+        yield 4, partial(doubled, eq, 0.0, 4, continuous=continuous)
+        yield 8, partial(doubled, eq, 0.0, 8, continuous=continuous)
 
 
 def by_control(eq: Plain, *, continuous: bool) -> Array:
