@@ -338,7 +338,7 @@ def _update(kf: Any, H: Array, R: Array) -> Update:
         K[:, used], S[np.ix_(used, used)] = kf.K, kf.S
     P_plus = 0.5 * (kf.P + kf.P.T)
     if _perfect(R).any():
-        P_plus = rounding.corrected(P_plus, P_minus, K[:, used], H[used], S[np.ix_(used, used)])
+        P_plus = rounding.corrected(P_plus, P_minus, K[:, used], H[used], *(M[np.ix_(used, used)] for M in (S, R)))
     return Update(K, S, P_plus, used)
 
 

@@ -363,7 +363,7 @@ def _never(model, z, first=1):
 def test_a_perfect_measurement_beside_singular_innovations_is_told():
     """Two precise sensors of one state, which rounding makes equal, and a perfect one of the same state."""
     model = DiscreteModel(
-        np.eye(2), np.zeros((2, 2)), [[1, 0]] * 3, np.diag([1e-30, 1e-30, 0]), x0=[0, 0], P0=np.eye(2)
+        np.eye(2), np.eye(2), [[1, 0]] * 3, np.diag([1e-30, 1e-30, 0]), x0=[0, 0], P0=np.zeros((2, 2))
     )
     with pytest.raises(FloatingPointError, match=r"^S: .*received one singular by rounding at step 1 \(t = 1 s\)$"):
         forms.run(model, np.ones((3, 3)), "ud", own_start=True)

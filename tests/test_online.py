@@ -623,15 +623,13 @@ def test_an_overflow_has_its_time():
 
 def test_a_matrix_that_rounding_makes_singular_is_reported():
     """Two sensors that are one in double precision: one line with the form's name, and the filter stays where it was."""
-    sensors = DiscreteModel(np.eye(2), np.eye(2), [[1, 1], [1, 1]], 1e-18 * np.eye(2), np.zeros(2), np.eye(2))
+    sensors = DiscreteModel(np.eye(2), np.eye(2), [[1, 1], [1, 1]], 1e-18 * np.eye(2), np.zeros(2), np.zeros((2, 2)))
     online = Filter(sensors)
-    for z in ([0.5, 0.5], None):
-        online.step(z)
     with pytest.raises(
         FloatingPointError, match=r"form joseph: expected matrices with an inverse, received one singular"
     ):
         online.step([0.5, 0.5])
-    assert online.t == 2.0
+    assert online.t == 0.0
 
 
 def test_what_is_read_is_a_copy():

@@ -160,7 +160,7 @@ def _element(state: State, told: Told, i: int, z: Numbers, h: Numbers, r: Any) -
     eps, number = precision(state.P), state.unknown
     nu, K, s = z - h @ state.x, *_gain(state.P, h, r, eps)
     unknown, vague = state.A[:, :number], state.A[:, number:]
-    b, F, K_v = columns.seen(h, vague, eps), s, K
+    b, F, K_v = columns.seen(h, vague, eps, 0.25), s, K
     if b.any():
         vague = columns.cleaned(*columns.turned(vague, b), eps)
         beta = h @ vague[:, 0]

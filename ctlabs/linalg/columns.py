@@ -31,14 +31,17 @@ def cleaned(A: Numbers, terms: Numbers, eps: float) -> Numbers:
     return np.where(np.abs(A) <= rounding.level(terms, A.shape[0], eps), 0 * A, A)
 
 
-def seen(h: Numbers, A: Numbers, eps: float) -> Numbers:
+def seen(h: Numbers, A: Numbers, eps: float, gathered: float = GATHERED) -> Numbers:
     """a = hA (d,), with exact zeros where it is rounding: what a measurement h (n,) sees of the columns.
+
+    ``gathered``: of how many steps. A column without a size of its own is seen or not, and the rounding of all steps must not
+    pass for sight; one with a size contributes what it is, so that no more than this product's own rounding is left out.
 
     >>> seen(np.array([0.1, 0.2, -0.3]), np.array([[1.0], [1.0], [1.0]]), rounding.EPS)
     array([0.])
     """
     a, terms = h @ A, np.abs(h) @ np.abs(A)
-    return np.where(np.abs(a) <= GATHERED * rounding.level(terms, len(h), eps), 0 * a, a)
+    return np.where(np.abs(a) <= gathered * rounding.level(terms, len(h), eps), 0 * a, a)
 
 
 def turned(A: Numbers, a: Numbers, terms: Numbers | None = None) -> Turned:

@@ -37,17 +37,19 @@ def difference(M: Array, given: Array, taken: Array) -> Array:
     return np.where(known[:, None] | known, 0.0, M)
 
 
-def corrected(P_plus: Array, P_minus: Array, K: Array, H: Array, S: Array | None = None) -> Array:
+def corrected(
+    P_plus: Array, P_minus: Array, K: Array, H: Array, S: Array | None = None, R: Array | None = None
+) -> Array:
     r"""P⁺ = (I−KH)P⁻(I−KH)ᵀ + KRKᵀ with exact zeros for the states that perfect measurements determined.
 
     Row i of B = I − KH is a difference itself: K is known to :math:`\varepsilon|K||S||S^{-1}|`, so that of
     :math:`b_i = \sum_j|B_{ij}|\sigma_j` an error
     :math:`c_i = \varepsilon\sum_j(\delta_{ij} + (|K||S||S^{-1}||H|)_{ij})\sigma_j` is left, and of the variance
-    :math:`\varepsilon b_i^2 + c_i^2`.
+    :math:`\varepsilon b_i^2 + c_i^2`, beside :math:`\varepsilon(|K||R||K|^T)_{ii}` where correlated noises cancel.
 
     Parameters
     ----------
-    P_plus, P_minus : (…, n, n) · K : (…, n, m) · H : (…, m, n) · S : (…, m, m), not needed where m = 1
+    P_plus, P_minus : (…, n, n) · K : (…, n, m) · H : (…, m, n) · S, R : (…, m, m), not needed where m = 1
 
     >>> H = np.array([[1.0, 1e-8]])  # x1 is known as well as 1e-8 x2 is, which is not exactly
     >>> K = np.array([[1.0], [1e-8]])
@@ -62,5 +64,8 @@ def corrected(P_plus: Array, P_minus: Array, K: Array, H: Array, S: Array | None
         size = size @ np.abs(S) @ np.abs(np.linalg.pinv(S, hermitian=True))
     left = (np.abs(unit - K @ H) @ sd)[..., 0]
     terms = ((unit + size @ np.abs(H)) @ sd)[..., 0]
-    known = variances <= level(left**2, n) + level(terms, n) ** 2
+    lost = level(left**2, n) + level(terms, n) ** 2
+    if R is not None:
+        lost = lost + level(((np.abs(K) @ np.abs(R)) * np.abs(K)).sum(axis=-1), n)
+    known = variances <= lost
     return np.where(known[..., :, None] | known[..., None, :], 0.0, P_plus) if known.any() else P_plus

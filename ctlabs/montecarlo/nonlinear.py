@@ -214,7 +214,7 @@ class Extended:
         K = np.swapaxes(_solve(S, np.swapaxes(cross, 1, 2)), 1, 2)
         left = np.eye(model.n) - K @ H
         after = _symmetric(left @ P @ np.swapaxes(left, 1, 2) + K @ R @ np.swapaxes(K, 1, 2))
-        self._P = rounding.corrected(after, P, K, H, S)
+        self._P = rounding.corrected(after, P, K, H, S, R)
         self.x = x + (K @ nu)[:, :, 0].T
         return (nu * _solve(S, nu)).sum(axis=(1, 2)), float(used.sum())
 

@@ -189,8 +189,9 @@ def joseph(
 
 @helper
 def determined(
-    P: Array, P_minus: Array, Kt: Array, H: Array, pick: Array, count: int, B: Array, S: Array, C: Array, work: Array
-) -> None:
+    P: Array, P_minus: Array, Kt: Array, H: Array, R: Array, pick: Array, count: int, B: Array, S: Array, C: Array,
+    work: Array
+) -> None:  # fmt: skip
     """Exact zeros in P for states that perfect measurements determined: :func:`ctlabs.linalg.rounding.corrected`."""
     n = P.shape[0]
     inverse, size = np.zeros((count, count)), np.zeros((count, count))
@@ -223,8 +224,11 @@ def determined(
                 s += inverse[a, 0] * abs(H[pick[a], j])
             left += abs(B[i, j]) * sd
             whole += s * sd
-        level = MARGIN * n * EPS
-        work[0, i] = P[i, i] <= level * left * left + (level * whole) ** 2
+        noise, level = 0.0, MARGIN * n * EPS
+        for a in range(count):
+            for b in range(count):
+                noise += abs(Kt[a, i] * R[pick[a], pick[b]] * Kt[b, i])
+        work[0, i] = P[i, i] <= level * (left * left + noise) + (level * whole) ** 2
     for i in range(n):
         if work[0, i] > 0:
             P[i, :] = 0.0
@@ -365,7 +369,7 @@ def forward(
             closed(Kt, H, pick, count, B)
             joseph(P_minus, R, Kt, B, pick, count, P, work, RKt)
             if perfect:
-                determined(P, P_minus, Kt, H, pick, count, B, S, C, work)
+                determined(P, P_minus, Kt, H, R, pick, count, B, S, C, work)
             half = 0.5 * count * LOG_2PI
             for a in range(count):
                 half += np.log(C[a, a])
