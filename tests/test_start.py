@@ -337,7 +337,7 @@ def test_the_rounding_of_another_program_is_no_variance():
     """−2.7e-20 beside 1 counts as 0; −1e-3 is refused."""
     case = next(p.values[0] for p in cases.numerics("k9_P0_rounding"))
     assert cases.model(case["model"]).P0.tolist() == case["right"]["P0_used"]
-    with pytest.raises(ValueError, match="P0: expected variances >= 0 on the diagonal, received -0.001"):
+    with pytest.raises(ValueError, match=r"P0: expected variances >= 0 on the diagonal, received -0\.001"):
         cases.model(case["model"], P0=case["right"]["refused_for"])
 
 
