@@ -81,22 +81,37 @@ def begin(record: Record, P0: Numbers) -> Beginning | None:
     """The first instants from P0; ``None`` where an ordinary filter may start at once.
 
     ``record.used`` is corrected where a perfect measurement is of what is known already.
+
+    Raises
+    ------
+    FloatingPointError
+        The covariance overflows: the step and the time are in the message.
     """
     state, rows = vague.start(record.model, P0), list[dict[str, Any]]()
     if state.settled:
         return None
-    for k in range(len(record.z)):
-        if k:
-            state = vague.predict(state, *record.motion(k - 1))
-            if state.settled:
-                break
-        row, state = _instant(record, k, state)
-        rows.append(row)
+    with np.errstate(over="ignore", invalid="ignore"):  # an overflow is reported, with its time
+        for k in range(len(record.z)):
+            if k:
+                state = vague.predict(state, *record.motion(k - 1))
+                _finite(state, k, record.model.dt)
+                if state.settled:
+                    break
+            row, state = _instant(record, k, state)
+            rows.append(row)
     found = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     later = np.append(found.pop("determined")[:0:-1].cumsum()[::-1], 0)
     nominal = {name: found.pop("nominal_" + name) for name in ("x_minus", "x_plus", "innovation", "P", "A", "excess", "terms")}
     start = Start(**nominal, unknown=found.pop("unknown"), determined=later)
     return Beginning(start, **found, x=state.x if state.settled else None, P=state.P if state.settled else None)
+
+
+def _finite(state: vague.State, k: int, dt: float) -> None:
+    """Refuse an overflow; variances are squares of what the columns hold."""
+    A, P = contract.doubles(state.A), contract.doubles(state.P)
+    if not (np.isfinite(P).all() and np.isfinite(A * A).all() and np.isfinite(contract.doubles(state.x)).all()):
+        msg = f"P_minus: expected finite covariances, received an overflow at step {k} (t = {k * dt:g} s)"
+        raise FloatingPointError(msg)
 
 
 def _instant(record: Record, k: int, state: vague.State) -> tuple[dict[str, Any], vague.State]:
