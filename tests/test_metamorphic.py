@@ -65,7 +65,7 @@ def same(verb: Verb, model: Any, z: np.ndarray, change: Change) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("verb", DISCRETE, ids=lambda verb: verb.name)
 @given(data=st.data())
-@settings(max_examples=12)
+@settings(max_examples=5)
 def test_discrete_verbs(verb, kind, data):
     """Another unit, order or basis: the same answer in other words."""
     model, z = data.draw(problems())
@@ -75,7 +75,7 @@ def test_discrete_verbs(verb, kind, data):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("verb", CONTINUOUS, ids=lambda verb: verb.name)
 @given(data=st.data())
-@settings(max_examples=20)
+@settings(max_examples=8)
 def test_continuous_verbs(verb, kind, data):
     """The same in continuous time, whose unit changes too."""
     model, z = data.draw(problems(continuous=True))
@@ -99,7 +99,7 @@ def halved(model: DiscreteModel, z: np.ndarray) -> tuple[DiscreteModel, np.ndarr
 
 @pytest.mark.parametrize("name", FILTERS)
 @given(problem=problems())
-@settings(max_examples=15)
+@settings(max_examples=4)
 def test_a_step_in_two_halves(name, problem):
     """An instant without a measurement changes nothing at the others."""
     model, z = problem
@@ -127,7 +127,7 @@ def widened(model: DiscreteModel) -> DiscreteModel:
 
 @pytest.mark.parametrize("verb", [v for v in DISCRETE if v.name != "observability.gramian"], ids=lambda verb: verb.name)
 @given(problem=problems())
-@settings(max_examples=10)
+@settings(max_examples=3)
 def test_a_state_that_nothing_sees(verb, problem):
     """The answers for the other states stay."""
     model, z = problem
@@ -144,7 +144,7 @@ def test_a_state_that_nothing_sees(verb, problem):
 
 @pytest.mark.parametrize("name", FILTERS)
 @given(problem=problems())
-@settings(max_examples=10)
+@settings(max_examples=3)
 def test_perfect_measurements_are_the_limit_of_good_ones(name, problem):
     """R = 0 is what R → 0 tends to."""
     model, z = problem
@@ -159,7 +159,7 @@ def test_perfect_measurements_are_the_limit_of_good_ones(name, problem):
 
 
 @given(problem=problems())
-@settings(max_examples=20)
+@settings(max_examples=8)
 def test_the_steady_state_is_where_the_recursion_goes(problem):
     """N steps at once: from P⁻ of the limit a step leads to itself, and from P0 the steps lead there."""
     model, _z = problem
