@@ -335,9 +335,13 @@ def _modes(basis: Array, A: Array, scaling: _Scaling, continuous: bool) -> list[
     """The modes of A in an invariant subspace; one of eigenvalues that cannot be told apart, of conjugate pairs that with Im λ > 0."""
     inner = basis.T @ A @ basis
     values, doubt = eigenvalues(inner)
+    rounded = 0.0
     if np.count_nonzero(basis) > basis.shape[1]:  # combinations of states: the product itself rounds
-        doubt = doubt + 4 * len(A) * np.finfo(float).eps * np.abs(A).sum(axis=1).max()
-    stable, found = lyapunov.stable(inner, continuous=continuous), []
+        rounded = 4 * len(A) * np.finfo(float).eps * float(np.abs(A).sum(axis=1).max())
+    doubt = doubt + rounded
+    # What the rounding of the product could have taken over the boundary is no proof that the modes decay.
+    further = inner + rounded * np.eye(len(inner)) if continuous else inner * (1 + rounded)
+    stable, found = lyapunov.stable(further, continuous=continuous), []
     for group in clusters(values, doubt):
         value = complex(values[group].mean())
         if value.imag < -doubt[group].max():
