@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import decimal
 import functools
-from collections.abc import Callable
 from decimal import Decimal
 from fractions import Fraction
 from typing import Any, NamedTuple
@@ -111,19 +110,6 @@ def deviation(a: ArrayLike, b: ArrayLike, size: float = 0.0) -> float:
 def close(a: ArrayLike, b: ArrayLike, tolerance: float, size: float = 0.0) -> bool:
     """Whether two arrays agree within ``tolerance`` of their size (not element by element)."""
     return deviation(a, b, size) <= tolerance
-
-
-def attainable(answer: Callable[..., Array], *given: Array, roundings: int = 100) -> float:
-    """The tolerance that the condition of the input allows: what a stable computation may lose in ``roundings`` roundings.
-
-    A stable computation returns the right answer for matrices that differ from the given ones by some roundings of their
-    largest elements. How much one such rounding moves the right answer, relative to its size, is seen by computing it
-    again, a few times, with 2⁻⁵² of the largest added to every element, the signs at random.
-    """
-    rng, right = np.random.default_rng(0), answer(*given)
-    unit = [2.0**-52 * np.nanmax(np.abs(M)) for M in given]
-    moved = [answer(*(M + u * rng.choice([-1, 1], M.shape) for M, u in zip(given, unit, strict=True))) for _ in range(4)]
-    return roundings * max(deviation(other, right) for other in moved)
 
 
 def order(errors: ArrayLike) -> Array:

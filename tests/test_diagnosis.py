@@ -12,8 +12,6 @@ from tests import nile
 from tests.reference import EXACT, at
 from tests.strategies import record
 
-pytestmark = pytest.mark.numerical
-
 STEPS = 200
 
 

@@ -12,8 +12,6 @@ from tests import nile, reference
 from tests.reference import EXACT, SOLVER, close
 from tests.strategies import record
 
-pytestmark = pytest.mark.numerical
-
 POSITIVE = {"q": (0, None), "r": (0, None)}
 
 
