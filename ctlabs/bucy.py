@@ -153,7 +153,7 @@ def steady(model: ContinuousModel) -> SteadyState:
         msg = f"steady state: {error}"
         raise ValueError(msg) from None
     poles = np.sort_complex(np.linalg.eigvals(model.F - found.K @ model.H))
-    return SteadyState(found.P.high, found.K, poles, found.error)
+    return SteadyState(found.P.high.copy(), found.K.copy(), poles, found.error)
 
 
 def transfer_function(model: ContinuousModel, state: int = 0, measurement: int = 0) -> tuple[Array, Array]:

@@ -79,7 +79,7 @@ def solve(model: DiscreteModel) -> SteadyState:
         )
     except ValueError as error:
         raise ValueError(_reason(R, error)) from None
-    P, K_pred = found.P.high, np.zeros((model.n, model.m))
+    P, K_pred = found.P.high.copy(), np.zeros((model.n, model.m))
     K, S = np.zeros((model.n, model.m)), np.diag(np.full(model.m, np.inf))
     K_pred[:, made] = found.K
     # A perfect measurement of what is known, from others or exactly, says nothing.

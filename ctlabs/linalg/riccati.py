@@ -38,6 +38,8 @@ SOLVED = 1e-6
 GOOD = 1e-13
 #: Newton's steps, at most: far from the solution each halves an error, near it they square it.
 STEPS = 40
+#: Solutions that are remembered: the steady state of one model is asked for again and again.
+KEPT = 256
 #: A correction below this part of the standard deviations is none; of twice the precision, and that to the power fold/2.
 STILL = 1e-26
 #: A variance below this part of its own terms is the rounding of twice the working precision, and zero; the same.
@@ -45,7 +47,7 @@ NOTHING = 2.0**-90
 
 
 class Solution(NamedTuple):
-    """The stabilising solution.
+    """The stabilising solution; its arrays are shared by all who ask for it.
 
     ``P`` (n, n) · ``K`` (n, m), its gain, in discrete time the predictor's · ``reach`` (n, n), Y with −Y ⪯ P* − P ⪯ Y for the exact P* ·
     ``error``, the bound of |P*_ij − P.high_ij| in units of σ_iσ_j, σ² = diag P; absolute where one of them is zero
@@ -101,6 +103,11 @@ class Equation(NamedTuple):
         R = self.R[np.ix_(elements, elements)]
         return self._replace(H=self.H[elements], R=R, N=self.N[:, elements])
 
+    def key(self) -> tuple[object, ...]:
+        """What tells this equation from others."""
+        matrices = (self.A, self.H, *self.Q.parts, self.R, *self.N.parts)
+        return self.continuous, self.Q.fold, *((M.shape, M.tobytes()) for M in matrices)
+
     def innovation(self, P: Array) -> Array:
         """The diagonal of S."""
         return np.diag(self.R) if self.continuous else np.diag(self.R) + np.diag(self.H @ P @ self.H.T)
@@ -122,12 +129,27 @@ def solve(A: Array, H: Array, Q: Matrix, R: Array, N: Matrix | None = None, *, c
     (array([[2.41421356]]), array([[1.618034]]))
     """
     given = Equation(A, H, Manyfold.of(Q), R, Manyfold.of(np.zeros((len(A), len(H))) if N is None else N), continuous)
-    plain = given.without_N()
+    key = given.key()
+    if key not in _KNOWN:
+        found = _found(given)
+        while len(_KNOWN) >= KEPT:
+            _KNOWN.pop(next(iter(_KNOWN)), None)
+        _KNOWN[key] = found
+    return _KNOWN[key]
+
+
+_KNOWN: dict[tuple[object, ...], Solution] = {}
+
+
+def _found(given: Equation) -> Solution:
+    """The solution, computed."""
+    plain, continuous, R = given.without_N(), given.continuous, given.R
     rest = undriven.without(plain.A, plain.Q.high, continuous=continuous)
     left, first = given.reduced(rest), plain.reduced(rest)
     told = telling(left.H, R)
     found = _solved(left.told(told), first.told(told))
-    return found if told.all() and not len(rest.known) else _completed(given, rest, told, found)
+    whole = told.all() and not len(rest.known)
+    return found if whole else _completed(given, rest, told, found)
 
 
 def telling(H: Array, R: Array) -> Array:
