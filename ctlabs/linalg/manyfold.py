@@ -32,7 +32,7 @@ class Manyfold:
 
     >>> third = Manyfold.of([[1 / 3]], 2)
     >>> rest = np.ones((1, 1)) - third - third - third
-    >>> rest.high[0, 0] == 2.0**-54
+    >>> bool(rest.high[0, 0] == 2.0**-54)
     True
     """
 
