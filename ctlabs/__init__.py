@@ -62,7 +62,7 @@ if TYPE_CHECKING:  # what type checkers and editors see; __getattr__ gives the s
     from ctlabs.online import Filter
     from ctlabs.shaping import augment
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 __all__ = [
     "ContinuousModel",

@@ -336,7 +336,7 @@ def _modes(basis: Array, A: Array, scaling: _Scaling, continuous: bool) -> list[
     inner = basis.T @ A @ basis
     values, doubt = eigenvalues(inner)
     rounded = 0.0
-    if np.count_nonzero(basis) > basis.shape[1]:  # combinations of states: the product itself rounds
+    if not np.isin(np.abs(basis), (0.0, 1.0)).all():  # no states themselves: the product itself rounds
         rounded = 4 * len(A) * np.finfo(float).eps * float(np.abs(A).sum(axis=1).max())
     doubt = doubt + rounded
     # What the rounding of the product could have taken over the boundary is no proof that the modes decay.

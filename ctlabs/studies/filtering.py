@@ -164,7 +164,7 @@ def _estimates(report: Report, run: Run) -> None:
         report.value("sd_end", None, common.units(model), reason=reason)
         report.says(_("No estimate of every state: {reason}."), reason=reason)
     _second_route(report, run)
-    if run.smoothed is not None:
+    if run.smoothed is not None and run.algorithm != "steady":  # what goes back from a constant gain is not the smoother
         _smoothed_route(report, run)
 
 

@@ -386,16 +386,16 @@ class Ability(NamedTuple):
 
 #: The forms of the filter, by name.
 ABILITIES = {
-    "conventional": Ability(True, True, True, False, True, "4n³ + 6mn² + 4m²n"),
-    "joseph": Ability(True, True, True, False, True, "8n³ + 6mn² + 6m²n"),
+    "conventional": Ability(True, True, True, True, True, "4n³ + 6mn² + 4m²n"),
+    "joseph": Ability(True, True, True, True, True, "8n³ + 6mn² + 6m²n"),
     "information": Ability(False, False, False, True, True, "(32/3)n³ + (6s + 2m)n² + (4s² + 2m²)n + 2s³/3"),
-    "sequential": Ability(True, True, True, False, True, "4n³ + 8mn² + m²n"),
-    "potter": Ability(True, True, True, False, True, "10n³/3 + 2sn² + 6mn²"),
-    "carlson": Ability(True, True, True, False, True, "10n³/3 + 2sn² + 4.5mn²"),
-    "array": Ability(True, True, True, False, True, "10n³/3 + 2sn² + 4(m+n)³/3 + 2mn²"),
-    "extended_array": Ability(False, True, True, False, True, "10n³/3 + 2sn² + 4(m+n)³/3 + 2mn² + 2(m+n)²"),
-    "ud": Ability(True, True, True, False, True, "4n³ + 2sn² + 4mn²"),
-    "ld": Ability(True, True, True, False, True, "4n³ + 2sn² + 2(m+n)³ + 2mn²"),
+    "sequential": Ability(True, True, True, True, True, "4n³ + 8mn² + m²n"),
+    "potter": Ability(True, True, True, True, True, "10n³/3 + 2sn² + 6mn²"),
+    "carlson": Ability(True, True, True, True, True, "10n³/3 + 2sn² + 4.5mn²"),
+    "array": Ability(True, True, True, True, True, "10n³/3 + 2sn² + 4(m+n)³/3 + 2mn²"),
+    "extended_array": Ability(False, True, True, True, True, "10n³/3 + 2sn² + 4(m+n)³/3 + 2mn² + 2(m+n)²"),
+    "ud": Ability(True, True, True, True, True, "4n³ + 2sn² + 4mn²"),
+    "ld": Ability(True, True, True, True, True, "4n³ + 2sn² + 2(m+n)³ + 2mn²"),
     "srif": Ability(False, False, True, True, True, "7n³ + (12s + 2m)n² + (8s² + m²)n + 4s³/3"),
     "steady": Ability(True, True, True, False, False, "2n² + 4mn"),
 }
