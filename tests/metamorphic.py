@@ -50,10 +50,15 @@ class Change:
             N=N, offset=offset, **names,
         )  # fmt: skip
 
-    def answer(self, value: Any, made: str, measured: int) -> Any:
+    def record(self, z: Array) -> Array:
+        """The measurements in the new words; Z takes one to one."""
+        missing = np.isnan(z).astype(float) @ (self.Z.T != 0) > 0
+        return np.where(missing, np.nan, np.nan_to_num(z) @ self.Z.T)
+
+    def answer(self, value: Any, made: str, measured: Array) -> Any:
         """What becomes of an answer that is made of ``made``: a letter of each axis (x, z, and their inverses X, Z)."""
-        if made == "log":  # of a density of so many measured values
-            return value - measured * np.log(np.abs(np.linalg.det(self.Z))) / len(self.Z)
+        if made == "log":  # of a density of so many ``measured`` values (m,)
+            return value - measured @ np.log(np.abs(self.Z).sum(axis=0))
         matrices = {"x": self.T, "z": self.Z, "X": np.linalg.inv(self.T).T, "Z": np.linalg.inv(self.Z).T}
         value = np.asarray(value)
         for axis, letter in enumerate(reversed(made.replace("t", "").replace("/", "")), start=1):

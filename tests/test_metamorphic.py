@@ -9,7 +9,7 @@ from typing import Any
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import Phase, given, settings
 
 from ctlabs import forms, kalman, records, smoothing, steady
 from ctlabs.models import DiscreteModel
@@ -35,10 +35,10 @@ def size(made: str, value: np.ndarray, sd: dict[str, np.ndarray]) -> Any:
 
 def same(verb: Verb, model: Any, z: np.ndarray, change: Change) -> None:
     """The answer to the changed problem is the changed answer."""
-    measured = int(np.isfinite(z).sum())
+    measured = np.isfinite(z).sum(axis=0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        before, after = verb.call(model, z), verb.call(change.model(model), z @ change.Z.T)
+        before, after = verb.call(model, z), verb.call(change.model(model), change.record(z))
     moved = change.model(model)
     P = moved.P0 + (moved.Qd if isinstance(moved, DiscreteModel) else 0.0)
     R = moved.R if isinstance(moved, DiscreteModel) else moved.Rc / (change.c * metamorphic._rate(model))
@@ -52,20 +52,21 @@ def same(verb: Verb, model: Any, z: np.ndarray, change: Change) -> None:
             rows = known.reshape(len(plain), -1).all(axis=1)
             plain, found = plain[rows], found[rows]
         wanted = change.answer(plain, made, measured)
+        finite = np.isfinite(wanted)
+        wanted, found = np.where(finite, wanted, 0.0), np.where(finite, found, 0.0)
         own = size(made, wanted, sd)
         if "/" in made:
             own = own / (change.c * metamorphic._rate(model))
-        finite = np.isfinite(wanted)
         # Estimates move with the data, which are no larger than some σ; covariances of a filter lie below P0 + Qd.
         scale = np.broadcast_to(np.maximum(own, np.abs(wanted) if made == "XX" else own), wanted.shape)
-        error = np.abs(np.where(finite, found - np.where(finite, wanted, 0), 0)) / scale
+        error = np.abs(found - wanted) / scale
         assert error.max(initial=0.0) < CLOSE * (1e3 if "X" in made or "Z" in made else 10), (name, error.max())
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("verb", DISCRETE, ids=lambda verb: verb.name)
 @given(data=st.data())
-@settings(max_examples=5)
+@settings(phases=[Phase.generate], max_examples=5)
 def test_discrete_verbs(verb, kind, data):
     """Another unit, order or basis: the same answer in other words."""
     model, z = data.draw(problems())
@@ -75,7 +76,7 @@ def test_discrete_verbs(verb, kind, data):
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("verb", CONTINUOUS, ids=lambda verb: verb.name)
 @given(data=st.data())
-@settings(max_examples=8)
+@settings(phases=[Phase.generate], max_examples=8)
 def test_continuous_verbs(verb, kind, data):
     """The same in continuous time, whose unit changes too."""
     model, z = data.draw(problems(continuous=True))
@@ -99,17 +100,19 @@ def halved(model: DiscreteModel, z: np.ndarray) -> tuple[DiscreteModel, np.ndarr
 
 @pytest.mark.parametrize("name", FILTERS)
 @given(problem=problems())
-@settings(max_examples=4)
+@settings(phases=[Phase.generate], max_examples=4)
 def test_a_step_in_two_halves(name, problem):
     """An instant without a measurement changes nothing at the others."""
     model, z = problem
     whole, twice = halved(model, z)
     one, two = FILTERS[name](whole, z), FILTERS[name](model, twice)
+    # A form of information moves Φ⁻¹ about, and what it inverts has the square of its condition.
+    lost = 64 * np.finfo(float).eps * np.linalg.cond(model.Phi) ** 2 if name == "forms.information" else 0.0
     for letter in ("x", "P") if name == "smoothing.smooth" else ("x_plus", "P_plus"):
         a, b = getattr(one, letter), getattr(two, letter)[::2]
-        np.testing.assert_allclose(a, b, rtol=0, atol=1e-10 * max(1.0, np.abs(a).max()))
+        np.testing.assert_allclose(a, b, rtol=0, atol=(1e-10 + lost) * max(1.0, np.abs(a).max()))
     if name != "smoothing.smooth":
-        np.testing.assert_allclose(one.log_likelihood, two.log_likelihood, rtol=1e-10)
+        np.testing.assert_allclose(one.log_likelihood, two.log_likelihood, rtol=1e-10 + lost)
 
 
 def widened(model: DiscreteModel) -> DiscreteModel:
@@ -127,7 +130,7 @@ def widened(model: DiscreteModel) -> DiscreteModel:
 
 @pytest.mark.parametrize("verb", [v for v in DISCRETE if v.name != "observability.gramian"], ids=lambda verb: verb.name)
 @given(problem=problems())
-@settings(max_examples=3)
+@settings(phases=[Phase.generate], max_examples=3)
 def test_a_state_that_nothing_sees(verb, problem):
     """The answers for the other states stay."""
     model, z = problem
@@ -144,7 +147,7 @@ def test_a_state_that_nothing_sees(verb, problem):
 
 @pytest.mark.parametrize("name", FILTERS)
 @given(problem=problems())
-@settings(max_examples=3)
+@settings(phases=[Phase.generate], max_examples=3)
 def test_perfect_measurements_are_the_limit_of_good_ones(name, problem):
     """R = 0 is what R → 0 tends to."""
     model, z = problem
@@ -159,7 +162,7 @@ def test_perfect_measurements_are_the_limit_of_good_ones(name, problem):
 
 
 @given(problem=problems())
-@settings(max_examples=8)
+@settings(phases=[Phase.generate], max_examples=8)
 def test_the_steady_state_is_where_the_recursion_goes(problem):
     """N steps at once: from P⁻ of the limit a step leads to itself, and from P0 the steps lead there."""
     model, _z = problem
