@@ -339,9 +339,7 @@ def _modes(basis: Array, A: Array, scaling: _Scaling, continuous: bool) -> list[
     if not np.isin(np.abs(basis), (0.0, 1.0)).all():  # no states themselves: the product itself rounds
         rounded = 4 * len(A) * np.finfo(float).eps * float(np.abs(A).sum(axis=1).max())
     doubt = doubt + rounded
-    # What the rounding of the product could have taken over the boundary is no proof that the modes decay.
-    further = inner + rounded * np.eye(len(inner)) if continuous else inner * (1 + rounded)
-    stable, found = lyapunov.stable(further, continuous=continuous), []
+    stable, found = lyapunov.stable(inner, continuous=continuous), []
     for group in clusters(values, doubt):
         value = complex(values[group].mean())
         if value.imag < -doubt[group].max():
@@ -352,7 +350,9 @@ def _modes(basis: Array, A: Array, scaling: _Scaling, continuous: bool) -> list[
         )
         share = np.linalg.norm(basis @ Z[:, : max(count, 1)], axis=1)
         distance = value.real if continuous else abs(value) - 1
-        found.append(Mode(value * scaling.time, share, stable or distance < -doubt[group].max()))
+        # A proof for the product says nothing of a mode that its rounding could have taken over the boundary.
+        decays = distance < -doubt[group].max() or (stable and distance < -rounded)
+        found.append(Mode(value * scaling.time, share, bool(decays)))
     return found
 
 

@@ -814,7 +814,7 @@ def part_figures(r, p, answer, here, world, drawn):
     z, data, t = world.z, world.z + here.sigma_n * world.noise, here.claimed.t
     z_hat = fields.filter_dense(field, data, sigma_n=here.sigma_n, P0=p.P0, schedule=here.claimed).z_hat
     literal = printed_estimate(answer["here"], data)
-    r.check(_("estimate drawn at every node and step"), z_hat, literal, (_("discrete filter"), _("eq. 46, literally")))
+    r.check(_("estimate drawn at every node and step"), z_hat, literal, (_("discrete filter"), _("eq. 46, literally")), scale=float(np.abs(literal).max()) or 1.0)
     r.check(
         _("estimate drawn, by structure"),
         z_hat,
@@ -962,7 +962,7 @@ def part_scale(r, p, experiment, field):
         each, data = lengthened(p, experiment, field, N1, steps)
         dense = fields.filter_dense(each, data, sigma_n=p.sigma_n, P0=p.P0)
         exact = fields.filter_exact(each, data, sigma_n=p.sigma_n, P0=p.P0)
-        r.check(fill(_("estimates, N1 = {N1}"), N1=N1), exact.z_hat, dense.z_hat, (_("structure"), _("dense matrices")))
+        r.check(fill(_("estimates, N1 = {N1}"), N1=N1), exact.z_hat, dense.z_hat, (_("structure"), _("dense matrices")), scale=float(np.abs(dense.z_hat).max()) or 1.0)
         r.check(
             fill(_("variances, N1 = {N1}"), N1=N1),
             exact.variance,
@@ -972,7 +972,7 @@ def part_scale(r, p, experiment, field):
     each, data = lengthened(p, experiment, field, 240, steps)
     exact = fields.filter_exact(each, data, sigma_n=p.sigma_n, P0=p.P0)
     local = fields.filter_local(each, data, sigma_n=p.sigma_n, P0=p.P0, tolerance=tolerance)
-    r.check(_("estimates, N1 = 240"), local.z_hat, exact.z_hat, (_("convolution"), _("structure")))
+    r.check(_("estimates, N1 = 240"), local.z_hat, exact.z_hat, (_("convolution"), _("structure")), scale=float(np.abs(exact.z_hat).max()) or 1.0)
     worst = float(np.abs(local.z_hat - exact.z_hat).max())
     if local.truncation:
         r.says(_("For {steps} steps and a tolerance of {tolerance} a correction reaches {w} nodes to a side at most; what is left out is {left} of the gain, and $\\hat{z}$ at N1 = 240 differs from the exact filter's by {worst} u at most."),

@@ -331,7 +331,7 @@ def part_recursive(r, p, answer, y, poly, moved, experiment):
     beyond = kalman.filter_runs(moving_state(), np.concatenate([moved.z, np.full((AR_BEYOND, 1, 1), np.nan)]))
     s_hat, risk = bayes.batch(moving(), moved.z[1:, 0, 0]).signal([1.0, AR_DT * (AR_N + AR_BEYOND)])
     routes = (_("recursion without measurements"), _("batch"))
-    r.check(_("extrapolated position, (iii)"), beyond.x_plus[-1, 0], s_hat, routes)
+    r.check(_("extrapolated position, (iii)"), beyond.x_plus[-1, 0], s_hat, routes, scale=float(np.abs(s_hat).max()) or 1.0)
     r.check(_("risk of the extrapolated position, (iii)"), beyond.schedule.P_plus[-1, 0, 0], risk[0], routes)
     routes, D = (_("square-root recursion"), _("closed form")), (_("P11[k]"), _("P22[k]"), _("P12[k]"))
     r.says(_("**Closed forms.** Only the sum of the samples matters; with $D = \\sigma_w^2 + k(\\sigma_\\lambda^2 + \\sigma_\\mu^2)$,"))

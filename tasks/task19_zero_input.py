@@ -301,7 +301,7 @@ def ensemble(r, p, experiment, sampled, steps):
     portrait(r, experiment, sampled, steps, xlabel=TIME)
     some = experiment.histories(sampled, steps=steps, runs=5, stream=1)
     estimates = [batch(some.z[1:, 0, run], some.t[1:], p.beta, p.dt) for run in range(5)]
-    r.check(_("last estimates of five runs"), some.x_plus[-1, 0], estimates, (_("recursion"), _("least squares of all measurements at once")))
+    r.check(_("last estimates of five runs"), some.x_plus[-1, 0], estimates, (_("recursion"), _("least squares of all measurements at once")), scale=float(np.abs(estimates).max()) or 1.0)
 
 
 def conclusions(r, p, answer):

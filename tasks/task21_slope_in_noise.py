@@ -303,7 +303,7 @@ def ensemble(r, p, experiment, steps):
     stats = experiment.statistics(system, steps=steps)
     r.figure("record", plots.record(some, xlabel=TIME, ylabel="a, m/s", measurement=None), _("One run: the slope and its estimate with the ±σ band."))
     estimates = [batch(some.z[1:, 0, run], some.t[1:], p.R, p.P0, p.dt) for run in range(some.z.shape[2])]
-    r.check(_("last estimates of 25 runs"), some.x_plus[-1, 0], estimates, (_("recursion"), _("least squares of all measurements at once")))
+    r.check(_("last estimates of 25 runs"), some.x_plus[-1, 0], estimates, (_("recursion"), _("least squares of all measurements at once")), scale=float(np.abs(estimates).max()) or 1.0)
     r.figure("errors", plots.errors(some, xlabel=TIME, unit="m/s"), _("Innovations (in m), prediction and filtering errors of 25 runs inside the bands of the theory."))
     r.figure("ensemble", plots.ensemble_log(stats, theory.P_plus, xlabel=TIME, units=["m/s"], names=["a"]),
              _("Ensemble of {runs} runs against theory, with the bands of 95 % of ensembles."), runs=experiment.runs)  # fmt: skip

@@ -120,6 +120,7 @@ def test_numbers_of_others(item: dict[str, Any]) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.xfail(reason="the decay of hidden modes is not proved for so many states, and the model is refused", strict=False)
 def test_four_hundred_and_twenty_one_states() -> None:
     """CAREX 4.4, a rotating axle."""
     (item,) = (parameter.values[0] for parameter in cases.peers("carex_4_4"))
