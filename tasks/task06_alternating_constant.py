@@ -143,7 +143,7 @@ def part_a(r, p, answer, system, experiment):
     r.value("gain", schedule.K[1:, 0, 0], at=range(1, len(p.R) + 1), agrees=answer, routes=(_("recursion"), _("share of the information")))
     some = experiment.histories(system, steps=len(p.R))
     r.check(_("estimates of 25 records"), some.x_plus[1:, 0], least_squares(some.z[1:, 0], p.P0, p.R),
-            (_("filter"), _("least squares over all measurements")), SOLVER)  # fmt: skip
+            (_("filter"), _("least squares over all measurements")), SOLVER, scale=float(np.abs(some.x[1:]).max()) or 1.0)  # fmt: skip
 
 
 def part_b(r, p, answer, system):
