@@ -2,7 +2,7 @@
 PYTHON ?= python3
 OUT ?= reports
 .DEFAULT_GOAL := help
-.PHONY: help labs test slow check docs pictures bench clean FORCE
+.PHONY: help labs test slow check kernels docs pictures bench clean FORCE
 .NOTPARALLEL:
 
 # Bytecode is kept even where the environment says otherwise: the tests start many processes, which would compile it anew.
@@ -28,10 +28,12 @@ test: .venv/.test ## run the tests that take seconds, with branch coverage
 slow: .venv/.test ## run the tests that take minutes: every lab against its committed numbers, the wheel
 	$(BIN)/python -m pytest -m slow -q
 
-check: .venv/.test ## lint, types, the examples in README.md and docs/, the numerical tests under OpenBLAS's kernels
+check: .venv/.test ## lint, check the types and run the examples in README.md and docs/
 	$(BIN)/python -m ruff check .
 	$(BIN)/python -m mypy
 	$(BIN)/python -m pytest -q tests/test_docs.py
+
+kernels: .venv/.test ## run the numerical tests under every kernel of OpenBLAS that the processor can run
 	$(BIN)/python tests/kernels.py
 
 docs: .venv/.docs ## build the documentation into build/docs
