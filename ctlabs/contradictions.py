@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 
 from ctlabs._check import Array
 from ctlabs.discretise import ldl
+from ctlabs.linalg.correlated import regression
 from ctlabs.models import DiscreteModel, at
 from ctlabs.text import _, fill, number
 
@@ -224,7 +225,7 @@ def _system(model: DiscreteModel, used: Mask) -> tuple[System, Array]:
     for k in range(steps):
         there = used[k]
         if there.any():
-            M[k][:, there] = model.N[:, there] @ np.linalg.pinv(at(model.R, k, 2)[np.ix_(there, there)], hermitian=True)
+            M[k][:, there] = regression(model.N[:, there], at(model.R, k, 2)[np.ix_(there, there)])
         Phi[k] = at(model.Phi, k, 2) - M[k] @ at(model.H, k, 2)
     return system._replace(Phi=Phi), M
 

@@ -25,6 +25,7 @@ from ctlabs._check import Array
 from ctlabs.contradictions import Contradiction, Gains
 from ctlabs.discretise import CANCELLED, ldl
 from ctlabs.linalg import rounding
+from ctlabs.linalg.correlated import regression
 from ctlabs.models import DiscreteModel, at
 from ctlabs.text import moment
 
@@ -318,7 +319,7 @@ def _motion(model: DiscreteModel, k: int, used: Mask) -> tuple[Array, Array, Arr
     if model.N is None or not used.any():
         return Phi, Qd, None
     N = model.N[:, used]
-    M = N @ np.linalg.pinv(at(model.R, k, 2)[np.ix_(used, used)], hermitian=True)
+    M = regression(N, at(model.R, k, 2)[np.ix_(used, used)])
     taken = M @ N.T
     return Phi - M @ at(model.H, k, 2)[used], rounding.difference(Qd - taken, Qd, taken), M
 

@@ -28,6 +28,7 @@ from ctlabs import _check, bucy, kalman
 from ctlabs import steady as steady_state
 from ctlabs._check import Array
 from ctlabs.discretise import ldl
+from ctlabs.linalg.correlated import regression
 from ctlabs.models import ContinuousModel, DiscreteModel
 
 #: Perfect measurements depend on each other when the relative size of one, given the others, is below this.
@@ -161,7 +162,7 @@ def discrete(model: DiscreteModel, keep: Sequence[str | int] | None = None, firs
         msg = "R: expected every element to be measured, received inf"
         raise ValueError(msg)
     b = _basis("R", model.R, model.H, model.states, keep)
-    NR = np.zeros((model.n, model.m)) if model.N is None else model.N @ np.linalg.pinv(model.R, hermitian=True)
+    NR = np.zeros((model.n, model.m)) if model.N is None else regression(model.N, model.R)
     # What a noisy measurement tells of the next disturbance is taken out first, as in kalman.
     Phi, Qd = model.Phi - NR @ model.H, model.Qd - (0.0 if model.N is None else NR @ model.N.T)
     E, c = Phi @ b.L @ b.D_p + NR, np.zeros(model.n) if model.offset is None else model.offset

@@ -30,6 +30,7 @@ from ctlabs._check import Array
 from ctlabs.discretise import interval
 from ctlabs.kalman import Mask, Schedule
 from ctlabs.linalg import riccati
+from ctlabs.linalg.correlated import regression
 from ctlabs.models import ContinuousModel, DiscreteModel, at
 
 #: Below this fraction of the terms it is the difference of, a coupling of the error to the truth is rounding.
@@ -367,7 +368,7 @@ def _cross_gain(design: DiscreteModel, k: int, used: Mask) -> Array:
     """M = NR⁺ of the design: what its filter infers from z_k about w_k, (d, elements used)."""
     if design.N is None:
         return np.zeros((design.n, int(used.sum())))
-    return design.N[:, used] @ np.linalg.pinv(at(design.R, k, 2)[np.ix_(used, used)], hermitian=True)
+    return regression(design.N[:, used], at(design.R, k, 2)[np.ix_(used, used)])
 
 
 def _difference(a: Array, b: Array) -> Array:

@@ -18,6 +18,7 @@ from ctlabs import _check, kalman, observability
 from ctlabs._check import Array
 from ctlabs.discretise import ldl
 from ctlabs.linalg import riccati
+from ctlabs.linalg.correlated import regression
 from ctlabs.linalg.updating import updated
 from ctlabs.models import DiscreteModel
 
@@ -116,7 +117,7 @@ def loop(model: DiscreteModel, limit: SteadyState) -> tuple[Array, Array]:
     used = np.isfinite(np.diag(limit.S))
     M = np.zeros((model.n, model.m))
     if model.N is not None:
-        M[:, used] = model.N[:, used] @ np.linalg.pinv(model.R[np.ix_(used, used)], hermitian=True)
+        M[:, used] = regression(model.N[:, used], model.R[np.ix_(used, used)])
     return left @ (model.Phi - M @ model.H), left @ M
 
 

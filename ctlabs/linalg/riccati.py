@@ -27,6 +27,7 @@ import numpy as np
 
 from ctlabs._check import Array
 from ctlabs.linalg import manyfold, undriven
+from ctlabs.linalg.correlated import regression
 from ctlabs.linalg.lyapunov import Operator, lost, prove
 from ctlabs.linalg.manyfold import Manyfold, Matrix, high
 from ctlabs.linalg.starts import Plain, starts
@@ -85,7 +86,7 @@ class Equation(NamedTuple):
         N = self.N.high
         if not N.any():
             return self
-        M = N @ np.linalg.pinv(self.R, hermitian=True)
+        M = regression(N, self.R)
         Q = self.Q.high - M @ N.T
         known = np.diag(Q) <= 16 * len(Q) * np.finfo(float).eps * np.diag(self.Q.high)
         Q = np.where(known[:, None] | known, 0.0, 0.5 * (Q + Q.T))
