@@ -132,8 +132,8 @@ def _both(T: Array, P: Array) -> Array:
 
 
 @st.composite
-def problems(draw: st.DrawFn, continuous: bool = False) -> tuple[Any, Array]:
-    """A stable, driven model with a record of its measurements, one value missing."""
+def problems(draw: st.DrawFn, continuous: bool = False, correlated: bool = False) -> tuple[Any, Array]:
+    """A stable, driven model with a record of its measurements, one value missing; ``correlated``: perhaps with N."""
     n, m, rng = draw(st.integers(1, 3)), draw(st.integers(1, 2)), np.random.default_rng(draw(seeds))
     A = rng.normal(size=(n, n))
     H, x0 = rng.normal(size=(m, n)), rng.normal(size=n)
@@ -143,7 +143,9 @@ def problems(draw: st.DrawFn, continuous: bool = False) -> tuple[Any, Array]:
         F = A - (np.linalg.eigvals(A).real.max() + 0.5) * np.eye(n)
         return ContinuousModel(F, np.eye(n), covariance(rng, n), H, Rc=covariance(rng, m), x0=x0, P0=covariance(rng, n)), z
     Phi = 0.9 * A / np.abs(np.linalg.eigvals(A)).max()
-    return DiscreteModel(Phi, covariance(rng, n), H, covariance(rng, m), x0=x0, P0=covariance(rng, n)), z
+    joint = covariance(rng, n + m)
+    N = joint[:n, n:] if correlated and draw(st.booleans()) else None
+    return DiscreteModel(Phi, joint[:n, :n], H, joint[n:, n:], x0=x0, P0=covariance(rng, n), N=N), z
 
 
 @st.composite

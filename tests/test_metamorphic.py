@@ -69,7 +69,7 @@ def same(verb: Verb, model: Any, z: np.ndarray, change: Change) -> None:
 @settings(phases=[Phase.generate], max_examples=5)
 def test_discrete_verbs(verb, kind, data):
     """Another unit, order or basis: the same answer in other words."""
-    model, z = data.draw(problems())
+    model, z = data.draw(problems(correlated=True))
     same(verb, model, z, data.draw(changes(model.n, model.m, kind)))
 
 
