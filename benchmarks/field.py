@@ -14,8 +14,8 @@ import numpy as np
 import scipy
 from timing import REPEATS, median
 
-from ctlabs import kalman
-from ctlabs.fields import RandomField, filter_dense, filter_exact, filter_local, measure
+from ctlabs.filtering import kalman
+from ctlabs.filtering.fields import RandomField, filter_dense, filter_exact, filter_local, measure
 
 STEPS, TOLERANCE = 100, 1e-8
 PAPER = RandomField(alpha=0.1, beta=0.1, b20=0.25, b11=1.0, h=1.0, dt=0.2, N1=30, sigma_eta=3.0)

@@ -14,7 +14,8 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from timing import REPEATS, median
 
-from ctlabs import kalman, montecarlo
+from ctlabs import montecarlo
+from ctlabs.filtering import kalman
 from ctlabs.models import DiscreteModel
 
 MODEL = DiscreteModel(

@@ -37,7 +37,7 @@ def experiment(executor: str, folder: str) -> None:
     from ctlabs import montecarlo
 
     try:
-        montecarlo.run(**HOURS, executor=executor, workers=2, checkpoint=folder, progress=False)
+        montecarlo.monte_carlo(**HOURS, executor=executor, workers=2, checkpoint=folder, progress=False)
     except montecarlo.Interrupted:
         sys.exit(130)
 

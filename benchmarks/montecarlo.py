@@ -34,7 +34,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ctlabs import kalman, montecarlo
+from ctlabs import montecarlo
+from ctlabs.filtering import kalman
 from ctlabs.models import DiscreteModel
 from ctlabs.montecarlo.executors import one_thread
 
@@ -45,7 +46,7 @@ LAB3 = DiscreteModel(
 
 
 def experiment(runs: int = RUNS, workers: int = 1, **options: object) -> montecarlo.Statistics:
-    return montecarlo.run(LAB3, steps=STEPS, runs=runs, seed=1, workers=workers, progress=False, **options)
+    return montecarlo.monte_carlo(LAB3, steps=STEPS, runs=runs, seed=1, workers=workers, progress=False, **options)
 
 
 def seconds(function: Callable[[], object]) -> float:
@@ -223,9 +224,9 @@ def main() -> int:
     big = large_model()
     schedule = kalman.schedule(big, STEPS)
     how = {"steps": STEPS, "runs": 2000, "seed": 1, "schedule": schedule, "workers": 1, "progress": False}
-    montecarlo.run(big, **how)
+    montecarlo.monte_carlo(big, **how)
     with one_thread():
-        limit, ours, ratio = compared(lambda: products(20, 5, 500, 4), lambda: montecarlo.run(big, **how), 5)
+        limit, ours, ratio = compared(lambda: products(20, 5, 500, 4), lambda: montecarlo.monte_carlo(big, **how), 5)
     report.line("n = 20, m = 5 / its draws and products", f"{ours:.2f} s / {limit:.2f} s", ratio, 2, False)
     if arguments.all:
         memory = peak_memory()
@@ -243,11 +244,11 @@ def cluster(report: Report) -> None:
 
     with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as local:
         address = local.scheduler_address
-        montecarlo.run(
+        montecarlo.monte_carlo(
             LAB3, steps=STEPS, runs=10_000, seed=1, executor=address, progress=False
         )  # workers load the kernel
         remote, threads, ratio = compared(
-            lambda: montecarlo.run(LAB3, steps=STEPS, runs=1_000_000, seed=1, executor=address, progress=False),
+            lambda: montecarlo.monte_carlo(LAB3, steps=STEPS, runs=1_000_000, seed=1, executor=address, progress=False),
             lambda: experiment(1_000_000, 2),
             5,
         )

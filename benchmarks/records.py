@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 from timing import REPEATS, median, timed
 
-from ctlabs import montecarlo, records, smoothing
-from ctlabs.forms import Filtered
+from ctlabs import montecarlo
+from ctlabs.filtering import records, smoothing
+from ctlabs.filtering.algorithms import Filtered
 from ctlabs.models import DiscreteModel
 
 STEPS, LOOPED = 200_000, 2_000

@@ -29,7 +29,7 @@ import httpx
 import socketio
 from timing import REPEATS
 
-from ctlabs.modelfile.catalogue import ready
+from ctlabs.files.modelfile.catalogue import ready
 from ctlabs.workbench.server import LOCAL
 from ctlabs.workbench.store import Store
 

@@ -1,126 +1,82 @@
-"""ctlabs: optimal (Kalman) filtering from a problem's statement to a verified report.
+"""ctlabs: optimal (Kalman) filtering and control from a problem's statement to a verified report.
 
->>> from ctlabs import ContinuousModel, steady
->>> from ctlabs.discretise import discretise
+>>> from ctlabs import ContinuousModel, discretise, steady_state
 >>> walk = ContinuousModel(F=[[0]], G=[[1]], Q=[[4]], H=[[1]], Rc=[[16]], P0=[[25]], states=["x"], units=["m"])
->>> limit = steady.solve(discretise(walk, dt=0.5))
+>>> limit = steady_state(discretise(walk, dt=0.5))
 >>> limit.K.round(4), limit.P_plus.round(4)
 (array([[0.2207]]), array([[7.0623]]))
 
-Everything named in ``__all__`` is loaded when it is first used, so that ``import ctlabs`` takes no time.
-``ctlabs.discretise`` is the module; its main verb is imported from it, as above.
+One verb per question; the type of the model chooses the equation. What is named here is loaded when it is first used, so that
+``import ctlabs`` takes no time. Everything else is in the subpackages: :mod:`ctlabs.models`, :mod:`ctlabs.filtering`,
+:mod:`ctlabs.analysis`, :mod:`ctlabs.montecarlo`, :mod:`ctlabs.files`, :mod:`ctlabs.reporting`.
 """
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from ctlabs._front import front
 
 if TYPE_CHECKING:  # what type checkers and editors see; __getattr__ gives the same when it is used
-    from ctlabs import (
-        bayes,
-        between,
-        bucy,
-        datafile,
-        diagnosis,
-        discretise,
-        experiment,
-        export,
-        fields,
-        fitting,
-        forms,
-        interop,
-        kalman,
-        kinematics,
-        labs,
-        linearise,
-        modelfile,
-        models,
-        montecarlo,
-        observability,
-        online,
-        params,
-        plots,
-        portrait,
-        records,
-        reduced,
-        render,
-        report,
-        scheduling,
-        sensitivity,
-        shaping,
-        smoothing,
-        spectra,
-        steady,
-        studies,
-        symbolic,
-        text,
-        updates,
-        varying,
-    )
-    from ctlabs.models import ContinuousModel, DiscreteModel
-    from ctlabs.online import Filter
-    from ctlabs.shaping import augment
+    from ctlabs.analysis import actual_errors, diagnose, error_budget, fit, observability
+    from ctlabs.files import read_model, read_record
+    from ctlabs.filtering import Filter, covariances, forecast, kalman_filter, smooth, steady_state
+    from ctlabs.models import ContinuousModel, DiscreteModel, NonlinearModel, augment, discretise, from_control
+    from ctlabs.montecarlo import monte_carlo, simulate
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
+
+#: Where each name of the front door is at home.
+_HOME = {
+    "ContinuousModel": "models",
+    "DiscreteModel": "models",
+    "Filter": "filtering",
+    "NonlinearModel": "models",
+    "actual_errors": "analysis",
+    "augment": "models",
+    "covariances": "filtering",
+    "diagnose": "analysis",
+    "discretise": "models",
+    "error_budget": "analysis",
+    "fit": "analysis",
+    "forecast": "filtering",
+    "from_control": "models",
+    "kalman_filter": "filtering",
+    "monte_carlo": "montecarlo",
+    "observability": "analysis",
+    "read_model": "files",
+    "read_record": "files",
+    "simulate": "montecarlo",
+    "smooth": "filtering",
+    "steady_state": "filtering",
+}
 
 __all__ = [
     "ContinuousModel",
     "DiscreteModel",
     "Filter",
+    "NonlinearModel",
+    "actual_errors",
     "augment",
-    "bayes",
-    "between",
-    "bucy",
-    "datafile",
-    "diagnosis",
+    "covariances",
+    "diagnose",
     "discretise",
-    "experiment",
-    "export",
-    "fields",
-    "fitting",
-    "forms",
-    "interop",
-    "kalman",
-    "kinematics",
-    "labs",
-    "linearise",
-    "modelfile",
-    "models",
-    "montecarlo",
+    "error_budget",
+    "fit",
+    "forecast",
+    "from_control",
+    "kalman_filter",
+    "monte_carlo",
     "observability",
-    "online",
-    "params",
-    "plots",
-    "portrait",
-    "records",
-    "reduced",
-    "render",
-    "report",
-    "scheduling",
-    "sensitivity",
-    "shaping",
-    "smoothing",
-    "spectra",
-    "steady",
-    "studies",
-    "symbolic",
-    "text",
-    "updates",
-    "varying",
+    "read_model",
+    "read_record",
+    "simulate",
+    "smooth",
+    "steady_state",
 ]
 
-#: The module of every name that is not a module itself.
-_HOME = {"ContinuousModel": "models", "DiscreteModel": "models", "Filter": "online", "augment": "shaping"}
 
-
-def __getattr__(name: str) -> Any:
-    if name not in __all__:
-        msg = f"module 'ctlabs' has no attribute {name!r}"
-        raise AttributeError(msg)
-    if name in _HOME:
-        return getattr(import_module(f"ctlabs.{_HOME[name]}"), name)
-    return import_module(f"ctlabs.{name}")
+__getattr__ = front(__name__, _HOME)
 
 
 def __dir__() -> list[str]:

@@ -13,13 +13,16 @@ import numpy as np
 import sympy
 from ctlabs.tasks import _kinematics_analytic as by_hand
 
-from ctlabs import kalman, kinematics, observability, plots, sensitivity, steady, symbolic
-from ctlabs.discretise import discretise, factor, unit_triangular
-from ctlabs.experiment import Experiment
-from ctlabs.models import DiscreteModel
-from ctlabs.params import Count, LabParameters, Positive, Variance, given
-from ctlabs.portrait import agreement, largest, portrait
-from ctlabs.report import EXACT, Report
+from ctlabs.analysis import sensitivity
+from ctlabs.filtering import settling, settling_step, steady
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.linalg.factors import factor, unit_triangular
+from ctlabs.models import DiscreteModel, kinematics, observability, symbolic
+from ctlabs.models.discretisation import discretise
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import Count, LabParameters, Positive, Variance, given
+from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import _, fill, number
 
 SIGMA, TAU = sympy.symbols("sigma_w tau", positive=True)
@@ -77,7 +80,7 @@ def answer_sheet(meta: Mapping[str, Any], p: Any, answer: Mapping[str, Any], exp
     """The report; ``closed_form`` adds what the lab knows of its steady gain."""
     r, system = Report(meta, p, experiment.runs, experiment.seed), sampled(p)
     F, G = np.eye(system.n, k=1, dtype=int), np.eye(system.n, dtype=int)[:, -1:]
-    lab = Lab(p, answer, symbolic.chain(F, G, [[SIGMA**2]], TAU), system, steady.solve(system), steady.settling(system))
+    lab = Lab(p, answer, symbolic.chain(F, G, [[SIGMA**2]], TAU), system, steady.solve(system), settling(system))
     r.heading(_("Part I. Analysis"))
     part_a(r, lab)
     part_b(r, lab)
@@ -182,7 +185,7 @@ def rescaling(r, lab, table):
     for names, here, there in (
         (("Phi", "Qd"), (lab.system.Phi, lab.system.Qd), (changed.Phi, changed.Qd)),
         (("Gd", "Qd_diagonal", "Gd_standardised"), factors(p), factors(q)),
-        (("P", "K"), *((s.P_plus[-1], s.K[-1]) for s in (kalman.schedule(lab.system, p.steps), kalman.schedule(changed, p.steps)))),
+        (("P", "K"), *((s.P_plus[-1], s.K[-1]) for s in (covariances(lab.system, p.steps), covariances(changed, p.steps)))),
     ):  # fmt: skip
         for name, value, again in zip(names, here, there, strict=True):
             r.check(fill(_("unit of {name}"), name=name), again, kinematics.converted(value, table[name], METRE, SECOND), (_("computed in other units"), _("converted by its unit")))
@@ -198,7 +201,7 @@ def part_c(r, lab, experiment):
     r.says(_("For a deterministic start only the sum is random. Its terms are independent, and $\\Phi^mG_d\\bar{Q}_dG_d^T(\\Phi^m)^T$ is what the noise between $m\\tau$ and $(m+1)\\tau$ before the end contributes; the sum over m is therefore one integral, without τ. At any time t after t0:"))
     r.math(rf"E\bigl[(x - Ex)(x - Ex)^T\bigr] = {sympy.latex(lab.chain.Qd.subs(TAU, sympy.Symbol('t', positive=True)))}")
     alone = replace(lab.system, R=[[math.inf]], P0=np.zeros((n, n)), dt=1.0)
-    grown = kalman.schedule(alone, PERIODS)
+    grown = covariances(alone, PERIODS)
     r.value("open_loop_covariance", grown.P_minus[-1], MIXED, agrees=lab.answer, routes=(_("recursion without measurements"), _("integral, closed form")))
     by_sum = by_hand.spread_by_sum(lab.answer["Phi"], lab.answer["unit_lower_factor"], lab.answer["diagonal_noise_variances"], PERIODS)
     r.check(_("sum over the noises w̄"), by_sum, lab.answer["open_loop_covariance"], (_("explicit solution"), _("integral, closed form")))
@@ -256,7 +259,7 @@ def existence(r, lab):
     r.says(_("**Bounds, without the theorem.** Put {curve} through the last {n} measurements: an estimate that uses nothing older, so that its error holds only R and the noise of the last {n} periods. It is the filter with the constant gain $K_* = {gain}$, all of whose poles are 0, and its error variances are {bound}. The optimal filter, which uses all measurements and P0, has no larger ones from measurement {n} on, whatever P0. So they are bounded, while those of the state (σ_w² > 0) grow without bound, that of x like {growth}. ∎"),
            curve=CURVE[n], n=n, gain=number(deadbeat[:, 0]), bound=", ".join(f"{number(b)} {u}" for b, u in zip(np.diag(bound), squared(lab), strict=True)), growth=growth(n))  # fmt: skip
     r.check(_("error covariance of the backward differences"), bound, by_hand.backward_differences(n, p.sigma_w2, p.tau, p.R), (_("filter with poles at 0"), _("polynomial through n measurements")))
-    variances = np.diagonal(kalman.schedule(lab.system, max(p.steps, n + 10)).P_plus, axis1=1, axis2=2)[n:]
+    variances = np.diagonal(covariances(lab.system, max(p.steps, n + 10)).P_plus, axis1=1, axis2=2)[n:]
     scale = np.where(np.diag(bound) > 0, np.diag(bound), 1.0)
     r.holds(_("P⁺ ≤ that of the last n measurements"), (np.diag(bound) - variances) / scale, (_("recursion"), _("bound proved")), size=1.0)
 
@@ -280,7 +283,7 @@ def limits(r, lab):
     """Lists over the measurements, limits and settling."""
     p, n = lab.p, lab.n
     r.says(_("**Along the measurements and in the limit.**"))
-    schedule, at = kalman.schedule(lab.system, p.steps), [i * p.tau for i in range(1, p.steps + 1)]
+    schedule, at = covariances(lab.system, p.steps), [i * p.tau for i in range(1, p.steps + 1)]
     routes = (_("recursion"), _("square-root arrays"))
     r.value("gain", schedule.K[1:, :, 0], MIXED, at=at, agrees=lab.answer, routes=routes)
     r.value("posterior_covariance", schedule.P_plus[1:], MIXED, at=at, agrees=lab.answer, routes=routes)
@@ -301,11 +304,11 @@ def limits(r, lab):
 
 def table_of_limits(r, lab):
     """Each state's limits, and when its variance alone has settled."""
-    variances = np.diagonal(kalman.schedule(lab.system, (lab.settled or 0) + 1).P_plus, axis1=1, axis2=2)
+    variances = np.diagonal(covariances(lab.system, (lab.settled or 0) + 1).P_plus, axis1=1, axis2=2)
     rows = []
     for j, (name, unit, square) in enumerate(zip(lab.system.states, lab.system.units, squared(lab), strict=True)):
         before, after = lab.limit.P_minus[j, j], lab.limit.P_plus[j, j]
-        alone = None if lab.settled is None else steady.settling_step(variances[:, j : j + 1], [after])
+        alone = None if lab.settled is None else settling_step(variances[:, j : j + 1], [after])
         rows.append((f"{name}, {unit}", f"{number(before)} {square}", f"{number(after)} {square}", math.sqrt(after), alone, None if alone is None else alone * lab.p.tau))
     r.table("limits", [_("state"), _("variance before an update"), _("variance after it"), _("σ after it"), _("settled at measurement"), _("settled at, s")], rows,
             _("Limits of the error variances and the time to reach them (within 1 %, state by state; the filter has settled when the last of them has)."))  # fmt: skip
@@ -364,11 +367,11 @@ def part_d(r, lab, experiment, steps):
         name = lab.system.states[j]
         r.figure(f"record_{name}", plots.record(some, xlabel=STEP, ylabel=label, state=j, measurement=None),
                  _("The same run: {name}, which is not measured, and its estimate with the ±σ band."), name=name)  # fmt: skip
-        shown = {"": kalman.schedule(counted, min(steps, 15))}
+        shown = {"": covariances(counted, min(steps, 15))}
         pair = (lab.limit.P_minus[j, j], lab.limit.P_plus[j, j])
         r.figure(f"sawtooth_{name}", plots.sawtooth(shown, xlabel=STEP, ylabel=fill(_("variance of {name}, {unit}"), name=name, unit=squared(lab)[j]), state=j, limits=[pair]),
                  _("Error variance of {name} before and after each update. Dotted: the limits."), name=name)  # fmt: skip
-    free, filtered = kalman.schedule(replace(counted, R=[[math.inf]]), steps), kalman.schedule(counted, steps)
+    free, filtered = covariances(replace(counted, R=[[math.inf]]), steps), covariances(counted, steps)
     curves = {}
     for j, name in enumerate(lab.system.states):
         curves[fill(_("state {name}"), name=name)] = positive(free.sd_plus[:, j])
@@ -395,9 +398,9 @@ def sweeps(r, lab, experiment, stats, largest_given):
     settled, settled_again, found, expected = [], [], [], []
     for name, q, level in cases:
         system = replace(sampled(q), dt=1.0)
-        limit, settles = steady.solve(system), steady.settling(system)
+        limit, settles = steady.solve(system), settling(system)
         steps = length(settles)
-        schedule = kalman.schedule(system, steps)
+        schedule = covariances(system, steps)
         ensemble = experiment.statistics(system, steps=steps) if name else stats
         worst = agreement(r, f"{name} {level}", ensemble, schedule.P_plus) if name else largest_given
         ratio = replace(lab, p=q).ratio
@@ -418,7 +421,7 @@ def sweeps(r, lab, experiment, stats, largest_given):
     for key, title in (("P0", _("The initial covariance decides how the limit is approached, not the limit.")), ("sigma_w2", _("A stronger disturbance raises the limit, and it is reached sooner."))):
         chosen = {name: system for name, system in systems.items() if name == _("given") or name.startswith(key)}
         begin = 0 if key == "P0" else 1
-        curves = {name: positive(kalman.schedule(system, 20).sd_plus[begin:, 0]) for name, system in chosen.items()}
+        curves = {name: positive(covariances(system, 20).sd_plus[begin:, 0]) for name, system in chosen.items()}
         if len(curves) > 1:
             r.figure(f"factor_{key}", plots.lines(range(begin, 21), curves, xlabel=STEP, ylabel=_("σ of the error of x after an update, m"), log="y", steps=True, marker="."), title)
 
@@ -461,7 +464,7 @@ def constant(r, lab, steps):
     direction[-2:] = 1 / math.sqrt(2), -1 / math.sqrt(2)
     r.check(_("direction that is not observable"), np.abs(seen.unobservable[:, 0]) * np.sign(direction), direction, (_("staircase"), "c − β"))
     known = discretise(apart, p.tau, [[p.R]])
-    variance = kalman.schedule(known, steps).P_plus[:, n - 1, n - 1]
+    variance = covariances(known, steps).P_plus[:, n - 1, n - 1]
     unit = squared(lab)[-1]
     end = ending(lab, known, steps)
     r.says(_("What becomes known of c comes from β(t0) = 0: the first measurements, before β has moved away. Its variance falls from {start} to {end} {unit} after {steps} measurements, {words}."),
@@ -474,7 +477,7 @@ def constant(r, lab, steps):
         k = min(steps, 40)
         whole = by_hand.least_squares(lab.answer["Phi"], lab.answer["standardised_noise_factor"], p.R, p.P0, k)[1]
         r.check(fill(_("variance of the constant at measurement {k}"), k=k), variance[k], whole[-1, -1], (_("filter with c and β apart"), _("least squares for x(t0)")), scale=float(variance[0]) or 1.0)
-    current = kalman.schedule(lab.system, steps).P_plus[:, -1, -1]
+    current = covariances(lab.system, steps).P_plus[:, -1, -1]
     if variance[0]:
         figure = plots.lines(range(steps + 1), {_("constant c"): variance, fill(_("current {quantity}"), **words): current}, xlabel=STEP, ylabel=fill(_("error variance, {unit}"), unit=unit), log="y" if min(variance.min(), current.min()) > 0 else "", steps=True, marker=".")
         r.figure("constant", figure, _("Error variance of the constant and of the current {quantity}."), **words)
@@ -484,7 +487,7 @@ def ending(lab, known, steps):
     """The limit of the constant's variance: what is left of it when the filter has settled three times over; None where it does not settle."""
     if lab.settled is None or not lab.p.sigma_w2:
         return None
-    return float(kalman.schedule(known, max(steps, 3 * lab.settled)).P_plus[-1, lab.n - 1, lab.n - 1])
+    return float(covariances(known, max(steps, 3 * lab.settled)).P_plus[-1, lab.n - 1, lab.n - 1])
 
 
 def conclusions(r, lab):

@@ -17,15 +17,17 @@ import numpy as np
 import scipy.linalg
 import sympy
 
-from ctlabs import bucy, kalman, observability, plots, sensitivity, shaping, spectra, symbolic
-from ctlabs import steady as steady_state
-from ctlabs.discretise import discretise
-from ctlabs.experiment import Experiment
-from ctlabs.models import ContinuousModel
-from ctlabs.params import LabParameters, Positive, Real, Variance, given
-from ctlabs.plots import Arrow, Node
-from ctlabs.portrait import agreement, largest, portrait
-from ctlabs.report import EXACT, SOLVER, Report
+from ctlabs.analysis import sensitivity
+from ctlabs.filtering import bucy
+from ctlabs.filtering import steady as steady_state
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.models import ContinuousModel, observability, shaping, spectra, symbolic
+from ctlabs.models.discretisation import discretise
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import LabParameters, Positive, Real, Variance, given
+from ctlabs.reporting.plots import Arrow, Node
+from ctlabs.reporting.report import EXACT, SOLVER, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -208,7 +210,7 @@ def part_observer(r, systems):
     for name, title in (("example", _("example")), ("correlated", _("correlated noises")), ("second", _("second-order filter"))):
         system = systems[name]
         transient = bucy.transient(system, TIMES)
-        for t, P, K in zip(TIMES, transient.P, transient.Kc, strict=True):
+        for t, P, K in zip(TIMES, transient.P, transient.K, strict=True):
             found = blocks(system, P)
             expected = system.F @ P + P @ system.F.T + system.G @ system.Q @ system.G.T - K @ (system.Rc @ K.T)
             scale = float(np.abs(system.F @ P).max() + np.abs(system.G @ system.Q @ system.G.T).max()) or 1.0
@@ -248,9 +250,9 @@ def part_example(r, p, answer, systems):
     r.math(r"K_1 = c_1 - \alpha + a, \qquad K_2 = \frac{c_0 - \alpha(c_1-\alpha)}{b} = \frac{2D\alpha b/r}{c_0+\alpha^2+\alpha c_1}, \qquad P_{22} = D - \frac{P_{12}^2}{2\alpha r}")
     example, routes = systems["example"], (_("Riccati equation"), _("closed form"))
     found = bucy.steady(example)
-    polynomial = np.real(np.poly(example.F - found.Kc @ example.H))
+    polynomial = np.real(np.poly(example.F - found.K @ example.H))
     r.value("covariance_steady", found.P, _("m², m²/s, m²/s²"), agrees=answer, routes=routes)
-    r.value("gain_steady", found.Kc[:, 0], _("1/s, 1/s²"), agrees=answer, routes=routes)
+    r.value("gain_steady", found.K[:, 0], _("1/s, 1/s²"), agrees=answer, routes=routes)
     r.value("filter_polynomial", polynomial, _("1, 1/s, 1/s²"), agrees=answer, routes=routes)
     transient = bucy.transient(example, TIMES)
     r.value("covariance_continuous", transient.P, _("m², m²/s, m²/s²"), at=TIMES, agrees=answer, routes=(_("Riccati equation, integrated"), _("closed form about the limit")))
@@ -279,9 +281,9 @@ def variants(r, p, systems):
         r.check(fill(_("block equations at the limit, {model}"), model=name), flow, np.zeros(flow.size), (_("block equations"), _("steady state")), SOLVER, scale=scale)
         if p.a < 0:
             top, _den = spectra.factor(spectra.of(system))
-            polynomial = np.real(np.poly(system.F - found.Kc @ system.H))
+            polynomial = np.real(np.poly(system.F - found.K @ system.H))
             r.check(fill(_("filter polynomial, {model}"), model=name), polynomial, top / top[0], (_("Riccati equation"), _("spectral factorisation of S_y")), SOLVER)
-        rows.append((name, found.P[0, 0], found.P[1, 1], found.Kc[0, 0], found.Kc[1, 0]))
+        rows.append((name, found.P[0, 0], found.P[1, 1], found.K[0, 0], found.K[1, 0]))
     r.table("variants", [_("model"), _("P1, m²"), _("variance of w, m²/s²"), "K1, 1/s", "K2, 1/s²"], rows, _("Steady state of the variants. The sign of the correlation between v0 and v matters: one helps the estimate of x, the other harms it."))
 
 
@@ -297,7 +299,7 @@ def part_white(r, p, answer):
     r.value("white_claimed_variance", claimed.P[0, 0], "m²", agrees=answer, routes=(_("Riccati equation"), _("closed form")))
     expected = answer["white_actual_variance"]
     reason = _("nothing drives x and the filter's gain tends to 0: its error keeps what P(0) left")
-    actual = None if expected is None else lyapunov(p, claimed.Kc[0, 0])
+    actual = None if expected is None else lyapunov(p, claimed.K[0, 0])
     r.value("white_actual_variance", actual, "m²", reason=reason, agrees=answer, routes=(_("Lyapunov equation"), _("closed form")))
     if expected is None:
         r.says(_("Here there is no such variance: {reason}."), reason=reason)
@@ -369,7 +371,7 @@ def experiment_example(r, p, experiment, answer, system, dt, steps):
     some = experiment.histories(sampled, steps=steps)
     figure = plots.record(some, xlabel=TIME, ylabel="w, m/s", state=1, measurement=None)
     r.figure("noise", figure, _("The plant noise w of the same run and its estimate: the observer follows its slow part."))
-    schedule, t = kalman.schedule(sampled, steps), np.arange(steps + 1) * dt
+    schedule, t = covariances(sampled, steps), np.arange(steps + 1) * dt
     count = min(steps, 20)
     P_minus, K = discrete(p, dt, count)
     routes = (_("discrete recursion"), _("power of one matrix"))
@@ -398,7 +400,7 @@ def experiment_white(r, p, experiment, answer, system, dt, steps):
         # One period changes a variance by its fraction δ·(rate of the filter) at most; twice that is allowed.
         bound = 2 * period * max(wide(p), p.alpha, p.a + wide(p)) * answer["white_claimed_variance"]
         r.holds(_("true variance for a short period within O(δ) of the Lyapunov equation"), bound - abs(found - expected), (_("discrete sensitivity analysis"), _("continuous closed form")), size=expected)
-    optimal = kalman.schedule(truth, steps)
+    optimal = covariances(truth, steps)
     figure = plots.lines(optimal.t, {_("optimal"): optimal.P_plus[:, 0, 0], _("white noise assumed: true"): actual.P_plus[:, 0, 0], _("white noise assumed: claimed"): actual.claimed.P_plus[:, 0, 0]},
                          xlabel=TIME, ylabel=_("variance of x, m²"), points={_("ensemble"): (stats.t[:: max(steps // 40, 1)], stats.rms[:: max(steps // 40, 1), 0] ** 2)})  # fmt: skip
     r.figure("white", figure, _("What the filter for white noise claims and has, with the ensemble, and the optimum."))

@@ -18,13 +18,15 @@ from pydantic import model_validator
 from scipy.optimize import brentq, minimize_scalar
 from scipy.signal import lfilter
 
-from ctlabs import fields, kalman, plots, sensitivity
-from ctlabs.experiment import Experiment
-from ctlabs.fields import RandomField, stability
+from ctlabs.analysis import sensitivity
+from ctlabs.filtering import Covariances, fields
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import largest
+from ctlabs.models.field import RandomField, stability
 from ctlabs.montecarlo import chance
-from ctlabs.params import Count, Flag, LabParameters, Positive, Variance, given
-from ctlabs.portrait import largest
-from ctlabs.report import EXACT, Report
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import Count, Flag, LabParameters, Positive, Variance, given
+from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -264,18 +266,18 @@ class Case(NamedTuple):
 
     field: RandomField
     sigma_n: float
-    claimed: kalman.Schedule
+    claimed: Covariances
     actual: sensitivity.Actual
-    bound: kalman.Schedule
+    bound: Covariances
 
 
 def case(p, alpha, beta, sigma_n):
     """Covariances of a variant; the printed ones are computed for whatever dt is given."""
     field = replace(own(p), alpha=alpha, beta=beta, allow_unstable=True)
     design, truth = field.model(sigma_n, p.P0), field.model(sigma_n, 0.0)
-    claimed = kalman.schedule(design, p.m)
+    claimed = covariances(design, p.m)
     return Case(
-        field, sigma_n, claimed, sensitivity.actual(truth, design, p.m, schedule=claimed), kalman.schedule(truth, p.m)
+        field, sigma_n, claimed, sensitivity.actual(truth, design, p.m, gains=claimed), covariances(truth, p.m)
     )
 
 
@@ -337,7 +339,7 @@ def sample(p, found, z, noise):
     """Filter all runs of a variant, twice."""
     data, sigmas, rms, tests = z + found.sigma_n * noise, [], [], []
     for P0, P in ((p.P0, found.actual.P_plus), (0.0, found.bound.P_plus)):
-        error = fields.filter_exact(found.field, data, sigma_n=found.sigma_n, P0=P0).z_hat.reshape(z.shape) - z
+        error = fields.filter_exact(found.field, data[1:], sigma_n=found.sigma_n, P0=P0).z_hat.reshape(z.shape) - z
         sigmas.append(np.sqrt((error**2).mean(axis=(0, 1))))
         rms.append(np.sqrt((error**2).mean(axis=(1, 2))))
         tests.append(chance.mean_square(error, of_nodes(P, found.field)))
@@ -675,7 +677,7 @@ def consistency(r, p, here, experiment):
     r.chance(_("error variances, X_0 drawn from N(0, P0)"), chance.variance(matched, here.claimed.P_plus))
     if not p.P0:
         return
-    printed = experiment.statistics(truth, design, steps=p.m, schedule=here.claimed)
+    printed = experiment.statistics(truth, design, steps=p.m, gains=here.claimed)
     r.chance(_("error variances of the printed experiment"), chance.variance(printed, here.actual.P_plus))
     theory = np.trace(np.linalg.solve(here.claimed.P_plus, here.actual.P_plus), axis1=1, axis2=2)
     curves = {_("X_0 drawn from N(0, P0)"): matched.nees, _("printed: X_0 = 0"): printed.nees}
@@ -732,7 +734,7 @@ def part_table(r, p, answer, cases, worlds, samples, variants):
         else:
             data = world.z + sigma_n * world.noise
             z_hat = fields.filter_dense(
-                cases[key].field, data, sigma_n=sigma_n, P0=p.P0, schedule=cases[key].claimed
+                cases[key].field, data[1:], sigma_n=sigma_n, P0=p.P0, gains=cases[key].claimed
             ).z_hat
             ours = float(np.sqrt(np.mean((z_hat - world.z) ** 2)))
             literal = printed_estimate(answer["filters"][i], data) - world.z
@@ -812,13 +814,13 @@ def part_figures(r, p, answer, here, world, drawn):
         )
         return
     z, data, t = world.z, world.z + here.sigma_n * world.noise, here.claimed.t
-    z_hat = fields.filter_dense(field, data, sigma_n=here.sigma_n, P0=p.P0, schedule=here.claimed).z_hat
+    z_hat = fields.filter_dense(field, data[1:], sigma_n=here.sigma_n, P0=p.P0, gains=here.claimed).z_hat
     literal = printed_estimate(answer["here"], data)
     r.check(_("estimate drawn at every node and step"), z_hat, literal, (_("discrete filter"), _("eq. 46, literally")), scale=float(np.abs(literal).max()) or 1.0)
     r.check(
         _("estimate drawn, by structure"),
         z_hat,
-        fields.filter_exact(field, data, sigma_n=here.sigma_n, P0=p.P0).z_hat,
+        fields.filter_exact(field, data[1:], sigma_n=here.sigma_n, P0=p.P0).z_hat,
         (_("dense matrices"), _("structure")),
     )
     r.figure("figure1", plots.surface(field.x, t, z, xlabel=PLACE, tlabel=TIME, zlabel=_("field z, u")),
@@ -960,8 +962,8 @@ def part_scale(r, p, experiment, field):
     steps, tolerance = min(p.m, 30), 1e-9
     for N1 in sorted({p.N1, 60}):
         each, data = lengthened(p, experiment, field, N1, steps)
-        dense = fields.filter_dense(each, data, sigma_n=p.sigma_n, P0=p.P0)
-        exact = fields.filter_exact(each, data, sigma_n=p.sigma_n, P0=p.P0)
+        dense = fields.filter_dense(each, data[1:], sigma_n=p.sigma_n, P0=p.P0)
+        exact = fields.filter_exact(each, data[1:], sigma_n=p.sigma_n, P0=p.P0)
         r.check(fill(_("estimates, N1 = {N1}"), N1=N1), exact.z_hat, dense.z_hat, (_("structure"), _("dense matrices")), scale=float(np.abs(dense.z_hat).max()) or 1.0)
         r.check(
             fill(_("variances, N1 = {N1}"), N1=N1),
@@ -970,8 +972,8 @@ def part_scale(r, p, experiment, field):
             (_("structure"), _("dense matrices")),
         )
     each, data = lengthened(p, experiment, field, 240, steps)
-    exact = fields.filter_exact(each, data, sigma_n=p.sigma_n, P0=p.P0)
-    local = fields.filter_local(each, data, sigma_n=p.sigma_n, P0=p.P0, tolerance=tolerance)
+    exact = fields.filter_exact(each, data[1:], sigma_n=p.sigma_n, P0=p.P0)
+    local = fields.filter_local(each, data[1:], sigma_n=p.sigma_n, P0=p.P0, tolerance=tolerance)
     r.check(_("estimates, N1 = 240"), local.z_hat, exact.z_hat, (_("convolution"), _("structure")), scale=float(np.abs(exact.z_hat).max()) or 1.0)
     worst = float(np.abs(local.z_hat - exact.z_hat).max())
     if local.truncation:

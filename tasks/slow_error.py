@@ -15,13 +15,16 @@ from dataclasses import replace
 import numpy as np
 from numpy.polynomial import Polynomial
 
-from ctlabs import bayes, forms, kalman, montecarlo, plots, sensitivity
-from ctlabs.bayes import SlowError
-from ctlabs.experiment import Experiment
+from ctlabs import montecarlo
+from ctlabs.analysis import sensitivity
+from ctlabs.filtering import bayes, kalman_filter, update
+from ctlabs.filtering.bayes import SlowError
+from ctlabs.labs.experiment import Experiment, covariances, filtered
+from ctlabs.labs.portrait import agreement, largest, portrait
 from ctlabs.models import DiscreteModel
-from ctlabs.params import Count, LabParameters, Positive, Real, Variance, given
-from ctlabs.portrait import agreement, largest, portrait
-from ctlabs.report import Report
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import Count, LabParameters, Positive, Real, Variance, given
+from ctlabs.reporting.report import Report
 from ctlabs.text import _, fill
 
 META = {
@@ -203,7 +206,7 @@ def moving_state(*, slow=True):
     Qd = np.diag([0, 0, AR_FAST_VARIANCE * (1 - AR_FAST**2), AR_SLOW_VARIANCE * (1 - AR_SLOW**2)])
     P0 = np.diag([*AR_VARIANCE, AR_FAST_VARIANCE, AR_SLOW_VARIANCE])
     return DiscreteModel(
-        Phi[part], Qd[part], np.array([[1.0, 0.0, 1.0, 1.0]])[:, kept], [[AR_WHITE]], np.array([*AR_MEAN, 0.0, AR_SLOW_MEAN])[kept], P0[part], AR_DT,
+        Phi[part], Qd[part], np.array([[1.0, 0.0, 1.0, 1.0]])[:, kept], [[AR_WHITE]], x0=np.array([*AR_MEAN, 0.0, AR_SLOW_MEAN])[kept], P0=P0[part], dt=AR_DT,
         states=["position", "velocity", "noise", "slow error"][: len(kept)], units=["m", "m/s", "m", "m"][: len(kept)], measurements=["y"],
     )  # fmt: skip
 
@@ -212,7 +215,7 @@ def report(p, experiment: Experiment) -> Report:
     """Reproduce the paper, part by part."""
     r = Report(META, p, experiment.runs, experiment.seed)
     answer = analytic(p)
-    y = montecarlo.simulate(truth(p, named(constants(p))), p.k, 1, experiment.seed).z[1:, 0, 0]
+    y = montecarlo.simulate(truth(p, named(constants(p))), p.k, 1, experiment.seed).z[:, 0, 0]
     poly = experiment.histories(bayes.model(polynomial()), steps=len(POLY_T), runs=1, stream=2)
     moved = experiment.histories(moving_state(), steps=AR_N, runs=1, stream=3)
     r.heading(_("Plan of the experiment"))
@@ -295,8 +298,8 @@ def batch_figures(r, poly, moved):
     """Signals of (ii) and (iii), estimated and extrapolated."""
     k = AR_DT * np.arange(1, AR_N + AR_BEYOND + 1)
     shown = (
-        ("polynomial", polynomial(), poly, POLY_T, POLY_AT, powers(POLY_AT), poly.x[0, :3, 0], _("Example (ii): samples and estimate, less the true polynomial. The samples show the harmonic drift; the estimate has a part of it that looks like a polynomial, and the extrapolation beyond the last sample grows uncertain.")),
-        ("moving", moving(), moved, k[:AR_N], k, np.column_stack([np.ones_like(k), k]), moved.x[0, :2, 0], _("Example (iii): samples and estimated position, less the true position, under a slow AR(1) error of non-zero mean and coloured noise. All samples contribute to every estimate, so that its error is a straight line; beyond the last sample it is extrapolated.")),
+        ("polynomial", polynomial(), poly, POLY_T, POLY_AT, powers(POLY_AT), poly.truth[0, :3, 0], _("Example (ii): samples and estimate, less the true polynomial. The samples show the harmonic drift; the estimate has a part of it that looks like a polynomial, and the extrapolation beyond the last sample grows uncertain.")),
+        ("moving", moving(), moved, k[:AR_N], k, np.column_stack([np.ones_like(k), k]), moved.truth[0, :2, 0], _("Example (iii): samples and estimated position, less the true position, under a slow AR(1) error of non-zero mean and coloured noise. All samples contribute to every estimate, so that its error is a straight line; beyond the last sample it is extrapolated.")),
     )  # fmt: skip
     for name, problem, record, t, at, phi, lam, caption in shown:
         y = record.z[1:, 0, 0]
@@ -316,23 +319,23 @@ def part_recursive(r, p, answer, y, poly, moved, experiment):
     r.says(_("For section 5 the state is constant:"))
     r.model(system)
     short = min(p.k, DENSE)
-    filtered = kalman.filter_runs(system, bayes.record(y[:short]))
+    small = filtered(system, y[:short, None, None])
     whole, batch = bayes.recursion(constants(p, count=p.k), y), bayes.batch(constants(p, count=p.k), y)
     scale = np.sqrt(np.array([p.sigma_lambda2, p.sigma_mu2])) + np.sqrt(p.sigma_w2) * (p.sigma_lambda2 + p.sigma_mu2 == 0)
     differences = [
         np.abs(whole.x[-1] - batch.mean).max() / scale.max(), np.abs(whole.P[-1] - batch.P).max() / scale.max() ** 2,
-        *compared(r, _("(i)"), filtered, bayes.batch(constants(p, count=short), y[:short]), np.eye(2)),
-        *compared(r, _("(ii)"), kalman.filter_runs(bayes.model(polynomial()), poly.z), bayes.batch(polynomial(), poly.z[1:, 0, 0]), np.eye(5)),
-        *compared(r, _("(iii)"), kalman.filter_runs(moving_state(), moved.z), bayes.batch(moving(), moved.z[1:, 0, 0]), state_of_moving()),
+        *compared(r, _("(i)"), small, bayes.batch(constants(p, count=short), y[:short]), np.eye(2)),
+        *compared(r, _("(ii)"), filtered(bayes.model(polynomial()), poly.z[1:]), bayes.batch(polynomial(), poly.z[1:, 0, 0]), np.eye(5)),
+        *compared(r, _("(iii)"), filtered(moving_state(), moved.z[1:]), bayes.batch(moving(), moved.z[1:, 0, 0]), state_of_moving()),
     ]  # fmt: skip
     r.value("batch_minus_recursive_max", max(differences))
     r.holds(_("batch = recursion to 10⁻⁹"), 1e-9 - max(differences), (_("batch"), _("recursion")), size=1.0)
     r.says(_("The largest difference of batch and recursion over the three examples is {worst} (estimates in units of the largest prior standard deviation, covariances of the largest prior variance). In (iii) the batch has one μ a sample and noise of full covariance; the recursion has four states."), worst=max(differences))
-    beyond = kalman.filter_runs(moving_state(), np.concatenate([moved.z, np.full((AR_BEYOND, 1, 1), np.nan)]))
+    beyond = filtered(moving_state(), np.concatenate([moved.z[1:], np.full((AR_BEYOND, 1, 1), np.nan)]))
     s_hat, risk = bayes.batch(moving(), moved.z[1:, 0, 0]).signal([1.0, AR_DT * (AR_N + AR_BEYOND)])
     routes = (_("recursion without measurements"), _("batch"))
     r.check(_("extrapolated position, (iii)"), beyond.x_plus[-1, 0], s_hat, routes, scale=float(np.abs(s_hat).max()) or 1.0)
-    r.check(_("risk of the extrapolated position, (iii)"), beyond.schedule.P_plus[-1, 0, 0], risk[0], routes)
+    r.check(_("risk of the extrapolated position, (iii)"), beyond.P_plus[-1, 0, 0], risk[0], routes)
     routes, D = (_("square-root recursion"), _("closed form")), (_("P11[k]"), _("P22[k]"), _("P12[k]"))
     r.says(_("**Closed forms.** Only the sum of the samples matters; with $D = \\sigma_w^2 + k(\\sigma_\\lambda^2 + \\sigma_\\mu^2)$,"))
     r.math(r"P_{11} = \frac{\sigma_\lambda^2(\sigma_w^2 + k\sigma_\mu^2)}{D}, \quad P_{22} = \frac{\sigma_\mu^2(\sigma_w^2 + k\sigma_\lambda^2)}{D}, \quad P_{12} = -\frac{k\sigma_\lambda^2\sigma_\mu^2}{D}, \quad K^* = \frac{\sigma_\lambda^2}{D}, \quad \Delta^* = \frac{\sigma_\mu^2}{D}")
@@ -345,8 +348,8 @@ def part_recursive(r, p, answer, y, poly, moved, experiment):
     k = np.arange(1, short + 1)
     closed = [analytic(p.model_copy(update={"k": int(i)})) for i in k]
     for label, name, (i, j) in zip(D, ("lambda_variance", "mu_variance", "covariance"), ((0, 0), (1, 1), (0, 1)), strict=True):
-        r.check(label, filtered.schedule.P_plus[1:, i, j], [one[name] for one in closed], (_("Kalman filter"), _("closed form")))
-    floor = kalman.update(system.P0, [[1.0, 1.0]], [[0.0]]).P_plus[0, 0]
+        r.check(label, small.P_plus[1:, i, j], [one[name] for one in closed], (_("Kalman filter"), _("closed form")))
+    floor = update(system.P0, [[1.0, 1.0]], [[0.0]]).P_plus[0, 0]
     r.value("variance_floor", floor, "u²", agrees=answer, routes=(_("λ + μ measured without noise"), _("closed form")))
     r.says(_("As k grows, $P_{11}$ falls to the floor {floor} u², which is what remains when λ + μ is known exactly. At k = {k} it is {now} u²."), floor=floor, k=p.k, now=whole.P[-1, 0, 0])
     r.check(_("σ_μ²λ̂ = σ_λ²μ̂ at every k"), p.sigma_mu2 * whole.x[:, 0], p.sigma_lambda2 * whole.x[:, 1], (_("estimate of λ"), _("estimate of μ")), scale=scale.max() ** 3)  # fmt: skip
@@ -364,8 +367,8 @@ def state_of_moving():
 def compared(r, name, filtered, batch, C):
     """Last estimates of a recursion against C(λ, μ) of a batch; returns the differences, relative to the prior."""
     kept = [0, 1, 3] if len(C) == 3 and filtered.x_plus.shape[1] == 4 else list(range(len(C)))
-    x, P = filtered.x_plus[-1, kept, 0], filtered.schedule.P_plus[-1][np.ix_(kept, kept)]
-    size = np.diag(filtered.schedule.P_minus[0]).max() or 1.0
+    x, P = filtered.x_plus[-1, kept, 0], filtered.P_plus[-1][np.ix_(kept, kept)]
+    size = np.diag(filtered.P_minus[0]).max() or 1.0
     mean, cov = C @ batch.mean, C @ batch.P @ C.T
     routes = (_("recursion"), _("batch"))
     r.check(fill(_("estimates after the last sample, {name}"), name=name), x, mean, routes)
@@ -380,12 +383,12 @@ def separate(r, p, y, experiment):
     plane, G = moving_state(slow=False), [[1.0]]
     biased = bayes.augmented(plane, G, [[AR_SLOW_VARIANCE]], [AR_SLOW_MEAN])
     some = experiment.histories(biased, steps=AR_N, runs=3, stream=4)
-    for name, model, prior, mean, z in (("(i)", signal, p.sigma_mu2, 0.0, bayes.record(y)), ("(iii)", plane, AR_SLOW_VARIANCE, AR_SLOW_MEAN, some.z)):
+    for name, model, prior, mean, z in (("(i)", signal, p.sigma_mu2, 0.0, y[:, None, None]), ("(iii)", plane, AR_SLOW_VARIANCE, AR_SLOW_MEAN, some.z[1:])):
         apart = bayes.separate_bias(model, G, [[prior]], z, [mean])
-        both = kalman.filter_runs(bayes.augmented(model, G, [[prior]], [mean]), z)
+        both = filtered(bayes.augmented(model, G, [[prior]], [mean]), z)
         routes = (_("two filters"), _("augmented filter"))
         r.check(fill(_("estimates, {name}, by separate filters"), name=name), np.concatenate([apart.x, apart.b], axis=1), both.x_plus, routes, scale=float(np.abs(both.x_plus).max() + np.abs(apart.free.x_plus).max()) or 1.0)  # fmt: skip
-        r.check(fill(_("covariance, {name}, by separate filters"), name=name), apart.P, both.schedule.P_plus, routes)
+        r.check(fill(_("covariance, {name}, by separate filters"), name=name), apart.P, both.P_plus, routes)
 
 
 def numerics(r, p, whole):
@@ -399,7 +402,7 @@ def numerics(r, p, whole):
     for q in (1.0, 1e3, 1e6, 1e9):
         problem, k = constants(p, noise=np.full(DENSE, sw / q)), DENSE * q
         exact, risk = sw * (sl + sm) / (sw + k * (sl + sm)), sl * (sw + k * sm) / (sw + k * (sl + sm))
-        errors = [abs(forms.run(bayes.model(problem), bayes.record(ones), form).P_plus[-1].sum() / exact - 1) for form in ("conventional", "joseph", "potter")]
+        errors = [abs(kalman_filter(bayes.model(problem), ones, algorithm=form).P_plus[-1].sum() / exact - 1) for form in ("conventional", "joseph", "potter")]
         found = bayes.batch(problem, ones)
         kept = found.combination([1.0, 1.0])[1][0]
         r.check(fill(_("variance of λ + μ after {k} samples"), k=k), kept, exact, (_("root of the batch"), _("closed form")))
@@ -439,7 +442,7 @@ def part_figure2(r, p, answer):
     curves, rows, sw, sl = {}, [], p.sigma_w2, p.sigma_lambda2
     for sm in sorted({p.sigma_mu2 or 50.0, (p.sigma_mu2 or 50.0) / 4, 4 * (p.sigma_mu2 or 50.0)} | {p.sigma_mu2}):
         problem = constants(p, noise=noise, sm=sm)
-        best = kalman.schedule(bayes.model(problem), len(counts)).P_plus[1:, 0, 0]
+        best = covariances(bayes.model(problem), len(counts)).P_plus[1:, 0, 0]
         worse = sensitivity.actual(bayes.model(problem), bayes.model(problem.ignoring()), len(counts), compare=[[1.0, 0.0]]).P_plus[1:, 0, 0]
         curves[fill(_("σ_μ² = {v}: ignored"), v=sm)], curves[fill(_("σ_μ² = {v}: optimal"), v=sm)] = worse, best
         r.check(fill(_("variance that ignores μ, σ_μ² = {v}"), v=sm), worse, [naive(k, sw, sl, sm) for k in counts], (_("sensitivity"), _("closed form")))
@@ -479,8 +482,8 @@ def considered(r, p):
     steps = min(p.k, DENSE)
     signal = bayes.model(constants(p, count=1).ignoring())
     whole, plan_ = bayes.consider(signal, [[1.0]], [[p.sigma_mu2]], steps)
-    actual = sensitivity.actual(whole, whole, steps, schedule=plan_).P_plus
-    best = kalman.schedule(whole, steps).P_plus[:, 0, 0]
+    actual = sensitivity.actual(whole, whole, steps, gains=plan_).P_plus
+    best = covariances(whole, steps).P_plus[:, 0, 0]
     ignored = sensitivity.actual(whole, signal, steps, compare=[[1.0, 0.0]]).P_plus[:, 0, 0]
     r.says(_("**Considered, not estimated.** The Schmidt–Kalman filter keeps the variance of μ and its correlation with the error of λ̂, but never estimates μ; it spends one state where the optimal filter spends two. Its gain is the best for one step at a time, which is not the best over many:"))
     r.check(_("covariance of the Schmidt–Kalman filter"), plan_.P_plus, actual, (_("its own"), _("sensitivity")))
@@ -533,7 +536,7 @@ def doubted(r, p, counts, noise, poly, experiment):
     """Is there a slow error? Two filters and the probability of each."""
     problem = constants(p, noise=noise)
     some = experiment.histories(truth(p, bayes.model(problem)), bayes.model(problem), steps=len(counts), runs=1, stream=5)
-    bank = bayes.hypotheses([bayes.model(problem), bayes.model(problem.ignoring())], some.z)
+    bank = bayes.hypotheses([bayes.model(problem), bayes.model(problem.ignoring())], some.z[1:])
     sizes = np.diff([0, *counts])
     averages = np.cumsum(sizes * some.z[1:, 0, 0]) / counts
     exact = [posterior_odds(a, k, p.sigma_w2, p.sigma_lambda2, p.sigma_mu2) for a, k in zip(averages, counts, strict=True)]
@@ -541,7 +544,7 @@ def doubted(r, p, counts, noise, poly, experiment):
     r.check(_("probability of a slow error, (i)"), bank.probability[1:, 0, 0], exact, (_("innovations of two filters"), _("average of the samples")), scale=rounding(p))
     ending = posterior_odds(p.lam + p.mu, 1e300, p.sigma_w2, p.sigma_lambda2, p.sigma_mu2) if p.sigma_lambda2 else (1.0 if p.sigma_mu2 and p.lam + p.mu else 0.5)
     drift, y = polynomial(), poly.z[1:, 0, 0]
-    other = bayes.hypotheses([bayes.model(drift), bayes.model(drift.ignoring())], poly.z)
+    other = bayes.hypotheses([bayes.model(drift), bayes.model(drift.ignoring())], poly.z[1:])
     common, noise_ = drift.phi @ drift.K_lambda @ drift.phi.T, drift.noise * np.eye(drift.N)
     densities = [log_density(y, drift.phi @ drift.m_lambda, K) for K in (common + drift.psi @ drift.K_mu @ drift.psi.T + noise_, common + noise_)]
     r.check(_("log-likelihoods of the two hypotheses, (ii)"), other.log_likelihood[-1, :, 0], densities, (_("innovations of two filters"), _("joint density")))

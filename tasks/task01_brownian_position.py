@@ -17,13 +17,15 @@ from functools import partial
 
 import numpy as np
 
-from ctlabs import kalman, plots, sensitivity, steady
-from ctlabs.discretise import discretise
-from ctlabs.experiment import Experiment
+from ctlabs.analysis import sensitivity
+from ctlabs.filtering import settling, settling_step, steady
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import agreement, largest, portrait
 from ctlabs.models import ContinuousModel
-from ctlabs.params import Count, LabParameters, Positive, Real, Variance, VarianceOrVariances, given
-from ctlabs.portrait import agreement, largest, portrait
-from ctlabs.report import EXACT, Report
+from ctlabs.models.discretisation import discretise
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import Count, LabParameters, Positive, Real, Variance, VarianceOrVariances, given
+from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -70,7 +72,7 @@ def analytic(p):
         "prior_variance_steady": None if root is None else 0.5 * (root + Qd),
         "posterior_variance_steady": limit,
         "gain_steady": None if root is None else gain_by_ratio(Qd, R[-1]),
-        "settling_step": None if root is None else settling(p.P0, Qd, R, limit),
+        "settling_step": None if root is None else settling_by_hand(p.P0, Qd, R, limit),
         "bias_factor": list(np.cumprod([1 - K for K in gain])),
         "posterior_variance_missing": None if root is None else recovery(limit, Qd, math.inf, R[-1]),
         "posterior_variance_perfect": None if root is None else recovery(limit, Qd, 0.0, R[-1]),
@@ -121,7 +123,7 @@ def gain_by_ratio(Qd, R):
     return 2 * ratio / (ratio + math.sqrt(ratio**2 + 4 * ratio)) if ratio else 0.0
 
 
-def settling(P0, Qd, R, limit):
+def settling_by_hand(P0, Qd, R, limit):
     """The first measurement from which P⁺ stays within 1 % of its limit; R goes on with its last entry, and there P⁺ is monotone."""
     P, outside, i = P0, 0, 0
     while i < len(R) or (limit and abs(P - limit) > 0.001 * limit):
@@ -184,7 +186,7 @@ def analysis(r, p, answer, R):
     r.says(_("The position itself never becomes stationary (its variance grows by $Q_d$ each period); its estimation error does."))
     at = [i * p.tau for i in range(1, len(variances(p)) + 1)]
     system = model(p, variances(p))
-    schedule = kalman.schedule(system, len(at))
+    schedule = covariances(system, len(at))
     routes = (_("recursion"), _("joint conditioning"))
     r.value("prior_variance", schedule.P_minus[1:, 0, 0], "m²", at=at, agrees=answer, routes=routes)
     r.value("posterior_variance", schedule.P_plus[1:, 0, 0], "m²", at=at, agrees=answer, routes=routes)
@@ -203,7 +205,7 @@ def analysis(r, p, answer, R):
     r.value("prior_variance_steady", None if limit is None else limit.P_minus[0, 0], "m²", reason=reason, agrees=answer, routes=routes)
     r.value("posterior_variance_steady", None if limit is None else limit.P_plus[0, 0], "m²", reason=reason, agrees=answer, routes=routes)
     r.value("gain_steady", None if limit is None else limit.K[0, 0], "1", reason=reason, agrees=answer, routes=routes)
-    settled = steady.settling(model(p, R)) if limited else None
+    settled = settling(model(p, R)) if limited else None
     listed = settled if np.ndim(p.R) == 0 or not limited else settled_after(p, R)
     if listed is not None:
         r.check(_("settling step"), listed, answer["settling_step"], (_("recursion"), _("information form")), EXACT)
@@ -217,10 +219,10 @@ def analysis(r, p, answer, R):
 def settled_after(p, R):
     """Settling of a filter whose measurement variances are listed and then stay at the last one."""
     limit = np.diag(steady.solve(model(p, R)).P_plus)
-    after = kalman.schedule(model(p, p.R), len(p.R)).P_plus[-1]
-    horizon = len(p.R) + 64 + (steady.settling(replace(model(p, R), P0=after)) or 0)
+    after = covariances(model(p, p.R), len(p.R)).P_plus[-1]
+    horizon = len(p.R) + 64 + (settling(replace(model(p, R), P0=after)) or 0)
     padded = [*p.R, *[R] * (horizon - len(p.R))]
-    found = steady.settling_step(kalman.schedule(model(p, padded), horizon).P_plus[:, :, 0], limit)
+    found = settling_step(covariances(model(p, padded), horizon).P_plus[:, :, 0], limit)
     return None if found is None else max(found, 1)
 
 
@@ -245,11 +247,11 @@ def sweep(r, build, experiment, steps, part, title, name, cases):
         if not math.isfinite(R):
             continue
         system = build(R, sigma_w2)
-        schedule, limit = kalman.schedule(system, steps), steady.solve(system)
+        schedule, limit = covariances(system, steps), steady.solve(system)
         stats = experiment.statistics(system, steps=steps)
         worst = agreement(r, f"{name.split(',')[0]} = {shown:g}", stats, schedule.P_plus)
         left = float(np.prod(1 - schedule.K[1:11, 0, 0]))
-        rows.append((shown, limit.K[0, 0], math.sqrt(limit.P_plus[0, 0]), stats.rms[-1, 0], left, steady.settling(system), worst))
+        rows.append((shown, limit.K[0, 0], math.sqrt(limit.P_plus[0, 0]), stats.rms[-1, 0], left, settling(system), worst))
         curves[f"{name.split(',')[0]} = {shown:g}"] = schedule.sd_plus[:, 0]
     r.table(f"sweep_{part}", [name, "K̄", _("steady σ, m"), _("RMS of the ensemble, m"), _("share of an initial bias left after 10 measurements"), _("settling step"), _("largest deviation, σ")], rows,
             _("Quality of the estimates: accuracy, bias and settling."))  # fmt: skip
@@ -269,7 +271,7 @@ def part_c(r, p, build, experiment, steps):
         other = steady.solve(build(7 * R, 7 * Qd / p.tau))
         r.check(fill(_("K̄ at ρ = {ratio}, σ_w² and R seven times larger"), ratio=ratio), other.K[0, 0], limit.K[0, 0], (_("scaled system"), _("system")))
         r.check(fill(_("K̄ at ρ = {ratio}"), ratio=ratio), limit.K[0, 0], gain_by_ratio(Qd, R), (_("Riccati equation"), _("closed form")))
-        rows.append((ratio, limit.K[0, 0], limit.P_plus[0, 0] / R, 1 - limit.K[0, 0], steady.settling(build(R, Qd / p.tau))))
+        rows.append((ratio, limit.K[0, 0], limit.P_plus[0, 0] / R, 1 - limit.K[0, 0], settling(build(R, Qd / p.tau))))
     r.table("ratio", ["ρ", "K̄", "P̄⁺/R", _("multiplier 1 − K̄"), _("settling step")], rows, _("The gain and the relative variance depend on ρ alone; the settling step also on P0."))
     ratios = np.logspace(-3, 3, 121)
     curves = {_("K̄ = P̄⁺/R"): [gain_by_ratio(x, 1.0) for x in ratios], _("error multiplier 1 − K̄"): [1 - gain_by_ratio(x, 1.0) for x in ratios]}
@@ -298,7 +300,7 @@ def part_d(r, p, build, answer, experiment, R):
     for name, what, anomaly in (("missing", _("missing (R = ∞)"), math.inf), ("perfect", _("perfect (R = 0)"), 0.0)):
         listed = [R] * settled + [anomaly] + [R] * AFTER
         system = replace(build(listed), P0=limit.P_plus)
-        schedule = kalman.schedule(system, len(listed))
+        schedule = covariances(system, len(listed))
         after = schedule.P_plus[settled + 1 :, 0, 0]
         at = [k * p.tau for k in range(AFTER + 1)]
         r.value(f"posterior_variance_{name}", after, "m²", at=at, agrees=answer, routes=(_("recursion"), _("information form")))

@@ -14,13 +14,15 @@ from functools import partial
 import numpy as np
 from ctlabs.tasks import task01_brownian_position as lab1
 
-from ctlabs import kalman, plots, sensitivity, steady
-from ctlabs.discretise import discretise
-from ctlabs.experiment import Experiment
+from ctlabs.analysis import sensitivity
+from ctlabs.filtering import steady
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import agreement
 from ctlabs.models import ContinuousModel
-from ctlabs.params import Real, given
-from ctlabs.portrait import agreement
-from ctlabs.report import Report
+from ctlabs.models.discretisation import discretise
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import Real, given
+from ctlabs.reporting.report import Report
 from ctlabs.text import _, fill
 
 META = {
@@ -93,11 +95,11 @@ def part_a(r, p, answer, build):
     r.says(_("In the error $e = \\hat{x} - x$ the input cancels, $e(t_i^-) = e(t_{i-1}^+) - w_d(t_{i-1})$. So the variances, the gain, the settling and the effect of an anomaly are those of lab 1, whatever u."))
     r.value("control_increment", float(system.offset[0]), "m", agrees=answer, routes=(_("discretised input"), _("product uτ")))
     steps = len(lab1.variances(p))
-    schedule, without = kalman.schedule(system, steps), kalman.schedule(replace(system, offset=None), steps)
+    schedule, without = covariances(system, steps), covariances(replace(system, offset=None), steps)
     at = [i * p.tau for i in range(1, steps + 1)]
     r.value("posterior_variance", schedule.P_plus[1:, 0, 0], "m²", at=at, agrees=answer, routes=(_("recursion"), _("joint conditioning")))
     r.check(_("variances with and without the input"), sensitivity.actual(system, system, steps).P_plus, without.P_plus, (_("joint covariance with u"), _("recursion without u")))
-    known = kalman.schedule(replace(system, P0=[[0.0]]), steps)
+    known = covariances(replace(system, P0=[[0.0]]), steps)
     r.value("posterior_variance_known_start", known.P_plus[1:, 0, 0], "m²", at=at, agrees=answer, routes=(_("recursion"), _("joint conditioning")))
     r.says(_("The sheet may also be read with $x(t_0)$ known: then $P_0 = 0$ and the variance climbs to the same limit from below ({first} m² after the first measurement, {last} m² after the last listed)."),
            first=known.P_plus[1, 0, 0], last=known.P_plus[-1, 0, 0])  # fmt: skip
@@ -132,7 +134,7 @@ def forgets_in_experiment(r, build, experiment, steps, R):
     figure = plots.lines(i, {_("after an update"): -actual.bias_plus[:, 0], _("before an update"): -actual.bias_minus[:, 0]}, xlabel=lab1.STEP, ylabel=_("mean of truth − estimate, m"),
                          points={_("ensemble"): (i, -stats.bias[:, 0])}, steps=True)  # fmt: skip
     r.figure("forgotten_drift", figure, _("Bias of the filter that forgets the drift: theory and the ensemble's mean after an update."))
-    right = kalman.schedule(truth, steps)
+    right = covariances(truth, steps)
     r.table("forgotten_drift", [_("filter"), _("bias, m"), _("σ, m"), _("RMS of theory, m"), _("RMS of the ensemble, m")], [
         (_("knows u"), 0.0, right.sd_plus[-1, 0], right.sd_plus[-1, 0], experiment.statistics(truth, steps=steps).rms[-1, 0]),
         (_("forgets u"), -actual.bias_plus[-1, 0], math.sqrt(actual.P_plus[-1, 0, 0]), math.sqrt(actual.mse_plus[-1, 0, 0]), stats.rms[-1, 0]),

@@ -15,8 +15,8 @@ import math
 from ctlabs.tasks import _kinematics, _kinematics_analytic
 from scipy.optimize import brentq
 
-from ctlabs.params import Covariance, Variance, Vector, given
-from ctlabs.report import SOLVER
+from ctlabs.reporting.params import Covariance, Variance, Vector, given
+from ctlabs.reporting.report import SOLVER
 from ctlabs.text import _
 
 META = {

@@ -13,8 +13,8 @@ import math
 import numpy as np
 from ctlabs.tasks import _kinematics, _kinematics_analytic
 
-from ctlabs import kalman
-from ctlabs.params import Covariance, Variance, Vector, given
+from ctlabs.labs.experiment import covariances
+from ctlabs.reporting.params import Covariance, Variance, Vector, given
 from ctlabs.text import _
 
 META = {
@@ -60,7 +60,7 @@ def closed_form(r, lab):
     r.check(_("K̄3² S̄ = σ_w²τ"), lab.limit.K[2, 0] ** 2 * innovation, lab.p.sigma_w2 * lab.p.tau, (_("Riccati equation"), _("element (3,3) of Q_d")))
     if lab.settled is None:
         return
-    limit, variances = np.diag(lab.limit.P_plus), np.diagonal(kalman.schedule(lab.system, lab.settled).P_plus, axis1=1, axis2=2)[1:]
+    limit, variances = np.diag(lab.limit.P_plus), np.diagonal(covariances(lab.system, lab.settled).P_plus, axis1=1, axis2=2)[1:]
     inside = (np.abs(variances - limit) <= 0.01 * limit).all(axis=1)
     entered = int(np.argmax(inside)) + 1
     if entered < lab.settled:

@@ -18,14 +18,18 @@ import numpy as np
 import sympy
 from ctlabs.tasks import _kinematics_analytic as by_hand
 
-from ctlabs import forms, kalman, kinematics, plots, sensitivity, steady, symbolic, updates
-from ctlabs.discretise import discretise, factor, unit_triangular
-from ctlabs.experiment import Experiment
-from ctlabs.models import ContinuousModel
-from ctlabs.montecarlo import Extended, NonlinearModel
-from ctlabs.params import LabParameters, Positive, Real, given
-from ctlabs.portrait import agreement, largest, portrait
-from ctlabs.report import EXACT, Report
+from ctlabs.analysis import sensitivity
+from ctlabs.filtering import kalman_filter, settling, steady, updates
+from ctlabs.filtering.extended import Extended
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.linalg.factors import factor, unit_triangular
+from ctlabs.models import ContinuousModel, kinematics, symbolic
+from ctlabs.models.discretisation import discretise
+from ctlabs.models.nonlinear import NonlinearModel
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import LabParameters, Positive, Real, given
+from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import _, fill, number
 
 META = {
@@ -84,8 +88,8 @@ def analytic(p):
         "posterior_variance_steady_variant1": first, "posterior_variance_steady_variant2": best, "variance_ratio_steady": first / best,
         "posterior_variance_variant1": np.hstack([paths[R11], paths[R22]]),
         "posterior_variance_variant2": turned(paths[p.sigma_D**2], paths[across], p.theta),
-        "settling_step_variant1": settling(p, Phi, standard, (R11, R22), first, lambda a, b: np.concatenate([a, b])),
-        "settling_step_variant2": settling(p, Phi, standard, (p.sigma_D**2, across), best, lambda a, b: turned(a, b, p.theta)),
+        "settling_step_variant1": settling_by_hand(p, Phi, standard, (R11, R22), first, lambda a, b: np.concatenate([a, b])),
+        "settling_step_variant2": settling_by_hand(p, Phi, standard, (p.sigma_D**2, across), best, lambda a, b: turned(a, b, p.theta)),
         "cost_of_update": costs(4),
     }  # fmt: skip
 
@@ -106,7 +110,7 @@ def transient(p, Phi, standard, R, count):
     return np.array([np.diag(P) for _K, P in islice(by_hand.filtered(Phi, standard, R, np.diag(spread(p))), count)])
 
 
-def settling(p, Phi, standard, noises, limit, combine, longest=20_000):
+def settling_by_hand(p, Phi, standard, noises, limit, combine, longest=20_000):
     """The first i from which all four variances stay within 1 % of their limits; the two filters run side by side."""
     one, other = (by_hand.filtered(Phi, standard, R, np.diag(spread(p))) for R in noises)
     outside = 0
@@ -248,7 +252,7 @@ def model_part(r, p, answer, truth):
             _("Units of all constants and variables. Φ and G_d have zeros between x and y, whose units do not matter."))  # fmt: skip
     R = kinematics.converted(truth.R, table["R"], METRE, SECOND)
     changed = discretise(other, float(kinematics.converted(p.tau, table["t"], METRE, SECOND)), R)
-    here, there = kalman.schedule(truth, LISTED), kalman.schedule(changed, LISTED)
+    here, there = covariances(truth, LISTED), covariances(changed, LISTED)
     for name, value, again in (("Phi", truth.Phi, changed.Phi), ("Qd", truth.Qd, changed.Qd), ("Gd_standardised", factor(truth.Qd), factor(changed.Qd)), ("K", here.K[-1], there.K[-1]), ("P", here.P_plus[-1], there.P_plus[-1])):
         r.check(fill(_("unit of {name}"), name=name), again, kinematics.converted(value, table[name], METRE, SECOND), (_("computed in other units"), _("converted by its unit")))
     r.says(_("**Check of the units:** everything is computed again with {metre} m as the unit of length and {second} s as that of time; each element changes as its unit says."), metre=METRE, second=SECOND)
@@ -318,7 +322,7 @@ def length(p):
 
 def plan(r, p, experiment, truth):
     """Every number chosen."""
-    settled = steady.settling(truth)
+    settled = settling(truth)
     steps = min(max(SIMULATED, 10 + (settled or SIMULATED)), 60)
     position, velocity = spread(p)
     r.says(_("Parts (c) and (f) fix the geometry at D, θ: the pseudo-measurements are linear with a constant R, and theory and ensemble can be compared exactly. Part (g) uses the true sensor: polar noise, `atan2`, the conversion, and R at the geometry predicted by each filter at each measurement, on several trajectories. Both variants see the same random numbers throughout."))
@@ -338,7 +342,7 @@ def part_c(r, p, answer, truth, first, experiment, steps):
     """Variant 1."""
     r.section("c", _("Variant 1: the covariance of e_x and e_y neglected"))
     r.says(_("With $R_1 = \\mathrm{diag}(R_{11}, R_{22})$ and a diagonal P0 the filter falls apart into two filters of task 3, one for (x, v_x), one for (y, v_y). Each uses the right variance of its own measurement, so its own variances are *true*; what is false is the zero it believes in between x and y, and what it gives away is what the other measurement tells."))
-    actual, claimed = sensitivity.actual(truth, first, steps), kalman.schedule(first, steps)
+    actual, claimed = sensitivity.actual(truth, first, steps), covariances(first, steps)
     routes = (_("recursion of truth and filter"), _("square-root arrays of one coordinate"))
     listed = sensitivity.actual(truth, first, LISTED).P_plus
     at = list(range(1, LISTED + 1))
@@ -346,7 +350,7 @@ def part_c(r, p, answer, truth, first, experiment, steps):
     r.check(_("variances believed in are the true ones"), np.diagonal(claimed.P_plus, axis1=1, axis2=2), np.diagonal(actual.P_plus, axis1=1, axis2=2), (_("filter's own recursion"), _("joint covariance of truth and filter")))
     limit = sensitivity.steady(truth, first)
     r.value("posterior_variance_steady_variant1", np.diag(limit.P_plus), "m², m²/s²", agrees=answer, routes=(_("Lyapunov equation"), _("spectral factorisation of one coordinate")))
-    settled = steady.settling(first)
+    settled = settling(first)
     r.value("settling_step_variant1", settled, reason=_("not within 100 000 measurements"), agrees=answer, routes=(_("recursion"), _("square-root arrays of one coordinate")), kind=EXACT)
     stats = experiment.statistics(truth, first, steps=steps)
     agreement(r, _("variant 1"), stats, actual.P_plus, consistent=False)
@@ -386,12 +390,12 @@ def part_e(r, truth, experiment):
     new, by = updates.decorrelated(truth)
     r.math(r"H' = {H}, \qquad d = {d}", H=new.H, d=by.d)
     some = experiment.histories(truth, steps=SIMULATED)
-    changed = np.stack([by.measurements(z) for z in some.z])
-    apart = forms.run(new, changed[:, :, 0], "sequential")
+    changed = np.stack([by.measurements(z) for z in some.z[1:]])
+    apart = kalman_filter(new, changed[:, :, 0], algorithm="sequential")
     error = apart.x_plus - some.x_plus[:, :, 0]
     sizes = np.abs(some.x_plus[:, :, 0]).max(axis=0) + np.sqrt(np.diag(truth.P0))
     r.check(_("estimates of one record, relative to the largest"), 1 + error / sizes, np.ones_like(error), (_("z', one element after another"), _("z, both at once")))
-    r.check(_("covariances of the same"), apart.P_plus, some.schedule.P_plus, (_("z', one element after another"), _("z, both at once")))
+    r.check(_("covariances of the same"), apart.P_plus, some.P_plus, (_("z', one element after another"), _("z, both at once")))
     if abs(correlation(truth.R)) > ROUNDING:
         r.says(_("With the old H and the new z' the filter would be wrong by $-l_{21}x$ in the second element, {wrong} m at t0."), wrong=-by.L[1, 0] * truth.x0[0])
     else:
@@ -405,10 +409,10 @@ def part_f(r, p, answer, truth, experiment, steps):
     r.math(r"P_x = \cos^2\theta\,p(\sigma_D^2) + \sin^2\theta\,p(D^2\sigma_\theta^2), \qquad P_y = \sin^2\theta\,p(\sigma_D^2) + \cos^2\theta\,p(D^2\sigma_\theta^2)")
     new = replace(updates.decorrelated(truth)[0], measurements=("z_x", "z_y'"))
     limit = steady.solve(new)
-    listed = kalman.schedule(new, LISTED).P_plus
+    listed = covariances(new, LISTED).P_plus
     r.value("posterior_variance_variant2", np.diagonal(listed[1:], axis1=1, axis2=2), "m², m²/s²", at=list(range(1, LISTED + 1)), agrees=answer, routes=(_("recursion"), _("two filters along and across the radius")))
     r.value("posterior_variance_steady_variant2", np.diag(limit.P_plus), "m², m²/s²", agrees=answer, routes=(_("Riccati equation"), _("spectral factorisation along and across the radius")))
-    settled = steady.settling(new)
+    settled = settling(new)
     r.value("settling_step_variant2", settled, reason=_("not within 100 000 measurements"), agrees=answer, routes=(_("recursion"), _("two filters along and across the radius")), kind=EXACT)
     portrait(r, experiment, new, steps, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]))
     r.says(_("It settles at measurement {settled} ({time} s)."), settled=settled, time=None if settled is None else settled * p.tau)
@@ -426,7 +430,7 @@ def factors(r, p, experiment):
         own = (sensitivity.steady(truth, first).P_plus, steady.solve(truth).P_plus)
         by = analytic_limits(q)
         found, expected = [*found, *(np.diag(P) / wanted for P, wanted in zip(own, by, strict=True))], [*expected, np.ones(4), np.ones(4)]
-        settles = [steady.settling(design) for design in (first, truth)]
+        settles = [settling(design) for design in (first, truth)]
         steps = min(max(s or 60 for s in settles) + 5, 60)
         stats = [experiment.statistics(truth, design, steps=steps) for design in (first, truth)]
         theory = [sensitivity.actual(truth, design, steps).P_plus for design in (first, truth)]

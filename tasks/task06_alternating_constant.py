@@ -13,12 +13,13 @@ import math
 
 import numpy as np
 
-from ctlabs import kalman, plots, steady
-from ctlabs.experiment import Experiment
+from ctlabs.filtering import settling_step
+from ctlabs.labs.experiment import Experiment, covariances, filtered
+from ctlabs.labs.portrait import largest, portrait
 from ctlabs.models import DiscreteModel
-from ctlabs.params import LabParameters, Variance, VariancesOrInf, given
-from ctlabs.portrait import largest, portrait
-from ctlabs.report import EXACT, SOLVER, Report
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import LabParameters, Variance, VariancesOrInf, given
+from ctlabs.reporting.report import EXACT, SOLVER, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -139,11 +140,11 @@ def part_a(r, p, answer, system, experiment):
     )
     r.says(_("**The same estimate by least squares.** Every $(-1)^jz(t_j)$ is a measurement of the one number $x(t_0)$. Weighted with $1/R(t_j)$, together with the prior value 0 of weight $1/P_0$, they give"))
     r.math(r"\hat x_i(t_0) = P(t_i^+)\sum_{j=1}^{i}\frac{(-1)^jz(t_j)}{R(t_j)}, \qquad \hat x(t_i^+) = (-1)^i\,\hat x_i(t_0)")
-    schedule = kalman.schedule(system, len(p.R))
+    schedule = covariances(system, len(p.R))
     r.value("gain", schedule.K[1:, 0, 0], at=range(1, len(p.R) + 1), agrees=answer, routes=(_("recursion"), _("share of the information")))
     some = experiment.histories(system, steps=len(p.R))
     r.check(_("estimates of 25 records"), some.x_plus[1:, 0], least_squares(some.z[1:, 0], p.P0, p.R),
-            (_("filter"), _("least squares over all measurements")), SOLVER, scale=float(np.abs(some.x[1:]).max()) or 1.0)  # fmt: skip
+            (_("filter"), _("least squares over all measurements")), SOLVER, scale=float(np.abs(some.truth[1:]).max()) or 1.0)  # fmt: skip
 
 
 def part_b(r, p, answer, system):
@@ -158,7 +159,7 @@ def part_b(r, p, answer, system):
     r.says(_("**3. $R(t_i) = 0$ ends the filtering.** If $P(t_i^-) > 0$, then $K(t_i) = 1$, $\\hat{x}(t_i^+) = z(t_i) = x(t_i)$ and $P(t_i^+) = 0$. From there $P(t_j^-) = 0$ for all $j > i$, hence $K(t_j) = 0/[0 + R(t_j)] = 0$ and"))
     r.math(r"\hat x(t_j^+) = -\hat x(t_{j-1}^+) = x(t_j), \qquad P(t_j^+) = 0, \qquad j > i:")
     r.says(_("only the sign is still to be changed. A second perfect measurement, $R(t_j) = 0$, has the gain 0/0; its innovation is zero whatever the gain, and the filter takes $K = 0$. ∎"))
-    schedule, at = kalman.schedule(system, len(p.R)), list(range(1, len(p.R) + 1))
+    schedule, at = covariances(system, len(p.R)), list(range(1, len(p.R) + 1))
     P, routes = schedule.P_plus[:, 0, 0], (_("recursion"), _("sum of information"))
     r.says(_("**The given measurements.**"))
     r.table("given", ["i", "R, m²", "P⁻, m²", "K", "P⁺, m²", "1/P⁺, 1/m²", _("the measurement")],
@@ -172,7 +173,7 @@ def part_b(r, p, answer, system):
                 (_("product of the gains' complements"), _("sum of information")), EXACT, scale=1.0)  # fmt: skip
     decreasing = bool((schedule.K[1:] > 0).all())
     r.value("verdict_b", decreasing)
-    settled = steady.settling_step(schedule.P_plus[:, 0], [0.0])
+    settled = settling_step(schedule.P_plus[:, 0], [0.0])
     r.value("settling_step", None if settled is None else max(settled, 1), agrees=answer, routes=(_("recursion"), _("first perfect measurement")),
             reason="" if settled is not None else _("the variance is positive to the end of the list, and one that falls towards zero never stays within 1 % of it"))  # fmt: skip
     if decreasing:
@@ -195,32 +196,32 @@ def role(schedule, R, i):
 def shown(r, experiment, start, both, without):
     """The limits R → ∞ and R → 0, and both extremes bit for bit."""
     r.says(_("**The limits**, from the variance $P = {P}$ m²: with $R = 1000P$ doubled again and again $P - P^+$ halves, as $P^2/(P+R)$ does; with $R = P/1000$ halved again and again $P^+$ halves, as $PR/(P+R)$ does."), P=start)
-    far = [kalman.schedule(model(start, (1e3 * start * 2**j,)), 1).P_plus[1, 0, 0] for j in range(4)]
-    near = [kalman.schedule(model(start, (1e-3 * start / 2**j,)), 1).P_plus[1, 0, 0] for j in range(4)]
+    far = [covariances(model(start, (1e3 * start * 2**j,)), 1).P_plus[1, 0, 0] for j in range(4)]
+    near = [covariances(model(start, (1e-3 * start / 2**j,)), 1).P_plus[1, 0, 0] for j in range(4)]
     r.order(_("P⁻ − P⁺ as R → ∞"), [start - P for P in far], 1, (_("recursion"), _("proof 2")))
     r.order(_("P⁺ as R → 0"), near, 1, (_("recursion"), _("proof 3")))
     r.says(_("**Both extremes** in one list, $R(t_i)$ = {R} m²: here they hold bit for bit. Without the lost measurement the other variances are the same. In 25 simulated records the estimate at the lost measurement is the prediction, whatever the instrument shows (here {nonsense} m), and after the perfect one it only changes its sign."),
            R=both, nonsense=NONSENSE)  # fmt: skip
     lost, perfect = both.index(math.inf) + 1, both.index(0) + 1
     system = model(start, both)
-    full, short = kalman.schedule(system, len(both)), kalman.schedule(model(start, without), len(without))
+    full, short = covariances(system, len(both)), covariances(model(start, without), len(without))
     kept = [i for i in range(1, len(both) + 1) if both[i - 1] < math.inf]
     bits = {"kind": EXACT, "scale": 0.0}
     r.check(_("variances of the others, bit for bit"), full.P_plus[kept, 0, 0], short.P_plus[1:, 0, 0], (_("with R = ∞ in the list"), _("list without it")), **bits)
     some = experiment.histories(system, steps=len(both), stream=1)
     shown_anyway = np.where(np.isnan(some.z), NONSENSE, some.z)
-    again = kalman.filter_runs(system, np.concatenate([some.z[:1], shown_anyway[1:]]))
+    again = filtered(system, shown_anyway[1:])
     r.check(_("estimates, bit for bit"), some.x_plus, again.x_plus, (_("no measurement"), _("any measurement with R = ∞")), **bits)
     r.check(_("estimate at the lost measurement, bit for bit"), some.x_plus[lost], some.x_minus[lost], (_("after"), _("before")), **bits)
     after = some.x_plus[perfect:, 0]
     r.check(_("estimate after the perfect one, bit for bit"), after[1:], -after[:-1], (_("filter"), _("change of sign")), **bits)
-    r.check(_("estimate from the perfect one on"), after, some.x[perfect:, 0], (_("filter"), _("truth")), EXACT)
+    r.check(_("estimate from the perfect one on"), after, some.truth[perfect:, 0], (_("filter"), _("truth")), EXACT)
     plain = tuple(x for x in without if x > 0)
     figure = plots.lines(
         range(len(both) + 1),
         {
-            _("neither"): kalman.schedule(model(start, tuple(x if 0 < x < math.inf else plain[0] for x in both)), len(both)).P_plus[:, 0, 0],
-            _("one lost"): kalman.schedule(model(start, tuple(x or plain[0] for x in both)), len(both)).P_plus[:, 0, 0],
+            _("neither"): covariances(model(start, tuple(x if 0 < x < math.inf else plain[0] for x in both)), len(both)).P_plus[:, 0, 0],
+            _("one lost"): covariances(model(start, tuple(x or plain[0] for x in both)), len(both)).P_plus[:, 0, 0],
             _("one lost, one perfect"): full.P_plus[:, 0, 0],
         },
         xlabel=STEP, ylabel=_("filtering variance $P(t_i^+)$, m²"), marker=".", steps=True,

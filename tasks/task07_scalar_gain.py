@@ -13,12 +13,14 @@ import math
 
 import numpy as np
 
-from ctlabs import kalman, plots, sensitivity, steady
-from ctlabs.experiment import Experiment
+from ctlabs.analysis import sensitivity
+from ctlabs.filtering import settling, steady
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import agreement, largest, portrait
 from ctlabs.models import DiscreteModel
-from ctlabs.params import Count, Fraction, LabParameters, Positive, Real, Variance, Variances, given
-from ctlabs.portrait import agreement, largest, portrait
-from ctlabs.report import EXACT, SOLVER, Report
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import Count, Fraction, LabParameters, Positive, Real, Variance, Variances, given
+from ctlabs.reporting.report import EXACT, SOLVER, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -63,7 +65,7 @@ def analytic(p):
         "gain_steady": gain,
         "posterior_variance_steady": gain * p.R,
         "prior_variance_steady": p.Phi**2 * gain * p.R + p.Q,
-        "settling_step": settling(p.Phi, p.Q, p.R, p.P0, gain * p.R),
+        "settling_step": settling_by_hand(p.Phi, p.Q, p.R, p.P0, gain * p.R),
         "suboptimal_variance_ratio": variance_ratio(p.K_star, p.Phi**2, p.Q / p.R),
         "noiseless_limit": max(p.Phi**2 - 1, 0) * p.R / p.Phi**2 if p.Phi else 0.0,
         "prior_variance": predicted(p.Phi, p.Q, posterior),
@@ -98,7 +100,7 @@ def variances(Phi, Q, R, P0, steps):
     return [float(above / below) for above, below in powers]
 
 
-def settling(Phi, Q, R, P0, limit):
+def settling_by_hand(Phi, Q, R, P0, limit):
     """The first measurement from which P⁺ stays within 1 % of its limit: the step is increasing in P, so P⁺ is monotone."""
     P, i = P0, 0
     while i == 0 or abs(P - limit) > 0.01 * limit:
@@ -160,7 +162,7 @@ def part_a(r, p, system):
         r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)\,[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = [1 - K(t_i)]\,P(t_i^-)"
     )
     r.says(_("The variances and the gain do not depend on the measurements, so they are computed before any data come."))
-    schedule = kalman.schedule(system, p.steps)
+    schedule = covariances(system, p.steps)
     K = schedule.K[1:, 0, 0]
     short = (1 - K) * schedule.P_minus[1:, 0, 0]
     r.check(_("P⁺ = (1 − K)P⁻"), schedule.P_plus[1:, 0, 0], short, (_("Joseph form"), _("short form")), EXACT, scale=schedule.P_minus.max())
@@ -178,7 +180,7 @@ def part_b(r, p, answer, system):
     r.says(_("and its three terms are independent, so that $P(t_i^+) = (1-K_*)^2[\\Phi^2P(t_{i-1}^+) + Q] + K_*^2R$. Where $|(1-K_*)\\Phi| < 1$ this linear recursion has the limit"))
     r.math(r"\frac{\bar P}{R} = \frac{(1-K_*)^2\lambda + K_*^2}{1 - (1-K_*)^2\Phi^2}, \qquad \lambda = \frac QR")
     r.says(_("For $|\\Phi| \\ge 1$ the condition is narrower than $K_* \\in [0, 1]$, which the sheet allows: a gain below $1 - 1/|\\Phi|$ lets the error grow without bound."))
-    schedule = kalman.schedule(system, p.steps)
+    schedule = covariances(system, p.steps)
     P_minus, P_plus, K = schedule.P_minus[1:, 0, 0], schedule.P_plus[1:, 0, 0], schedule.K[1:, 0, 0]
     routes = (_("recursion"), _("bound proved"))
     r.holds("P⁻ ≥ Q", P_minus - p.Q, routes, size=P_minus.max())
@@ -269,7 +271,7 @@ def part_e(r, p, answer):
     shown = sorted({0.6, 0.9, 1.0, 1.1, 1.5, round(abs(p.Phi), 6)})
     curves, limits = {}, {}
     for Phi in shown:
-        recursion = kalman.schedule(model(Phi, 0.0, p.R, start), length).P_plus[:, 0, 0]
+        recursion = covariances(model(Phi, 0.0, p.R, start), length).P_plus[:, 0, 0]
         r.check(
             fill(_("P⁺ for Q = 0, |Φ| = {factor}"), factor=Phi),
             recursion,
@@ -336,22 +338,22 @@ def part_f(r, p, answer, system):
     systems = [model(*row) for row in TABLE3]
     limits = [steady.solve(s) for s in systems]
     four = {
-        fill(_("{n}: Φ = {Phi}, Q = {Q}, R = {R}"), n=i + 1, Phi=row[0], Q=row[1], R=row[2]): kalman.schedule(s, 4)
+        fill(_("{n}: Φ = {Phi}, Q = {Q}, R = {R}"), n=i + 1, Phi=row[0], Q=row[1], R=row[2]): covariances(s, 4)
         for i, (row, s) in enumerate(zip(TABLE3, systems, strict=True))
     }
     figure = plots.sawtooth(four, xlabel=STEP, ylabel=_("variance, m²"), limits=[(s.P_minus[0, 0], s.P_plus[0, 0]) for s in limits])
     r.figure("table3", figure, _("The six variants of table 3 from P0 over four measurements: prediction raises the variance towards or above its limit, each measurement lowers it. Dotted: steady values."))
-    schedules = [kalman.schedule(s, p.steps) for s in systems]
+    schedules = [covariances(s, p.steps) for s in systems]
     rows = [
         (variant + 1, i, s.P_minus[i, 0, 0], s.P_plus[i, 0, 0], s.K[i, 0, 0])
         for variant, s in enumerate(schedules) for i in range(1, p.steps + 1)
     ]  # fmt: skip
     r.table("table3", [_("variant"), "i", "P⁻, m²", "P⁺, m²", "K"], rows, _("Table 3 of the sheet, computed."))
-    own, at, routes = kalman.schedule(system, p.steps), list(range(1, p.steps + 1)), (_("recursion"), _("power of the step's matrix"))
+    own, at, routes = covariances(system, p.steps), list(range(1, p.steps + 1)), (_("recursion"), _("power of the step's matrix"))
     for name, pick, unit in (("prior_variance", "P_minus", "m²"), ("posterior_variance", "P_plus", "m²"), ("gain", "K", "1")):
         r.value(f"table3_{name}", [getattr(s, pick)[1:, 0, 0] for s in schedules], unit, agrees=answer, routes=routes)
         r.value(name, getattr(own, pick)[1:, 0, 0], unit, at=at, agrees=answer, routes=routes)
-    settled = steady.settling(system)
+    settled = settling(system)
     if settled is not None:
         r.check(_("settling step"), settled, answer["settling_step"], (_("recursion"), _("scalar fraction")), EXACT)
     reason = _("the variance stays 0, away from the limit from any P0 > 0") if p.P0 == 0 and p.Q == 0 else _("the limit is 0, and a variance that decays to 0 never stays within 1 % of it")
@@ -366,13 +368,13 @@ def part_g(r, p, system, experiment, steps):
     rows = []
     for i, row in enumerate(TABLE3, start=1):
         variant = model(*row)
-        stats, theory = experiment.statistics(variant, steps=length(variant), stream=i), kalman.schedule(variant, length(variant))
+        stats, theory = experiment.statistics(variant, steps=length(variant), stream=i), covariances(variant, length(variant))
         worst = agreement(r, fill(_("variant {n}"), n=i), stats, theory.P_plus)
         rows.append((i, theory.sd_plus[-1, 0], stats.rms[-1, 0], stats.bias[-1, 0], stats.nees[-1], stats.nis[-1], worst))
     r.table("ensemble", [_("variant"), _("σ of theory, m"), _("RMS, m"), _("mean error, m"), "NEES", "NIS", _("largest deviation, σ")], rows,
             _("The variants of table 3 at the last measurement; NEES and NIS are averages over the runs, 1 in theory. The last column is over all measurements and tests."))  # fmt: skip
     constant = sensitivity.fixed_gain(system, [[p.K_star]], steps)
-    stats = experiment.statistics(system, steps=steps, schedule=constant)
+    stats = experiment.statistics(system, steps=steps, gains=constant)
     agreement(r, _("constant gain"), stats, constant.P_plus, consistent=False)
     r.says(_("On the same data the constant gain $K_* = {gain}$ has an RMS of {constant} m at the last measurement, the optimal filter {optimal} m."),
            gain=p.K_star, constant=stats.rms[-1, 0], optimal=own.rms[-1, 0])  # fmt: skip

@@ -16,14 +16,17 @@ from dataclasses import replace
 import mpmath
 import numpy as np
 
-from ctlabs import forms, kalman, plots, sensitivity, shaping, steady
-from ctlabs.discretise import discretise
-from ctlabs.experiment import Experiment
-from ctlabs.models import ContinuousModel
-from ctlabs.params import Count, LabParameters, Positive, Variance, given
-from ctlabs.plots import Arrow, Node
-from ctlabs.portrait import agreement, largest, portrait
-from ctlabs.report import EXACT, SOLVER, Report
+from ctlabs.analysis import sensitivity
+from ctlabs.filtering import compare, kalman_filter, reference, settling, steady
+from ctlabs.filtering.algorithms.catalogue import FORMS
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.models import ContinuousModel, shaping
+from ctlabs.models.discretisation import discretise
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import Count, LabParameters, Positive, Variance, given
+from ctlabs.reporting.plots import Arrow, Node
+from ctlabs.reporting.report import EXACT, SOLVER, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -342,9 +345,9 @@ def part_d(r, p, answer, systems):
     r.math(r"K_1 = \frac{P_{11}^-}{P_{11}^-+R}, \quad K_2 = \frac{P_{12}^-}{P_{11}^-+R}, \quad \hat x_i^+ = \hat x_i^- + K_1(z_i-\hat x_i^-), \quad \hat y_i^+ = \hat y_i^- + K_2(z_i-\hat x_i^-)")
     r.math(r"P_{11}^+ = (1-K_1)P_{11}^-, \qquad P_{12}^+ = (1-K_1)P_{12}^-, \qquad P_{22}^+ = P_{22}^- - K_2P_{12}^-")
     at = list(range(1, p.steps + 1))
-    r.value("optimal_variance", kalman.schedule(truth, p.steps).P_plus[1:, 0, 0], "m²", at=at, agrees=answer, routes=(_("recursion"), _("joint Gaussian distribution")))
+    r.value("optimal_variance", covariances(truth, p.steps).P_plus[1:, 0, 0], "m²", at=at, agrees=answer, routes=(_("recursion"), _("joint Gaussian distribution")))
     for i, design in enumerate(designs, start=1):
-        r.value(f"claimed_variance_variant{i}", kalman.schedule(design, p.steps).P_plus[1:, 0, 0], "m²", at=at, agrees=answer, routes=(_("recursion"), _("power of the step's matrix")))
+        r.value(f"claimed_variance_variant{i}", covariances(design, p.steps).P_plus[1:, 0, 0], "m²", at=at, agrees=answer, routes=(_("recursion"), _("power of the step's matrix")))
 
 
 def part_e(r, p, answer, systems):
@@ -373,7 +376,7 @@ def part_e(r, p, answer, systems):
 
 def plan(r, p, experiment, truth):
     """Every number chosen."""
-    settled = steady.settling(truth) if p.R else None
+    settled = settling(truth) if p.R else None
     steps = max(p.steps, min(100, 2 * (settled or 1)))
     r.says(_("Part (f) is covariance analysis, without random numbers: over time, in the steady state, and for other $(a, T, \\Delta t)$. Part (g) repeats it by simulation: the three filters get the same data of the true model."))
     r.table("plan", [_("quantity"), _("value"), _("why")], [
@@ -390,7 +393,7 @@ def plan(r, p, experiment, truth):
 def part_f(r, p, answer, systems, actual):
     """Claimed, true and optimal variances."""
     r.section("f", _("What the simplified filters claim, and what they do"))
-    best = kalman.schedule(systems[0], p.steps)
+    best = covariances(systems[0], p.steps)
     if p.R:
         curves = {}
         for i, found in enumerate(actual, start=1):
@@ -470,7 +473,7 @@ def part_g(r, systems, experiment, steps):
     r.says(_("**Way 1** is part (f): the equations of (e), solved. **Way 2** simulates the system and every filter. First the filter of the true model:"))
     limit = steady.solve(truth)
     stats = portrait(r, experiment, truth, steps, xlabel=_("t, s"), limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]))
-    best, rows = kalman.schedule(truth, steps), []
+    best, rows = covariances(truth, steps), []
     rows.append((_("true model"), best.sd_plus[-1, 0], best.sd_plus[-1, 0], stats.rms[-1, 0], stats.bias[-1, 0], stats.nees[-1] / 2, 1))
     for i, design in enumerate(designs, start=1):
         actual = sensitivity.actual(truth, design, steps, compare=FIRST)
@@ -485,21 +488,21 @@ def part_g(r, systems, experiment, steps):
     r.table("ways", [_("filter"), _("σ claimed, m"), _("σ true, m"), _("RMS, m"), _("mean error, m"), _("NEES per state"), _("NEES in theory")], rows,
             _("Error of x after the last simulated measurement. NEES is an average over the runs: below 1 the filter is cautious, above 1 optimistic."))  # fmt: skip
     few = [experiment.histories(truth, model, steps=steps, runs=1) for model in (truth, designs[0])]
-    shown = {name: (e.t, e.x_plus[:, 0, 0], e.schedule.sd_plus[:, 0]) for name, e in zip((_("true model"), _("variant 1")), few, strict=True)}
-    r.figure("both", plots.estimates((few[0].t, few[0].x[:, 0, 0]), shown, ylabel=_("x, m"), measurements=(few[0].t[1:], few[0].z[1:, 0, 0])),
+    shown = {name: (e.t, e.x_plus[:, 0, 0], e.sd_plus[:, 0]) for name, e in zip((_("true model"), _("variant 1")), few, strict=True)}
+    r.figure("both", plots.estimates((few[0].t, few[0].truth[:, 0, 0]), shown, ylabel=_("x, m"), measurements=(few[0].t[1:], few[0].z[1:, 0, 0])),
              _("One run, filtered with the true model and with variant 1."))  # fmt: skip
-    return algorithms(r, truth, designs[0], few[0])
+    return numerical_forms(r, truth, designs[0], few[0])
 
 
-def algorithms(r, truth, design, one):
+def numerical_forms(r, truth, design, one):
     """Accuracy and cost of the numerical forms."""
     r.says(_("**Numerical forms.** The same record is filtered by every form of the filter in the library, and by one with 50 digits. All but the steady form differ from it in rounding only. $P^+ = (I-KH)P^-$ is the conventional, short form; Joseph's adds two squares, and so does the sequential one, element by element; Potter's, Carlson's and the array forms carry a square root of $P$; UD and LD its factors without square roots; the information forms $P^{-1}$ or a root of it. The steady form has the gain's limit from the first step on, so its difference is one of method: its digits say how far the gain is from its limit. The cost is counted, operation by operation, while one step is done with dense matrices."))
-    fine = 1e-12 * kalman.schedule(truth, 1).P_minus[1, 0, 0]
-    z, rows = one.z[:, :, 0], []
+    fine = 1e-12 * covariances(truth, 1).P_minus[1, 0, 0]
+    z, rows = one.z[1:, :, 0], []
     systems = [(_("true model"), truth), (_("true model, fine sensor"), replace(truth, R=[[fine]])), (_("variant 1"), design)]
     lost, refused, costs = {}, {}, []
     for name, system in systems:
-        exact, found = forms.reference(system, z), forms.compare(system, z)
+        exact, found = reference(system, z), compare(system, z)
         size = max(np.abs(exact.x_plus[:, 0]).max(), 1e-300)
         costs.append({c.name: c.flops for c in found})
         able = [c for c in found if not c.failed]
@@ -508,8 +511,8 @@ def algorithms(r, truth, design, one):
         for c in found:
             if c.failed:
                 refused.setdefault(c.failed.removeprefix(f"form {c.name}: "), {}).setdefault(c.name, []).append(name)
-        r.check(fill(_("P⁺ by filterpy, {system}"), system=name), kalman.schedule(system, len(z) - 1).P_plus, exact.P_plus, (_("double precision"), _("50 digits")), SOLVER)
-        r.check(fill(_("variance of x by UD, {system}"), system=name), forms.run(system, z, "ud").P_plus[:, 0, 0], exact.P_plus[:, 0, 0], (_("double precision"), _("50 digits")), SOLVER)
+        r.check(fill(_("P⁺ by filterpy, {system}"), system=name), covariances(system, len(z)).P_plus, exact.P_plus, (_("double precision"), _("50 digits")), SOLVER)
+        r.check(fill(_("variance of x by UD, {system}"), system=name), kalman_filter(system, z, algorithm="ud").P_plus[:, 0, 0], exact.P_plus[:, 0, 0], (_("double precision"), _("50 digits")), SOLVER)
     r.table("forms", [_("system"), _("form"), _("operations per step"), _("correct digits of P⁺ of x"), _("correct digits of x̂")], rows,
             _("Numerical forms. The fine sensor has the variance {fine} m², 10⁻¹² of the first prediction's."), fine=fine)  # fmt: skip
     for reason, where in refused.items():
@@ -522,7 +525,7 @@ def algorithms(r, truth, design, one):
         r.check(fill(_("operations of the short form, {n} states"), n=system.n), count["conventional"], operations(system.n), (_("counted"), _("formula")), EXACT)
     given, worse = (", ".join(lost[systems[i][0]]) for i in (0, 1))
     r.says(_("(flops_true_model and flops_simplified list the forms in the order {order}; no number where a form cannot start.) Forms that keep fewer than 8 digits of the variance of x: with the given sensor {given}, with the fine one {fine}. The short form is a small difference of large numbers when a measurement is much better than the prediction."),
-           order=", ".join(forms.FORMS), given=given or _("none"), fine=worse or _("none"))  # fmt: skip
+           order=", ".join(FORMS), given=given or _("none"), fine=worse or _("none"))  # fmt: skip
     optimal_ = {form: cost for form, cost in costs[0].items() if cost and form != "steady"}
     return given, min(optimal_, key=optimal_.get)
 

@@ -17,15 +17,16 @@ import numpy as np
 from scipy import integrate, optimize, stats
 from scipy.special import ndtr
 
-from ctlabs import kalman, plots, shaping, steady
-from ctlabs.between import between
-from ctlabs.discretise import discretise
-from ctlabs.experiment import Experiment
-from ctlabs.models import ContinuousModel
-from ctlabs.params import Count, LabParameters, Positive, VarianceOrInf, given
-from ctlabs.plots import Arrow, Node
-from ctlabs.portrait import agreement, largest, portrait
-from ctlabs.report import EXACT, SOLVER, Report
+from ctlabs.filtering import settling, steady
+from ctlabs.filtering.between import between
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.models import ContinuousModel, shaping
+from ctlabs.models.discretisation import discretise
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import Count, LabParameters, Positive, VarianceOrInf, given
+from ctlabs.reporting.plots import Arrow, Node
+from ctlabs.reporting.report import EXACT, SOLVER, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -222,7 +223,7 @@ def part_a(r, p, answer, perfect):
     r.math(r"p_i = P_{11}^- - \frac{(P_{12}^-)^2}{P_{22}^-} = \frac{(q_{11}\Phi_{21}^2 + q_{22}\Phi_{11}^2 - 2q_{12}\Phi_{11}\Phi_{21})\,p_{i-1} + q_{11}q_{22} - q_{12}^2}{\Phi_{21}^2\,p_{i-1} + q_{22}}")
     r.says(_("and the optimal estimate, which uses the last two measurements and the estimate before ($z_0 = 0$, $\\hat{U}_1(t_0) = 0$):"))
     r.math(r"\hat U_1(t_i^+) = \Phi_{11}\hat U_1(t_{i-1}^+) + \Phi_{12}z_{i-1} + \frac{P_{12}^-}{P_{22}^-}\left[z_i - \Phi_{21}\hat U_1(t_{i-1}^+) - \Phi_{22}z_{i-1}\right], \qquad \hat U_0(t_i^+) = z_i")
-    schedule = kalman.schedule(perfect, p.steps)
+    schedule = covariances(perfect, p.steps)
     results(r, p, answer, schedule, "perfect")
     r.check(_("P11⁺ after perfect measurements"), schedule.P_plus[1:, 0, 0], perfect_powers(p), (_("recursion"), _("power of the fraction's matrix")))
     r.check(_("P12⁺, P22⁺ after perfect measurements"), schedule.P_plus[1:, 1, :], np.zeros((p.steps, 2)), (_("recursion"), _("proof of rank 1")), EXACT, scale=float(schedule.P_minus[1:].max()))
@@ -254,12 +255,12 @@ def part_b(r, p, answer, noisy):
         r.says(_("Here $R = 0$ is given, so part (b) repeats part (a)."))
     elif math.isinf(p.R_over_b2):
         r.says(_("Here $R = \\infty$ is given: nothing is measured, the gain is 0, and the estimate stays 0."))
-    results(r, p, answer, kalman.schedule(noisy, p.steps), "noisy")
+    results(r, p, answer, covariances(noisy, p.steps), "noisy")
 
 
 def plan(r, p, experiment, filters):
     """Every number chosen."""
-    settled = max(steady.settling(filters[name]) or 1 for name in ("perfect", "noisy"))
+    settled = max(settling(filters[name]) or 1 for name in ("perfect", "noisy"))
     steps = max(p.steps, min(100, 2 * settled))
     r.table("plan", [_("quantity"), _("value"), _("why")], [
         [_("measurements in the plot"), p.steps, fill(_("{seconds} s, one every {dt} s"), seconds=p.steps * p.dt, dt=p.dt)],
@@ -274,7 +275,7 @@ def plan(r, p, experiment, filters):
 
 def plot(r, p, answer, box, filters):
     """The plot of the sheet."""
-    schedules = {name: kalman.schedule(model, p.steps) for name, model in filters.items()}
+    schedules = {name: covariances(model, p.steps) for name, model in filters.items()}
     curves = {name: between(box, schedule, POINTS) for name, schedule in schedules.items()}
     labels = {"unmeasured": _("no measurements"), "noisy": fill(_("(b) R = {R} b²"), R=p.R_over_b2), "perfect": _("(a) R = 0")}
     figure = plots.transient(curves["perfect"].t, {label: curves[name].P[:, 0, 0] for name, label in labels.items()}, ylabel=_("error variance of $U_1$, b²"))
@@ -300,7 +301,7 @@ def other_circuits(r, p):
         box = system(p, kind)
         with mpmath.workdps(DIGITS):
             by_hand = [scalar_equations(*circuit(p, kind), p.dt, R, p.steps) for R in (0.0, p.R_over_b2)]
-        own = [kalman.schedule(discretise(box, p.dt, R=[[R]]), p.steps) for R in (0.0, p.R_over_b2)]
+        own = [covariances(discretise(box, p.dt, R=[[R]]), p.steps) for R in (0.0, p.R_over_b2)]
         rows += [(label, part, s.P_minus[1, 0, 0], s.P_plus[1, 0, 0], s.P_minus[-1, 0, 0], s.P_plus[-1, 0, 0]) for part, s in zip("ab", own, strict=True)]
         found += [(s.P_minus[1:, 0, 0], s.P_plus[1:, 0, 0]) for s in own]
         wanted += [(s["U1_variance_prior"], s["U1_variance_posterior"]) for s in by_hand]
@@ -328,7 +329,7 @@ def ensembles(r, experiment, filters, steps):
     portrait(r, experiment, filters["noisy"], steps, prefix="noisy_", xlabel=TIME, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]))
     some = experiment.histories(filters["perfect"], steps=steps)
     r.figure("perfect_record", plots.record(some, xlabel=TIME, ylabel=_("$U_1$, b")), _("One run of part (a): $U_1$, its estimate, and the measurements, which are exact values of $U_0$."))
-    agreement(r, _("perfect"), experiment.statistics(filters["perfect"], steps=steps), kalman.schedule(filters["perfect"], steps).P_plus)
+    agreement(r, _("perfect"), experiment.statistics(filters["perfect"], steps=steps), covariances(filters["perfect"], steps).P_plus)
 
 
 def alarm(r, p, experiment, filters, steps):
@@ -338,8 +339,8 @@ def alarm(r, p, experiment, filters, steps):
     r.says(_("the voltage can be above the limit without an alarm only if the error is below $-k\\sigma$, so in at most the share $N(-k)$ of all moments (one in 740 for $k = 3$). Since σ(t) is known beforehand, so is the margin; between measurements it grows, and it is largest just before a measurement."))
     r.says(_("That is not the share of the *dangerous* moments that are missed. The error of an optimal estimate is orthogonal to the estimate and not to the voltage: with $V = \\mathrm{Var}\\,U_1$ the mean of $\\hat{U}_1$ at a voltage u is $(1 - \\sigma^2/V)u$, drawn towards 0, just where the voltage is large. With $\\hat{U}_1 \\sim N(0, V - \\sigma^2)$ and $U_1 \\sim N(\\hat{U}_1, \\sigma^2)$ given the estimate,"))
     r.math(r"P(\text{dangerous, no alarm}) = \int_{U_{max}}^\infty p(u)\,N\!\left(\frac{U_{max} - k\sigma - (1-\sigma^2/V)u}{\sigma\sqrt{1-\sigma^2/V}}\right)du = \int_{-\infty}^{U_{max}-k\sigma} p(\hat u)\,N\!\left(\frac{\hat u - U_{max}}\sigma\right)d\hat u")
-    V = kalman.schedule(filters["unmeasured"], p.steps).P_plus[-1, 0, 0]
-    left = {name: kalman.schedule(filters[name], p.steps).P_plus[-1, 0, 0] / V for name in ("perfect", "noisy")}
+    V = covariances(filters["unmeasured"], p.steps).P_plus[-1, 0, 0]
+    left = {name: covariances(filters[name], p.steps).P_plus[-1, 0, 0] / V for name in ("perfect", "noisy")}
     cases = [(name, limit, k) for name in left for limit in LIMITS for k in FACTORS]
     joint = [unannounced(left[name], limit, k) for name, limit, k in cases]
     again = [by_estimate(left[name], limit, k) for name, limit, k in cases]
@@ -392,15 +393,15 @@ def margin(left, limit, share=0.01):
 def simulated(experiment, system, steps):
     """Moments missed and dangerous moments of all runs, at the limit of LIMITS[0] standard deviations of each moment, by k."""
     some = experiment.histories(system, steps=steps, runs=experiment.runs)
-    sd = np.sqrt(np.diagonal(kalman.schedule(replace(system, R=[[math.inf]]), steps).P_plus, axis1=1, axis2=2))[1:, :1]
-    dangerous = some.x[1:, 0] >= LIMITS[0] * sd
-    own = some.schedule.sd_plus[1:, :1]
+    sd = np.sqrt(np.diagonal(covariances(replace(system, R=[[math.inf]]), steps).P_plus, axis1=1, axis2=2))[1:, :1]
+    dangerous = some.truth[1:, 0] >= LIMITS[0] * sd
+    own = some.sd_plus[1:, :1]
     return {k: (int((dangerous & (some.x_plus[1:, 0] + k * own < LIMITS[0] * sd)).sum()), int(dangerous.sum())) for k in FACTORS}
 
 
 def conclusions(r, p, filters):
     """What the numbers say."""
-    last = {name: kalman.schedule(model, p.steps) for name, model in filters.items()}
+    last = {name: covariances(model, p.steps) for name, model in filters.items()}
     open_, perfect, noisy = (last[name].P_plus[-1, 0, 0] for name in ("unmeasured", "perfect", "noisy"))
     lines = [fill(_("At t = {t} s the variance of U1 is {open} b² without measurements; perfect measurements of U0 leave {perfect} b² after the last one, {percent} % of it."),
                   t=p.steps * p.dt, open=open_, perfect=perfect, percent=round(100 * perfect / open_, 1))]  # fmt: skip

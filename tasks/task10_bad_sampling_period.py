@@ -15,13 +15,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from ctlabs import kalman, observability, plots, steady
-from ctlabs.discretise import discretise
-from ctlabs.experiment import Experiment
-from ctlabs.models import ContinuousModel
-from ctlabs.params import Count, Covariance, LabParameters, Positive, Variance, given
-from ctlabs.portrait import agreement, largest, portrait
-from ctlabs.report import SOLVER, Report
+from ctlabs.filtering import settling_step, steady, update
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.models import ContinuousModel, observability
+from ctlabs.models.discretisation import discretise
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import Count, Covariance, LabParameters, Positive, Variance, given
+from ctlabs.reporting.report import SOLVER, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -62,7 +63,7 @@ def analytic(p):
         "unobservable_direction": [0.0, 1.0] if loses(p.dt_bad) else None,
         "reciprocal_condition_bad": reciprocal_condition(p.dt_bad),
         "reciprocal_condition_good": reciprocal_condition(p.dt_good),
-        "velocity_settling_step_bad": settling_step(p.P0, p.R) if loses(p.dt_bad) else None,
+        "velocity_settling_step_bad": settling_by_hand(p.P0, p.R) if loses(p.dt_bad) else None,
     }
 
 
@@ -157,7 +158,7 @@ def inverse(P0, R, dt, N):
     return turn @ (np.linalg.inv(np.array(P0)) + normal(dt, N)[0] / R) @ turn.transpose(0, 2, 1)
 
 
-def settling_step(P0, R):
+def settling_by_hand(P0, R):
     """The first i from which P22 = floor + P12²R/[P11(R + i P11)] stays within 1 % of its floor, at a losing period."""
     (a, b), floor = P0[0], conditional(P0)
     if not a or not b:
@@ -219,7 +220,7 @@ def part_a(r, p, bad, good, experiment):
     # The recursion knows P⁻ up to rounding of P0, and K divides by an innovation variance as small as R.
     known = max(1.0, 1e-8 * float(np.trace(p.P0)) / p.R) if p.R else 1.0
     for name, system in (("bad", bad), ("good", good)):
-        schedule = kalman.schedule(system, p.steps)
+        schedule = covariances(system, p.steps)
         K, P_minus = schedule.K[1:, :, 0], schedule.P_minus[1:]
         r.value(f"gain_{name}", K, at=at)
         r.check(fill(_("covariances, dt = {dt} s"), dt=system.dt), schedule.P_plus[1:], posterior(p.P0, p.R, system.dt, p.steps), (_("recursion"), _("all measurements at once")))
@@ -244,7 +245,7 @@ def part_b(r, p, answer, bad, good):
     r.math(r"\lim_{N\to\infty} P_{22} = P_{22}(0) - \frac{P_{12}^2(0)}{P_{11}(0)} = {floor} \; \text{m}^2/\text{s}^2,", floor=conditional(p.P0))
     r.says(_("the variance of $\\dot y(0)$ once $y(0)$ is known: the measurements tell of the velocity only what the initial correlation lets them. ∎") + (_(" (Here the position is known from the start, and the velocity keeps its variance.)") if not a else ""))
     at, routes = list(range(1, p.steps + 1)), (_("recursion"), _("all measurements at once"))
-    few, many = kalman.schedule(bad, p.steps).P_plus[1:], kalman.schedule(good, p.steps).P_plus[1:]
+    few, many = covariances(bad, p.steps).P_plus[1:], covariances(good, p.steps).P_plus[1:]
     r.table("variances", ["N", _("P11 at dt_bad, m²"), _("P12 at dt_bad, m²/s"), _("P22 at dt_bad, m²/s²"), _("P22 at dt_good, m²/s²")],
             [(i, P[0, 0], P[0, 1], P[1, 1], other[1, 1]) for i, P, other in zip(at, few, many, strict=True)],
             _("Filtering covariance with measurements every {bad} s and every {good} s."), bad=p.dt_bad, good=p.dt_good)  # fmt: skip
@@ -252,12 +253,12 @@ def part_b(r, p, answer, bad, good):
     r.value("velocity_variance_bad", few[:, 1, 1], "m²/s²", at=at, agrees=answer, routes=routes)
     r.value("velocity_variance_good", many[:, 1, 1], "m²/s²", at=at, agrees=answer, routes=routes)
     lost = answer["observability_rank_bad"] == 1
-    left = kalman.update(p.P0, bad.H, [[0.0]]).P_plus[1, 1] if lost else steady.solve(bad).P_plus[1, 1]
+    left = update(p.P0, bad.H, [[0.0]]).P_plus[1, 1] if lost else steady.solve(bad).P_plus[1, 1]
     r.value("velocity_variance_floor", left, "m²/s²", agrees=answer, routes=(_("perfect measurement of y(0)") if lost else _("steady state"), _("limit of the formula")))
     if p.R and np.linalg.cond(np.array(p.P0)) < 1e6:
         r.check(_("P⁻¹ at dt_bad"), np.linalg.inv(few), inverse(p.P0, p.R, p.dt_bad, p.steps), (_("recursion, inverted"), _("sum of information")))
     settled = answer["velocity_settling_step_bad"]
-    found = steady.settling_step(kalman.schedule(bad, max(settled, 2) + 1).P_plus[1:, 1, 1:], [left]) if settled and settled < 1e4 else None
+    found = settling_step(covariances(bad, max(settled, 2) + 1).P_plus[1:, 1, 1:], [left]) if settled and settled < 1e4 else None
     r.value("velocity_settling_step_bad", settled if found is None else found + 1,
             reason="" if settled else _("ẏ is observable, or determined by y: its variance tends to 0 and never stays within 1 % of that"))  # fmt: skip
     if found is not None:
@@ -320,14 +321,14 @@ def near(r, p):
     periods |= {f"2π + {share} %": 2 * math.pi * (1 + share / 100) for share in (3, 1, 0.1, 0.01)}
     rows = []
     for name, dt in periods.items():
-        loss, schedule = observability.loss_by_sampling(model(p), dt), kalman.schedule(sampled(p, dt), max(SEARCHED, p.steps))
+        loss, schedule = observability.loss_by_sampling(model(p), dt), covariances(sampled(p, dt), max(SEARCHED, p.steps))
         below = np.flatnonzero(schedule.P_plus[1:, 1, 1] <= 0.5 * floor) if floor else []
         rows.append((name, dt, loss.rank, 100 * loss.distance, reciprocal_condition(dt), quality(dt), schedule.P_plus[p.steps, 1, 1], int(below[0]) + 1 if len(below) else None))
     r.table("periods", [_("period"), "d, s", _("rank"), _("from a losing period, %"), _("σ_min/σ_max of [H; HΦ]"), _("in words"), fill(_("P22 after {n}, m²/s²"), n=p.steps), _("measurements to halve the floor")], rows,
             _("Rank against quality (in words: above 0.3 well conditioned, above 0.1 fair). The last column is the number of measurements until P22 is at most half of {floor} m²/s², the floor at d = kπ (— : not within {most})."), floor=floor, most=max(SEARCHED, p.steps))  # fmt: skip
     grid = np.union1d(np.linspace(0.05, 2.1 * math.pi, 120), [math.pi, 2 * math.pi])
     n = min(p.steps, 20)
-    found = [kalman.schedule(sampled(p, dt), n).P_plus[n, 1, 1] for dt in grid]
+    found = [covariances(sampled(p, dt), n).P_plus[n, 1, 1] for dt in grid]
     r.check(fill(_("P22 after {n} measurements against the period"), n=n), found, [posterior(p.P0, p.R, dt, n)[-1, 1, 1] for dt in grid], (_("recursion"), _("all measurements at once")))
     marks = {f"{name} = {dt:.5g} s": ([dt % (2 * math.pi) or dt], [posterior(p.P0, p.R, dt, n)[-1, 1, 1]]) for name, dt in (("dt_bad", p.dt_bad), ("dt_good", p.dt_good))}
     figure = plots.lines(
@@ -361,7 +362,7 @@ def part_c(r, p, bad, good, experiment, steps):
     r.section("c", _("Simulation at a bad, a nearly bad and a good period"))
     close = sampled(p, nearby(p))
     systems = {_("dt_bad"): bad, _("1.2 % off a loss"): close, _("dt_good"): good}
-    schedules = {name: kalman.schedule(system, steps) for name, system in systems.items()}
+    schedules = {name: covariances(system, steps) for name, system in systems.items()}
     floors = [conditional(p.P0) if loses(system.dt) else 0.0 for system in systems.values()]
     titles = {fill(_("{name}: {dt} s"), name=name, dt=systems[name].dt): replace(s, t=np.arange(steps + 1.0)) for name, s in schedules.items()}
     r.figure("velocity", plots.sawtooth(titles, xlabel=STEP, ylabel=_("variance of ẏ, m²/s²"), state=1, limits=[(x, x) for x in floors]),

@@ -15,12 +15,13 @@ import numpy as np
 import scipy.linalg
 from pydantic import field_validator
 
-from ctlabs import kalman, plots, steady
-from ctlabs.experiment import Experiment
+from ctlabs.filtering import settling, steady
+from ctlabs.labs.experiment import Experiment, covariances, filtered
+from ctlabs.labs.portrait import largest, portrait
 from ctlabs.models import DiscreteModel
-from ctlabs.params import Count, LabParameters, Real, Variance, given
-from ctlabs.portrait import largest, portrait
-from ctlabs.report import EXACT, SOLVER, Report
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import Count, LabParameters, Real, Variance, given
+from ctlabs.reporting.report import EXACT, SOLVER, Report
 from ctlabs.text import _, fill, latex_number
 
 META = {
@@ -230,7 +231,7 @@ def part_a(r, p, answer, system):
     r.says(_("**Information.** The reciprocal of the update is $1/P(t_i^+) = 1/P(t_i^-) + 1/R$: each measurement adds $1/R$ = {added} 1/m², the same at $t_1$ and $t_2$ whatever was known before. The prediction between them takes information away:"), added=answer["information_increment"][0])
     rows = [(f"t{i + 1}", _inverse(exact["prior"][i]), answer["information_increment"][i], _inverse(exact["posterior"][i])) for i in (0, 1)]
     r.table("information", ["", "1/P⁻, 1/m²", _("added, 1/m²"), "1/P⁺, 1/m²"], rows, _("Information before and after the two measurements."))
-    schedule = kalman.schedule(system, 1, first=0)
+    schedule = covariances(system, 1, first=0)
     P_minus, P_plus, K = (stack[:, 0, 0] for stack in (schedule.P_minus, schedule.P_plus, schedule.K))
     routes = (_("recursion"), _("exact fractions"))
     r.check(_("P⁻ at t1, t2"), P_minus, [float(x) for x in exact["prior"]], routes, EXACT)
@@ -268,8 +269,8 @@ def responses(system, N):
     """Coefficients (N, N + 1) of 1, z1…zN in x̂(t_i⁺) as the filter has them: its answers to unit measurements."""
     units = np.eye(N)[:, None, :]
     still = DiscreteModel(system.Phi, system.Qd, system.H, system.R, x0=np.zeros(1), P0=system.P0)
-    silent = kalman.filter_runs(system, np.zeros((N, 1)), first=0).x_plus[:, 0]
-    return np.hstack([silent, kalman.filter_runs(still, units, first=0).x_plus[:, 0]])
+    silent = filtered(system, np.zeros((N, 1, 1)), first=0).x_plus[:, 0]
+    return np.hstack([silent, filtered(still, units, first=0).x_plus[:, 0]])
 
 
 def part_b(r, p, answer, system):
@@ -279,7 +280,7 @@ def part_b(r, p, answer, system):
     r.math(r"\frac1{P(t_i^+)} = \frac1{P(t_i^-)} + \frac1R, \qquad P(t_{i+1}^-) = P(t_i^+) + Q, \qquad K(t_i) = \frac{P(t_i^+)}R")
     r.math(r"\hat x(t_N^+) = E\,x(t_1)\prod_{j=1}^{N}[1 - K(t_j)] + \sum_{j=1}^{N}K(t_j)z_j\prod_{l=j+1}^{N}[1 - K(t_l)]")
     N, at, routes = max(p.steps, 2), list(range(1, p.steps + 1)), (_("recursion"), _("power of the step's matrix"))
-    schedule = kalman.schedule(system, N - 1, first=0)
+    schedule = covariances(system, N - 1, first=0)
     for name, stack, unit in (("prior_variance", schedule.P_minus, "m²"), ("gain", schedule.K, "1"), ("posterior_variance", schedule.P_plus, "m²")):
         r.value(name, stack[: p.steps, 0, 0], unit, at=at, agrees=answer, routes=routes, kind=SOLVER)
     r.table("sequence", ["i", "P⁻, m²", "K", "P⁺, m²", "1/P⁺, 1/m²"], [(i + 1, schedule.P_minus[i, 0, 0], schedule.K[i, 0, 0], schedule.P_plus[i, 0, 0], 1 / schedule.P_plus[i, 0, 0] if schedule.P_plus[i, 0, 0] else math.inf) for i in range(p.steps)],
@@ -296,7 +297,7 @@ def part_b(r, p, answer, system):
     settled = answer["settling_step"]
     r.value("settling_step", settled, reason="" if settled else _("without process noise the variance falls like R/i and never stays within 1 % of its limit 0"))
     if settled is None or settled < SEARCHED:
-        found = steady.settling(system, within=WITHIN, first=0)
+        found = settling(system, within=WITHIN, first=0)
         r.check(_("settling step"), None if found is None else found + 1, settled, (_("recursion"), _("closed form")))
     if p.Q and p.R:
         r.says(_("Each measurement multiplies an old error by $1 - \\bar{K} = {left}$, and the distance of the variance from its limit by about $(1-\\bar{K})^2 = {square}$: $P^+$ is within 1 % of the limit from measurement {settled} on."),
@@ -337,7 +338,7 @@ def vectors(r, p):
     system = model([p.x1_mean] * 2, P1, Q, R)
     r.says(_("Example in two dimensions, with the scalar values on the scale:"))
     r.math(r"P(t_1^-) = {P1}, \qquad Q = {Q}, \qquad R = {R}", P1=P1, Q=Q, R=R)
-    schedule = kalman.schedule(system, max(p.steps, 2) - 1, first=0)
+    schedule = covariances(system, max(p.steps, 2) - 1, first=0)
     if p.R and start(p) and 1e-6 < start(p) / p.R < 1e6:
         routes = (_("recursion"), _("inverse covariances"))
         inverse = np.linalg.inv
@@ -367,7 +368,7 @@ def part_c(r, p, answer, system, experiment, count):
     r.section("c", _("Ensemble against theory"))
     limits = (answer["prior_variance_steady"], answer["posterior_variance_steady"])
     stats = portrait(r, experiment, system, count - 1, first=0, limits=limits, xlabel=SINCE)
-    theory = kalman.schedule(system, count - 1, first=0)
+    theory = covariances(system, count - 1, first=0)
     rows = [(i + 1, theory.sd_minus[i, 0], stats.rms_minus[i, 0], theory.sd_plus[i, 0], stats.rms[i, 0], stats.bias[i, 0], known(stats.nees[i]), known(stats.nis[i])) for i in (*range(min(p.steps, 6)), count - 1)]
     r.table("ensemble", ["i", _("σ⁻ of theory, m"), _("RMS⁻, m"), _("σ⁺ of theory, m"), _("RMS⁺, m"), _("mean error⁺, m"), "NEES", "NIS"], rows,
             _("The ensemble before (−) and after (+) the first measurements and the last one; NEES and NIS are averages over the runs, 1 in theory (— where the variance is zero)."))  # fmt: skip

@@ -17,13 +17,16 @@ from itertools import pairwise
 
 import numpy as np
 
-from ctlabs import forms, kalman, plots, sensitivity, updates
-from ctlabs.experiment import Experiment
+from ctlabs.analysis import sensitivity
+from ctlabs.filtering import kalman_filter, updates
+from ctlabs.labs.experiment import Experiment, covariances, filtered
+from ctlabs.labs.portrait import agreement, largest, portrait
 from ctlabs.models import DiscreteModel
-from ctlabs.montecarlo import NonlinearModel, chance
-from ctlabs.params import LabParameters, Real, Variance, given
-from ctlabs.portrait import agreement, largest, portrait
-from ctlabs.report import EXACT, SOLVER, Report
+from ctlabs.models.nonlinear import NonlinearModel
+from ctlabs.montecarlo import chance
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import LabParameters, Real, Variance, given
+from ctlabs.reporting.report import EXACT, SOLVER, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -208,8 +211,8 @@ def part_a(r, p, answer):
     r.math(r"\hat x(t_i^-) = E[\Phi x(t_{i-1}) + w_d(t_{i-1}) \mid Z_{i-1}] = \Phi\,\hat x(t_{i-1}^+) + b")
     r.says(_("The error of the prediction is $e(t_i^-) = \\Phi e(t_{i-1}^+) - [w_d(t_{i-1}) - b]$. The noise is white and independent of x(t0) and of the measurement noises, hence of everything in $e(t_{i-1}^+)$: no cross term, and the *central* moment of the noise, not $E[w_d^2] = Q + b^2$, is added:"))
     r.math(r"P(t_i^-) = \Phi^2P(t_{i-1}^+) + Q, \qquad Q = E\{[w_d - b]^2\}")
-    schedule, system = kalman.schedule(model(p, np.array([0.0, p.t])), 1), model(p, np.array([0.0, p.t]))
-    mean = kalman.filter_runs(system, [[np.nan, np.nan], [p.z1, p.z2]]).x_minus[1, 0, 0]
+    schedule, system = covariances(model(p, np.array([0.0, p.t])), 1), model(p, np.array([0.0, p.t]))
+    mean = filtered(system, [[p.z1, p.z2]]).x_minus[1, 0]
     r.value("prior", [mean, schedule.P_minus[1, 0, 0]], agrees=answer, routes=(_("filter"), _("formula")), kind=EXACT)
     r.says(_("With $\\hat{x}(t_{i-1}^+) = {x}$ and $P(t_{i-1}^+) = {P}$: $\\hat{x}(t_i^-) = {mean}$, $P(t_i^-) = {variance}$. (The sheet asks for $\\hat{x}(t_{i-1}^-)$, a misprint for $\\hat{x}(t_i^-)$.)"),
            x=p.x_posterior, P=p.P_posterior, mean=mean, variance=schedule.P_minus[1, 0, 0])  # fmt: skip
@@ -240,7 +243,7 @@ def part_b(r, p, answer):
     actual = sensitivity.actual(truth, design, steps, compare=[[1, 0, 0]])
     r.check(_("true variance for the delayed noise"), actual.P_plus[1:, 0, 0], lagged(p, P, R2, h2, steps),
             (_("joint covariance of truth and filter"), _("recursion by hand with E[e⁺v1] = K1")), SOLVER)  # fmt: skip
-    best = kalman.schedule(truth, steps).P_plus[-1, 0, 0]
+    best = covariances(truth, steps).P_plus[-1, 0, 0]
     r.table("independence", [_("filter for v2 = √R2·v1 of the time before"), _("error variance")], [
         [_("believes in independence: claimed"), actual.claimed.P_plus[-1, 0, 0]],
         [_("believes in independence: true"), actual.P_plus[-1, 0, 0]],
@@ -494,11 +497,11 @@ def part_e(r, p, answer, experiment):
     portrait(r, experiment, system, steps)
     r.says(_("(The measurements drawn over the record are $z_1 = 2x + v_1$, in their own scale.)"))
     some = experiment.histories(system, steps=steps)
-    one = forms.run(system, some.z[:, :, 0], "sequential")
+    one = kalman_filter(system, some.z[1:, :, 0], algorithm="sequential")
     scale = float(np.abs(some.x_plus).max()) or 1.0
     r.check(_("one record, all measurements: estimates"), one.x_plus, some.x_plus[:, :, 0], (_("one element after another"), _("both at once")), scale=scale)
-    r.check(_("one record, all measurements: variances"), one.P_plus, some.schedule.P_plus, (_("one element after another"), _("both at once")), scale=float(some.schedule.P_plus.max()) or 1.0)
-    r.check(_("first measurement of the experiment"), some.schedule.P_plus[1, 0, 0], answer["linear_joint"][1], (_("recursion"), _("closed form of (c)")), scale=answer["prior"][1] or 1.0)
+    r.check(_("one record, all measurements: variances"), one.P_plus, some.P_plus, (_("one element after another"), _("both at once")), scale=float(some.P_plus.max()) or 1.0)
+    r.check(_("first measurement of the experiment"), some.P_plus[1, 0, 0], answer["linear_joint"][1], (_("recursion"), _("closed form of (c)")), scale=answer["prior"][1] or 1.0)
     coefficient = correlation(p, answer)
     if coefficient is None:
         r.says(_("The correlated ensemble is left out: at t no noises have the covariance R12 ($R_{12}^2 > R_1R_2$)."))
@@ -507,18 +510,18 @@ def part_e(r, p, answer, experiment):
     naive = replace(truth, R=system.R)
     new, by = updates.decorrelated(truth)
     seen = experiment.histories(truth, steps=steps)
-    apart = kalman.filter_runs(new, by.measurements(seen.z))
+    apart = filtered(new, by.measurements(seen.z)[1:])
     r.check(_("correlated: estimates of 25 runs"), apart.x_plus, seen.x_plus, (_("decorrelated data"), _("both at once")), scale=float(np.abs(seen.x_plus).max()) or 1.0)
     stats = experiment.statistics(truth, steps=steps)
-    agreement(r, _("correlated, R12 used"), stats, seen.schedule.P_plus)
+    agreement(r, _("correlated, R12 used"), stats, seen.P_plus)
     wrong, actual = experiment.statistics(truth, naive, steps=steps), sensitivity.actual(truth, naive, steps)
     agreement(r, _("correlated, R12 ignored"), wrong, actual.P_plus, consistent=False)
     claimed, i = actual.claimed.P_plus, np.arange(1, steps + 1)
-    curves = {_("R12 used"): seen.schedule.sd_plus[1:, 0], _("R12 ignored: claimed"): np.sqrt(claimed[1:, 0, 0]), _("R12 ignored: true"): np.sqrt(actual.P_plus[1:, 0, 0])}
+    curves = {_("R12 used"): seen.sd_plus[1:, 0], _("R12 ignored: claimed"): np.sqrt(claimed[1:, 0, 0]), _("R12 ignored: true"): np.sqrt(actual.P_plus[1:, 0, 0])}
     r.figure("correlated", plots.lines(i, curves, xlabel=STEP, ylabel=_("σ of the error (a pure number)"), steps=True, marker=".",
                                        points={_("ensemble"): (i, wrong.rms[1:, 0]), "_": (i, stats.rms[1:, 0])}),
              _("Correlated noises with the coefficient {rho}: the filter that ignores it believes in the wrong variance. Dots: RMS of the ensemble for the lines with and without R12."), rho=coefficient)  # fmt: skip
-    mean = float(np.mean(actual.P_plus[1:, 0, 0]) / np.mean(seen.schedule.P_plus[1:, 0, 0])) if seen.schedule.P_plus[1:].any() else 1.0
+    mean = float(np.mean(actual.P_plus[1:, 0, 0]) / np.mean(seen.P_plus[1:, 0, 0])) if seen.P_plus[1:].any() else 1.0
     r.says(_("With the coefficient {rho} the naive filter's true variance is on average {mean} times that of the filter that uses R12; it claims {claim} times its true one."), rho=coefficient, mean=mean,
            claim=float(np.mean(claimed[1:]) / np.mean(actual.P_plus[1:])) if actual.P_plus[1:].any() else 1.0)  # fmt: skip
 

@@ -21,14 +21,15 @@ import numpy as np
 import scipy.integrate
 import sympy
 
-from ctlabs import bucy, interop, kalman, observability, plots, shaping, steady, symbolic
-from ctlabs.discretise import discretise
-from ctlabs.experiment import Experiment
-from ctlabs.models import ContinuousModel
+from ctlabs.filtering import bucy, steady
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import largest
+from ctlabs.models import ContinuousModel, interop, observability, shaping, symbolic
+from ctlabs.models.discretisation import discretise
 from ctlabs.montecarlo import chance
-from ctlabs.params import Count, LabParameters, Positive, Real, Variance, given
-from ctlabs.portrait import largest
-from ctlabs.report import EXACT, SOLVER, Report
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import Count, LabParameters, Positive, Real, Variance, given
+from ctlabs.reporting.report import EXACT, SOLVER, Report
 from ctlabs.text import _, fill, latex_number
 
 META = {
@@ -346,7 +347,7 @@ def coefficients(r, p, answer, two, three):
     r.math(r"K_1 = d_1 - a_1, \qquad K_2 = d_0 - a_0, \qquad P_{11} = N_mK_1")
     found, routes = bucy.steady(two), (_("Riccati equation"), _("spectral factorisation"))
     r.value("altitude_variance_steady_continuous", found.P[0, 0], "m²", agrees=answer, routes=routes)
-    r.value("altitude_gain_steady_continuous", found.Kc[0, 0], "1/s", agrees=answer, routes=routes)
+    r.value("altitude_gain_steady_continuous", found.K[0, 0], "1/s", agrees=answer, routes=routes)
     r.value("filter_polynomial", bucy.transfer_function(two)[1], "1", agrees=answer, routes=routes)
     poles = [[float(z.real), float(z.imag)] for z in np.sort_complex(found.poles)]
     r.value("filter_poles_continuous", poles, "1/s", agrees=answer, routes=routes)
@@ -360,7 +361,7 @@ def coefficients(r, p, answer, two, three):
         _("limit of P33"), limit.P[2, 2], 0.0, (_("Riccati equation without the undriven mode"), _("proved")), EXACT
     )
     r.says(_("Here $P_{11} \\to {P}$ m², $K_1 \\to {K1}$ 1/s, $K_2 \\to {K2}$ 1/s², and the filter has {poles}."),
-           P=found.P[0, 0], K1=found.Kc[0, 0], K2=found.Kc[1, 0], poles=constants(answer))  # fmt: skip
+           P=found.P[0, 0], K1=found.K[0, 0], K2=found.K[1, 0], poles=constants(answer))  # fmt: skip
     omega = np.geomspace(1e-4, 10 * max(1.0, float(np.abs(found.poles).max())), 500)
     own = control.tf([B1, B0], [1, A1, A0])
     if p.N_c:
@@ -454,7 +455,7 @@ def transient(r, p, answer, three):
         )
         r.check(
             _("K3(t − t*) ") + after,
-            found.Kc[4, 2, 0] * late,
+            found.K[4, 2, 0] * late,
             math.sqrt(1 + p.N_c / p.N_m),
             (_("Riccati equation, integrated"), _("asymptote")),
         )
@@ -469,7 +470,7 @@ def transient(r, p, answer, three):
     above = [100 * (C[0, 0] / answer["altitude_variance_steady_continuous"] - 1) if p.N_c else None for C in P]
     rows = [
         (t, C[0, 0], a, C[2, 2], s, *K[:, 0])
-        for t, C, a, s, K in zip(found.t, P, above, asymptote, found.Kc, strict=True)
+        for t, C, a, s, K in zip(found.t, P, above, asymptote, found.K, strict=True)
     ]
     r.table("transient", [_("t, s"), _("P11, m²"), _("above its limit, %"), _("P33, m²"), _("(N_c + N_m)/(t − t*), m²"), _("K1, 1/s"), _("K2, 1/s²"), _("K3, 1/s")], rows,
             _("Variances and gains of the continuous filter; the last row is at 30 times its longest time constant."))  # fmt: skip
@@ -608,7 +609,7 @@ def part_b(r, p, answer, two, three):
         limit.P_plus,
         (_("three states without the undriven mode"), _("two states")),
     )
-    shown = kalman.schedule(three, p.steps)
+    shown = covariances(three, p.steps)
     entered = np.maximum.accumulate(np.abs(shown.P_minus).max(axis=(1, 2)))
     routes = (_("recursion"), _("power of the linear map, with many digits"))
     for k in sorted({1, math.ceil(p.steps / 10), p.steps}):
@@ -682,7 +683,7 @@ def data_sets(r, p):
             (_("Riccati equation"), _("spectral factorisation")),
         )
         rows.append((
-            name + (_(" (the given ones)") if mark else ""), N_c, N_m, var, limit.P[0, 0], limit.Kc[0, 0], discrete.P_minus[0, 0], discrete.P_plus[0, 0], discrete.K[0, 0],
+            name + (_(" (the given ones)") if mark else ""), N_c, N_m, var, limit.P[0, 0], limit.K[0, 0], discrete.P_minus[0, 0], discrete.P_plus[0, 0], discrete.K[0, 0],
             last[0, 0], 100 * (last[0, 0] / limit.P[0, 0] - 1) if N_c else None, last[2, 2],
         ))  # fmt: skip
     r.table("data", [_("data"), "N_c", "N_m", _("var h_c0, m²"), _("P11(∞), m²"), _("K1(∞), 1/s"), _("P⁻(∞), m²"), _("P⁺(∞), m²"), _("K(∞)"), _("P11(300 s), m²"), _("above its limit, %"), _("P33(300 s), m²")], rows,
@@ -715,7 +716,7 @@ def plan(r, p, experiment, two, three):
 def part_c(r, p, answer, three, sampled):
     """Variances and gains of both filters."""
     r.section("c", _("Comparison of both filters"))
-    plan_b = kalman.schedule(sampled, p.steps)
+    plan_b = covariances(sampled, p.steps)
     end = float(plan_b.t[-1])
     # Half of the instants for the logarithmic axes, half for the linear ones.
     start = min(0.1, 0.1 * p.dt) if p.steps > 1 else 0.1 * p.dt
@@ -754,7 +755,7 @@ def part_c(r, p, answer, three, sampled):
     log = "xy" if shown.any() and p.var_hc0 else "x"
     figure = plots.gains(
         t,
-        continuous.Kc,
+        continuous.K,
         plan_b,
         names=["|$K_1$|", "|$K_2$|", "|$K_3$|"] if log == "xy" else ["$K_1$", "$K_2$", "$K_3$"],
         units=["1/s", "1/s²", "1/s"],
@@ -783,7 +784,7 @@ def part_c(r, p, answer, three, sampled):
     )
     span = 1 / float(np.abs(bucy.steady(plant(p.N_c, p.N_m)).poles).max())
     target, counts = float(bucy.transient(three, [span]).P[0, 0, 0]), (40, 80, 160)
-    ends = [float(kalman.schedule(discretise(three, span / n), n).P_plus[-1, 0, 0]) for n in counts]
+    ends = [float(covariances(discretise(three, span / n), n).P_plus[-1, 0, 0]) for n in counts]
     if p.N_c:
         r.order(
             _("P11⁺ at the shortest time constant, towards P11(t) as dt → 0"),
@@ -811,10 +812,10 @@ def ensembles(r, p, answer, experiment, three, sampled, fine, length, ratio):
         tracks = {}
         for who, (e, step) in runs.items():
             shown = slice(max(begin, step), None, step)
-            tracks[who] = (e.t[shown], e.x_plus[shown, i, 0], e.schedule.sd_plus[shown, i])
+            tracks[who] = (e.t[shown], e.x_plus[shown, i, 0], e.sd_plus[shown, i])
         measured = (last.t[cut], last.z[cut, 0, 0]) if i == 0 and len(runs) == 2 else None
         figure = plots.estimates(
-            (last.t[begin:], last.x[begin:, i, 0]),
+            (last.t[begin:], last.truth[begin:, i, 0]),
             tracks,
             xlabel=TIME,
             ylabel=name,
@@ -835,7 +836,7 @@ def ensembles(r, p, answer, experiment, three, sampled, fine, length, ratio):
         (_("continuous (period δ)"), "ensemble_continuous", fine, length),
         (_("sampled"), "ensemble", sampled, p.steps),
     ), start=2):  # fmt: skip
-        stats, theory = experiment.statistics(system, steps=count, stream=stream), kalman.schedule(system, count)
+        stats, theory = experiment.statistics(system, steps=count, stream=stream), covariances(system, count)
         tests = [
             (_("mean error"), chance.bias(stats, theory.P_plus)),
             (_("error variance"), chance.variance(stats, theory.P_plus)),

@@ -16,12 +16,13 @@ from itertools import combinations
 import numpy as np
 from pydantic import model_validator
 
-from ctlabs import kalman, plots, scheduling
-from ctlabs.experiment import Experiment
+from ctlabs.analysis import scheduling
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import agreement, largest
 from ctlabs.models import DiscreteModel
-from ctlabs.params import Count, LabParameters, Positive, Real, given
-from ctlabs.portrait import agreement, largest
-from ctlabs.report import EXACT, Report
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import Count, LabParameters, Positive, Real, given
+from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -201,7 +202,7 @@ def part_f(r, p, systems, every, answer, experiment):
         if pair is None:
             continue
         timed = planned(p, system, pair)
-        schedule = kalman.schedule(timed, p.horizon, first=0)
+        schedule = covariances(timed, p.horizon, first=0)
         stats = experiment.statistics(timed, steps=p.horizon, first=0)
         agreement(r, fill(_("plan of ({part})"), part=part), stats, schedule.P_plus)
         r.check(fill(_("RMS at the end, plan of ({part})"), part=part), schedule.sd_minus[-1, 0], answer[f"{part}_terminal_rms"], (_("filter with R = ∞ elsewhere"), _("every selection tried")))

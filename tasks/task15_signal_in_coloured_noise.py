@@ -16,13 +16,16 @@ from dataclasses import replace
 import numpy as np
 from pydantic import model_validator
 
-from ctlabs import kalman, observability, plots, reduced, sensitivity, shaping, steady
-from ctlabs.discretise import discretise
-from ctlabs.experiment import Experiment
-from ctlabs.params import Count, LabParameters, Positive, Variance, given
-from ctlabs.plots import Arrow, Node
-from ctlabs.portrait import agreement, largest, portrait
-from ctlabs.report import EXACT, Report
+from ctlabs.analysis import sensitivity
+from ctlabs.filtering import reduced, settling, steady
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.models import observability, shaping
+from ctlabs.models.discretisation import discretise
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import Count, LabParameters, Positive, Variance, given
+from ctlabs.reporting.plots import Arrow, Node
+from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -154,7 +157,7 @@ def part_a(r, p, answer, system):
     r.says(_("The update with $R = 0$ leaves the determinant of $P^-$ over the variance of z:"))
     r.math(r"p_i = \frac{P_{11}^-P_{22}^- - (P_{12}^-)^2}{P_{11}^- + 2P_{12}^- + P_{22}^-} = \frac{(a^2q_2 + b^2q_1)\,p_{i-1} + q_1q_2}{(a-b)^2\,p_{i-1} + q_1 + q_2}, \qquad p_0 = \frac{E s^2(t_0)\,E n^2(t_0)}{E s^2(t_0) + E n^2(t_0)}")
     r.math(r"K_{s,i} = \frac{a(a-b)\,p_{i-1} + q_1}{(a-b)^2\,p_{i-1} + q_1 + q_2}, \qquad K_n = 1 - K_s, \qquad K_{s,0} = \frac{E s^2(t_0)}{E s^2(t_0) + E n^2(t_0)}")
-    plan, at = kalman.schedule(system, p.steps, first=0), range(p.steps + 1)
+    plan, at = covariances(system, p.steps, first=0), range(p.steps + 1)
     routes = (_("recursion of matrices"), _("power of the fraction's matrix"))
     r.value("signal_variance", plan.P_plus[:, 0, 0], "V²", at=plan.t, agrees=answer, routes=routes)
     r.value("gain", plan.K[:, 0, 0], at=plan.t, agrees=answer, routes=routes)
@@ -193,8 +196,8 @@ def part_b(r, p, answer, system, small):
     arrows = [Arrow("z", "z1"), Arrow("z1", "+"), Arrow("z1", "b"), Arrow("b", "d", "", "+"), Arrow("+", "K"), Arrow("K", "*"), Arrow("*", "o"), Arrow("o", "s"), Arrow("o", "o2"), Arrow("o2", "a"), Arrow("a", "*"),
               Arrow("o2", "f", turn="along"), Arrow("f", "d", "", "+"), Arrow("d", "+", "", "−")]  # fmt: skip
     r.figure("reduced", plots.block_diagram(nodes, arrows), _("The reduced filter: a differencing of the measurement, and one state with innovation feedback."))
-    P, K = reduced.schedule(small, p.steps)
-    full = kalman.schedule(system, p.steps, first=0)
+    P, K = reduced.covariances(small, p.steps)
+    full = covariances(system, p.steps, first=0)
     routes = (_("reduced filter"), _("two-state filter"))
     r.check(_("P⁺ of the reduced filter"), P, full.P_plus, routes, EXACT, scale=float(full.P_minus.max()))
     r.check(_("gains of the reduced filter"), K, full.K, routes, 1e-8)
@@ -242,12 +245,12 @@ def analysis_c(r, p, answer):
     for name, change in variants(p):
         q = p.model_copy(update=change)
         system = model(q)
-        p0 = kalman.schedule(system, 1, first=0).P_plus[0, 0, 0]
+        p0 = covariances(system, 1, first=0).P_plus[0, 0, 0]
         limit = variance_limit(q.w0, q.wn, q.dt, q.Q1, q.Q2)
         if limit is None:
             rows.append((name, p0, None, None, None, None, observability.analyse(system).rank))
             continue
-        found, settled = steady.solve(system), steady.settling(system, first=0)
+        found, settled = steady.solve(system), settling(system, first=0)
         pole = float(reduced.steady(reduced.discrete(system, keep=["s"])).poles[0].real)
         r.check(fill(_("steady variance, {name}"), name=name), found.P_plus[0, 0], limit, (_("Riccati equation"), _("root of the quadratic")))
         rows.append((name, p0, found.P_plus[0, 0], found.K[0, 0], pole, settled, observability.analyse(system).rank))
@@ -260,7 +263,7 @@ def analysis_c(r, p, answer):
     r.value("verdict_c", bool(seen.ok))
     r.says(_("Criterion of `verdict_c`: whether the given pair $(\\Phi, H)$ is observable. It {is_} (rank {rank} of 2); whether it is detectable, which is what the filter needs: {detectable}."),
            is_=_("is") if seen.ok else _("is not"), rank=seen.rank, detectable=_("yes") if seen.detectable else _("no"))  # fmt: skip
-    curves = {name: kalman.schedule(model(p, **change), max(p.steps, 8), first=0).P_plus[:, 0, 0] for name, change in variants(p)}
+    curves = {name: covariances(model(p, **change), max(p.steps, 8), first=0).P_plus[:, 0, 0] for name, change in variants(p)}
     figure = plots.lines(range(max(p.steps, 8) + 1), curves, xlabel=STEP, ylabel=_("p, V²"), marker=".", steps=True)
     r.figure("factors", figure, _("The error variance of the signal from t0 on, for each factor."))
     wrong_filters(r, p)
@@ -295,7 +298,7 @@ def wrong_filters(r, p):
 
 def plan(r, p, experiment, answer, system):
     """Every number chosen."""
-    settled = steady.settling(system, first=0) if answer["signal_variance_steady"] else None
+    settled = settling(system, first=0) if answer["signal_variance_steady"] else None
     steps = visible(p, max(p.steps, min(60, 3 * (settled or 10)), 8))
     r.says(_("Part (c) is repeated by simulation: the full filter, the reduced one on the same records, and the given filter on data of the changed truths."))
     r.table("plan", [_("quantity"), _("value"), _("why")], [
@@ -325,12 +328,12 @@ def experiment_c(r, p, experiment, answer, system, small, steps):
     limit = None if answer["signal_variance_steady"] is None else steady.solve(system)
     portrait(r, experiment, system, steps, xlabel=_("t, s"), first=0, limits=None if limit is None else (limit.P_minus[0, 0], limit.P_plus[0, 0]))
     some = experiment.histories(system, steps=steps, first=0)
-    again = reduced.filter_runs(small, some.z)
+    again = reduced.estimates(small, some.z)
     r.check(_("estimates of 25 runs"), again.x_plus, some.x_plus, (_("reduced filter"), _("two-state filter")), EXACT, scale=float(np.abs(some.x_plus).max()))
     rows = []
     for i, (name, change) in enumerate(variants(p)[1:], start=1):
         truth = model(p, **change)
-        own = kalman.schedule(truth, steps, first=0)
+        own = covariances(truth, steps, first=0)
         stats = experiment.statistics(truth, steps=steps, stream=i, first=0)
         worst = agreement(r, name, stats, own.P_plus)
         actual = sensitivity.actual(truth, system, steps, first=0)
@@ -364,7 +367,7 @@ def conclusions(r, p, answer, system):
     elif equal is None:
         lines.append(_("Equal frequencies would here mean two Wiener processes, whose difference is neither seen nor stable: there is no steady state."))
     if limit:
-        lines.append(fill(_("The filter settles (p within 1 % of its limit) at measurement {settled}."), settled=steady.settling(system, first=0)))
+        lines.append(fill(_("The filter settles (p within 1 % of its limit) at measurement {settled}."), settled=settling(system, first=0)))
     lines.append(largest(r))
     r.items(lines)
 

@@ -14,14 +14,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ctlabs import bucy, kalman, plots, steady
-from ctlabs.discretise import discretise
-from ctlabs.experiment import Experiment
+from ctlabs.filtering import bucy, settling, settling_step, steady
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import largest
 from ctlabs.models import ContinuousModel
+from ctlabs.models.discretisation import discretise
 from ctlabs.montecarlo import chance
-from ctlabs.params import LabParameters, Positive, Real, Variance, given
-from ctlabs.portrait import largest
-from ctlabs.report import EXACT, SOLVER, Report
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import LabParameters, Positive, Real, Variance, given
+from ctlabs.reporting.report import EXACT, SOLVER, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -63,7 +64,7 @@ def analytic(p):
         "posterior_variance_steady": posterior,
         "gain_steady": gain,
         "filter_z_transfer_function": [[gain, 0.0], [1.0, gain - 1]],
-        "settling_step": settling_step(p.Q, p.R, p.P0, p.dt),
+        "settling_step": settling_by_hand(p.Q, p.R, p.P0, p.dt),
     }
 
 
@@ -91,7 +92,7 @@ def sampled_limits(Q, R, dt):
     return above, Q * R / above if above else 0.0
 
 
-def settling_step(Q, R, P0, dt):
+def settling_by_hand(Q, R, P0, dt):
     """The same for P⁺: (P⁺ − P⁺∞)/(P⁺ + P⁻∞) shrinks by the factor (P⁺∞/P⁻∞)² with each measurement."""
     if not Q:
         return None if P0 else 1
@@ -180,7 +181,7 @@ def part_a(r, p, answer, system):
     routes = (_("Riccati equation"), _("closed form"))
     limit = bucy.steady(system)
     r.value("variance_steady_continuous", limit.P[0, 0], "m²", agrees=answer, routes=routes)
-    r.value("gain_steady_continuous", limit.Kc[0, 0], "1/s", agrees=answer, routes=routes)
+    r.value("gain_steady_continuous", limit.K[0, 0], "1/s", agrees=answer, routes=routes)
     num, den = bucy.transfer_function(system)
     r.value("filter_transfer_function", [num, den])
     for name, found, expected in zip(
@@ -200,7 +201,7 @@ def part_a(r, p, answer, system):
     )
     if invariant:
         r.says(_("The criterion of invariance: the gain tends to a constant with which the filter is stable. Here $P_\\infty = {P}$ m², $K_\\infty = {K}$ 1/s, the pole is {pole} 1/s and the time constant {tau} s: the filter becomes time-invariant."),
-               P=limit.P[0, 0], K=limit.Kc[0, 0], pole=limit.poles[0].real, tau=1 / answer["gain_steady_continuous"])  # fmt: skip
+               P=limit.P[0, 0], K=limit.K[0, 0], pole=limit.poles[0].real, tau=1 / answer["gain_steady_continuous"])  # fmt: skip
         r.says(
             _(
                 "The filter passes what changes slower than κ with gain 1 and attenuates the rest like κ/ω: a first-order low-pass whose bandwidth is the root of the ratio of the noise strengths. The more the process moves (Q) or the better it is measured (small R), the wider it is."
@@ -349,7 +350,7 @@ def part_c(r, p, answer, system, sampled):
         )
     )
     reason = _("the limit is 0, and a variance that decays to 0 never stays within 1 % of it")
-    when, step = bucy.settling_time(system, WITHIN), steady.settling(sampled, WITHIN)
+    when, step = bucy.settling_time(system, WITHIN), settling(sampled, WITHIN)
     routes = (_("search along P(t)"), _("closed form"))
     r.value("settling_time", when, "s", reason="" if when is not None else reason, agrees=answer, routes=routes)
     searched = step is not None or answer["settling_step"] is None
@@ -406,7 +407,7 @@ def overlay(r, p, answer, system, sampled):
         )
     )
     count = min(max(math.ceil(4 * time_scale(p) / p.dt), 8), 200)
-    shown = kalman.schedule(sampled, count)
+    shown = covariances(sampled, count)
     between = bucy.transient(system, shown.t).P[:, 0, 0]
     routes = (_("recursion"), _("Riccati equation, integrated"))
     size = float(shown.P_minus.max()) or 1.0
@@ -427,7 +428,7 @@ def overlay(r, p, answer, system, sampled):
         (_("recursion"), _("power of the step's matrix")),
         SOLVER,
     )
-    half = kalman.schedule(discretise(system, p.dt / 4), 4 * count)
+    half = covariances(discretise(system, p.dt / 4), 4 * count)
     t = np.linspace(0.0, shown.t[-1], 401)
     figure = plots.sampled(
         {fill(_("dt = {dt} s"), dt=p.dt): shown, fill(_("dt = {dt} s"), dt=p.dt / 4): half}, t, bucy.transient(system, t).P[:, 0, 0],
@@ -441,7 +442,7 @@ def overlay(r, p, answer, system, sampled):
         ),
     )
     figure = plots.gains(
-        t, bucy.transient(system, t).Kc, shown, names=[_("gain K, or K/dt")], units=["1/s"], xlabel=TIME
+        t, bucy.transient(system, t).K, shown, names=[_("gain K, or K/dt")], units=["1/s"], xlabel=TIME
     )
     r.figure("gains", figure, _("The continuous gain, and that of the discrete filter divided by its period."))
 
@@ -454,7 +455,7 @@ def limits(r, p, answer, system):
                 "**dt → 0.** Without process noise the discrete filter agrees with the continuous one at the instants of measurement for every period: $1/P(t_i^+) = 1/P_0 + i\\,dt/R = 1/P(t_i)$. The information of the measurements does not depend on how it is divided."
             )
         )
-        coarse = kalman.schedule(discretise(system, p.dt), 20)
+        coarse = covariances(discretise(system, p.dt), 20)
         r.check(
             _("P⁺ = P(t) without process noise"),
             coarse.P_plus[:, 0, 0],
@@ -487,13 +488,13 @@ def limits(r, p, answer, system):
     bounds = [(float(s.P_minus[0, 0]), float(s.P_plus[0, 0])) for s in found]
     at = [
         s.P_plus[-1, 0, 0]
-        for s in (kalman.schedule(system, n) for system, n in zip(systems, (8, 16, 32, 64), strict=True))
+        for s in (covariances(system, n) for system, n in zip(systems, (8, 16, 32, 64), strict=True))
     ]
     errors = {
         _("P⁻"): [minus - target for minus, plus in bounds],
         _("P⁺"): [target - plus for minus, plus in bounds],
         _("mean of P⁻ and P⁺"): [0.5 * (minus + plus) - target for minus, plus in bounds],
-        _("gain K/dt"): [float(exact.Kc[0, 0] - s.K[0, 0] / dt) for s, dt in zip(found, periods, strict=True)],
+        _("gain K/dt"): [float(exact.K[0, 0] - s.K[0, 0] / dt) for s, dt in zip(found, periods, strict=True)],
         _("pole ln(1−K)/dt"): [
             math.log(plus / minus) / dt + rate for (minus, plus), dt in zip(bounds, periods, strict=True)
         ],
@@ -548,11 +549,11 @@ def ensembles(r, p, experiment, sampled, fine, steps, ratio):
     every = slice(None, None, ratio)
     last = list(runs.values())[-1]
     tracks = {
-        name: (e.t[cut], e.x_plus[cut, 0, 0], e.schedule.sd_plus[cut, 0])
+        name: (e.t[cut], e.x_plus[cut, 0, 0], e.sd_plus[cut, 0])
         for (name, e), cut in zip(runs.items(), (slice(None), every), strict=False)
     }
     figure = plots.estimates(
-        (last.t, last.x[:, 0, 0]), tracks, xlabel=TIME, ylabel="x, m",
+        (last.t, last.truth[:, 0, 0]), tracks, xlabel=TIME, ylabel="x, m",
         measurements=(last.t[every], last.z[every, 0, 0]) if len(runs) == 2 else None,
     )  # fmt: skip
     r.figure(
@@ -575,7 +576,7 @@ def ensembles(r, p, experiment, sampled, fine, steps, ratio):
         (_("continuous (period δ)"), "ensemble_continuous", quick, length),
         (_("discrete"), "ensemble", sampled, steps),
     ), start=3):  # fmt: skip
-        stats, theory = experiment.statistics(system, steps=count, stream=stream), kalman.schedule(system, count)
+        stats, theory = experiment.statistics(system, steps=count, stream=stream), covariances(system, count)
         tests = [
             (_("mean error"), chance.bias(stats, theory.P_plus)),
             (_("error variance"), chance.variance(stats, theory.P_plus)),
@@ -586,7 +587,7 @@ def ensembles(r, p, experiment, sampled, fine, steps, ratio):
             r.chance(f"{what}, {name}", test)
         continuous = [variance(p.Q, p.R, p.P0, t) for t in theory.t]
         apart = [abs(P / C - 1) for P, C in zip(theory.P_plus[:, 0, 0], continuous, strict=True) if C]
-        settled = steady.settling_step(theory.P_plus[:, :, 0], steady.solve(system).P_plus[0], WITHIN)
+        settled = settling_step(theory.P_plus[:, :, 0], steady.solve(system).P_plus[0], WITHIN)
         rows.append((
             name, theory.t[-1], theory.sd_plus[-1, 0], stats.rms[-1, 0], stats.bias[-1, 0], 100 * max(apart, default=0.0),
             None if settled is None else max(settled, 1) * system.dt, max(abs(test.value) for _what, test in tests),

@@ -15,14 +15,15 @@ import math
 import numpy as np
 from ctlabs.tasks import task16_wiener_process as lab16
 
-from ctlabs import bucy, kalman, observability, plots, steady
-from ctlabs.discretise import discretise
-from ctlabs.experiment import Experiment
-from ctlabs.models import ContinuousModel
-from ctlabs.params import LabParameters, Positive, Variance, given
-from ctlabs.plots import Arrow, Node
-from ctlabs.portrait import agreement, largest, portrait
-from ctlabs.report import EXACT, Report
+from ctlabs.filtering import bucy, settling, steady
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.models import ContinuousModel, observability
+from ctlabs.models.discretisation import discretise
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import LabParameters, Positive, Variance, given
+from ctlabs.reporting.plots import Arrow, Node
+from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -67,7 +68,7 @@ def analytic(p):
         "prior_variance_steady": prior,
         "posterior_variance_steady": posterior,
         "gain_steady": posterior * p.dt / p.R,
-        "settling_step": lab16.settling_step(Q, p.R, P0, p.dt),
+        "settling_step": lab16.settling_by_hand(Q, p.R, P0, p.dt),
         "observability_rank_two_states": int(np.linalg.matrix_rank(np.array([SUM[0], [0.0, 0.0]]))),
         "growth_rate_x1": growth(p),
         "other_readings": other_readings(p),
@@ -202,7 +203,7 @@ def part_a(r, p, answer, system):
     else:
         r.says(_("Without process noise $1/P(t) = 1/P_0 + t/R$: variance and gain tend to zero, and for $t \\to \\infty$ the filter takes no notice of the measurements."))
     r.value("variance_steady_continuous", limit.P[0, 0], "m²", agrees=answer, routes=routes)
-    r.value("gain_steady_continuous", limit.Kc[0, 0], "1/s", agrees=answer, routes=routes)
+    r.value("gain_steady_continuous", limit.K[0, 0], "1/s", agrees=answer, routes=routes)
     num, den = bucy.transfer_function(system)
     r.value("filter_transfer_function", [num, den])
     for name, found, expected in zip((_("numerator"), _("denominator")), (num, den), answer["filter_transfer_function"], strict=True):
@@ -210,7 +211,7 @@ def part_a(r, p, answer, system):
     routes = (_("Riccati equation, integrated"), _("closed form"))
     r.value("variance_continuous", bucy.transient(system, TIMES).P[:, 0, 0], "m²", at=TIMES, agrees=answer, routes=routes)
     if invariant:
-        r.says(_("Here $P_\\infty = {P}$ m², $\\kappa = {K}$ 1/s: a low-pass with the time constant {tau} s."), P=limit.P[0, 0], K=limit.Kc[0, 0], tau=1 / answer["gain_steady_continuous"])
+        r.says(_("Here $P_\\infty = {P}$ m², $\\kappa = {K}$ 1/s: a low-pass with the time constant {tau} s."), P=limit.P[0, 0], K=limit.K[0, 0], tau=1 / answer["gain_steady_continuous"])
 
 
 def trap(r, p, answer, system, double):
@@ -249,7 +250,7 @@ def trap(r, p, answer, system, double):
     rows = bucy.transient(double, t).P
     curves = {"P11": rows[:, 0, 0], "P22": rows[:, 1, 1], "P11+2P12+P22 = P(t)": rows.sum(axis=(1, 2))}
     r.figure("two_states", plots.transient(t, curves, xlabel=TIME, ylabel=_("error variance, m²")), _("The two-state filter: variances of x1 and x2, and of their sum, which is the same as with one state."))
-    gains = found.Kc[-1, :, 0]
+    gains = found.K[-1, :, 0]
     if p.q1 + p.q2:
         limits = [p.q1 / (p.q1 + p.q2) * answer["gain_steady_continuous"], p.q2 / (p.q1 + p.q2) * answer["gain_steady_continuous"]]
         r.check(_("gains of the two-state filter in the limit"), gains, limits, (_("Riccati equation, integrated"), _("closed form")))
@@ -306,8 +307,8 @@ def part_b(r, p, answer, system, double):
     else:
         r.says(_("No: without process noise the gain tends to 0 and the pole to 1; the limit is no filter at all. ({words})"),
                words=_("Here even $x_3(0)$ is known, so the gain is 0 from the start.") if not p.P01 + p.P02 else _("The variance falls like 1/t for ever."))  # fmt: skip
-    many = kalman.schedule(discretise(double, p.dt), 40)
-    few = kalman.schedule(sampled, 40)
+    many = covariances(discretise(double, p.dt), 40)
+    few = covariances(sampled, 40)
     size = float(np.abs(many.P_minus).max()) or 1.0
     for name, two, one in (("P⁻", many.P_minus, few.P_minus), ("P⁺", many.P_plus, few.P_plus)):
         r.check(fill(_("{name} of the sum"), name=name), two.sum(axis=(1, 2)), one[:, 0, 0], (_("two-state recursion"), _("one-state recursion")), EXACT, scale=size)
@@ -316,7 +317,7 @@ def part_b(r, p, answer, system, double):
 def settled(r, p, answer):
     """The settling step, seen from both sides."""
     step, limit = answer["settling_step"], answer["posterior_variance_steady"]
-    found = steady.settling(discretise(model(p), p.dt))
+    found = settling(discretise(model(p), p.dt))
     if found is not None or step is None:
         r.check(_("settling step"), found, step, (_("recursion"), _("closed form")), EXACT)
         return
@@ -362,15 +363,15 @@ def experiment_b(r, p, answer, experiment, system, double, steps, fine):
         (_("one state, period δ"), quick, half, SUM, fine),
     )):  # fmt: skip
         stats = experiment.statistics(data, design, steps=count, stream=1 + stream // 2, compare=compare)
-        theory = kalman.schedule(design, count)
+        theory = covariances(design, count)
         worst = agreement(r, name, stats, theory.P_plus)
         rows.append((name, design.states[0], theory.t[-1], theory.sd_plus[-1, 0], stats.rms[-1, 0], worst))
     r.table("ensemble", [_("filter"), _("error of"), _("to t, s"), _("σ of theory, m"), _("RMS error, m"), _("largest deviation, σ")], rows, _("The ensembles at the last instant. The last column is over all instants and tests."))
     one, two = (experiment.histories(truth, design, steps=steps, stream=1) for design in (sampled, truth))
     size = float(np.abs(one.x_plus).max()) or 1.0
     r.check(_("x̂1 + x̂2 = x̂3, run by run"), two.x_plus.sum(axis=1), one.x_plus[:, 0], (_("two-state filter"), _("one-state filter")), scale=size)
-    tracks = {_("one state: x3"): (one.t, one.x_plus[:, 0, 0], one.schedule.sd_plus[:, 0]), _("two states: x1 alone"): (two.t, two.x_plus[:, 0, 0], two.schedule.sd_plus[:, 0])}
-    figure = plots.estimates((one.t, one.x[:, :, 0].sum(axis=1)), tracks, xlabel=TIME, ylabel=_("x3 and x1, m"), measurements=(one.t[1:], one.z[1:, 0, 0]))
+    tracks = {_("one state: x3"): (one.t, one.x_plus[:, 0, 0], one.sd_plus[:, 0]), _("two states: x1 alone"): (two.t, two.x_plus[:, 0, 0], two.sd_plus[:, 0])}
+    figure = plots.estimates((one.t, one.truth[:, :, 0].sum(axis=1)), tracks, xlabel=TIME, ylabel=_("x3 and x1, m"), measurements=(one.t[1:], one.z[1:, 0, 0]))
     r.figure("record", figure, _("One run: x3, its measurements and estimate, and beside it the estimate of x1 alone by the two-state filter. The sums of its two estimates are those of x3, run by run."))
 
 

@@ -10,6 +10,7 @@ Expected answer: F = [[0,1,0,0],[3w²,0,0,2r0w],[0,0,0,1],[0,−2w/r0,0,0]], e^{
 """
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import mpmath
@@ -17,14 +18,15 @@ import numpy as np
 import sympy
 from scipy.integrate import solve_ivp
 
-from ctlabs import kalman, linearise, observability, plots
-from ctlabs.discretise import discretise
-from ctlabs.experiment import Experiment
-from ctlabs.models import DiscreteModel
-from ctlabs.montecarlo import NonlinearModel
-from ctlabs.params import Count, Covariance, LabParameters, Positive, PositiveOrNull, given
-from ctlabs.portrait import agreement, largest
-from ctlabs.report import EXACT, SOLVER, Report
+from ctlabs.filtering import update
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import agreement, largest
+from ctlabs.models import DiscreteModel, linearisation, observability
+from ctlabs.models.discretisation import discretise
+from ctlabs.models.nonlinear import NonlinearModel
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import Count, Covariance, LabParameters, Positive, PositiveOrNull, given
+from ctlabs.reporting.report import EXACT, SOLVER, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -177,7 +179,7 @@ def equations():
     """The sheet's equations for sympy, and the circular orbit as a trajectory in t."""
     r, speed, angle, turn, u_r, u_tau = sympy.symbols("r rdot Theta Thetadot u_r u_tau", real=True)
     G, r0, w, t = sympy.symbols("G r_0 w t", positive=True)
-    dynamics = linearise.Dynamics([speed, r * turn**2 - G / r**2 + u_r, turn, -2 * turn * speed / r + u_tau / r], [r, speed, angle, turn], [u_r, u_tau])
+    dynamics = linearisation.Dynamics([speed, r * turn**2 - G / r**2 + u_r, turn, -2 * turn * speed / r + u_tau / r], [r, speed, angle, turn], [u_r, u_tau])
     circle = dynamics.at({r: r0, speed: 0, angle: w * t, turn: w, u_r: 0, u_tau: 0, G: r0**3 * w**2}, t)
     return dynamics, circle
 
@@ -189,7 +191,7 @@ def seeing(rows):
 
 def measured(p, rows=(0, 1)):
     """The linear model of the deviations with some of the measurements."""
-    return linearise.model(equations()[1], {"r_0": p.r0, "w": rate(p)}, H=seeing(rows), P0=p.P0, states=STATES, units=UNITS, measurements=[("z1", "z2")[row] for row in rows])  # fmt: skip
+    return linearisation.model(equations()[1], {"r_0": p.r0, "w": rate(p)}, H=seeing(rows), P0=p.P0, states=STATES, units=UNITS, measurements=[("z1", "z2")[row] for row in rows])  # fmt: skip
 
 
 def noise(p, rows=(0, 1)):
@@ -199,7 +201,7 @@ def noise(p, rows=(0, 1)):
 
 def designed(p, rows):
     """The linear model with both measurements, those not in the set marked as absent."""
-    return discretise(measured(p), p.dt, R=np.diag([noise(p)[i, i] if i in rows else np.inf for i in (0, 1)]))
+    return discretise(replace(measured(p), B=None), p.dt, R=np.diag([noise(p)[i, i] if i in rows else np.inf for i in (0, 1)]))
 
 
 def nonlinear(p, flow, rows=(0, 1), *, bounded=False):
@@ -230,7 +232,7 @@ def report(p, experiment: Experiment) -> Report:
         msg = f"a phase w dt of {rate(p) * p.dt:g} rad in a period, of which too few digits are left after {LONG * p.steps} periods"
         raise FloatingPointError(msg)
     answer = analytic(p)
-    schedules = {name: kalman.schedule(discretise(measured(p, rows), p.dt, R=noise(p, rows)), LONG * p.steps) for name, rows in SETS.items()}
+    schedules = {name: covariances(discretise(measured(p, rows), p.dt, R=noise(p, rows)), LONG * p.steps) for name, rows in SETS.items()}
     r.heading(_("Part I. Analysis"))
     part_a(r, p)
     part_b(r, p, answer)
@@ -359,7 +361,7 @@ def part_c(r, p, answer, schedules):
         sizes = np.diag(ruler(p, wanted))
         short = np.sqrt(np.where(sizes > 0, sizes, 1.0))[:, None] / np.sqrt(R)
         r.check(fill(_("last gain, {name}"), name=names[name]), schedules[name].K[p.steps] / short, wanted @ H.T / R / short, (_("recursion"), "P⁺HᵀR⁻¹"), SOLVER, scale=known(p, wanted) * max(1.0, float(np.abs(wanted @ H.T / R / short).max())))
-        natural = kalman.schedule(in_natural_units(p, rows), p.steps).P_plus[-1] * scale
+        natural = covariances(in_natural_units(p, rows), p.steps).P_plus[-1] * scale
         r.check(fill(_("units, {name}"), name=names[name]), normal(P, ruler(p, wanted)), normal(natural, ruler(p, wanted)), (_("recursion in m, m/s, rad, rad/s"), _("recursion in natural units")), SOLVER, scale=known(p, wanted))
     r.table("variances", [_("state"), _("σ at t0"), *names.values()],
             [(f"{state}, {unit}", math.sqrt(p.P0[i][i]), *(schedules[name].sd_plus[p.steps, i] for name in SETS)) for i, (state, unit) in enumerate(zip(STATES, UNITS, strict=True))],
@@ -381,7 +383,7 @@ def in_natural_units(p, rows):
     """The sampled model with the states in units of r0, r0 w, 1 rad, w."""
     system, s = discretise(measured(p, rows), p.dt, R=noise(p, rows)), units(p)
     m = np.array([(1.0, p.r0)[row] for row in rows])
-    return DiscreteModel(system.Phi * s / s[:, None], np.zeros((4, 4)), system.H * s / m[:, None], system.R / np.outer(m, m), system.x0, system.P0 / np.outer(s, s), p.dt)
+    return DiscreteModel(system.Phi * s / s[:, None], np.zeros((4, 4)), system.H * s / m[:, None], system.R / np.outer(m, m), x0=system.x0, P0=system.P0 / np.outer(s, s), dt=p.dt)
 
 
 def limits(r, p, answer, schedules, names, ranks):
@@ -397,7 +399,7 @@ def limits(r, p, answer, schedules, names, ranks):
         schedule, wanted = schedules[name], answer["covariances"][name][1]
         r.check(fill(_("after {n} measurements, {name}"), n=many[-1], name=names[name]), normal(schedule.P_plus[-1], ruler(p, wanted)), normal(wanted, ruler(p, wanted)), (_("recursion"), _("all measurements at once")), SOLVER, scale=known(p, wanted))
         rows += [(names[name], N, *schedule.sd_plus[N], float(np.abs(schedule.K[N, 2] * np.sqrt(np.diag(noise(p, which)))).max())) for N in many]
-    left = kalman.update(p.P0, np.eye(4)[[0, 1, 3]], np.zeros((3, 3))).P_plus[2, 2]
+    left = update(p.P0, np.eye(4)[[0, 1, 3]], np.zeros((3, 3))).P_plus[2, 2]
     r.value("theta_variance_floor_range", left, "rad²")
     r.holds(_("P33 with the range only stays above what the rest leaves open"), schedules["range"].P_plus[:, 2, 2] - left, (_("recursion"), _("perfect knowledge of the rest")), size=max(p.P0[2][2], 1e-300))
     r.table("long", [_("measured"), "N", *(f"σ({state}), {unit}" for state, unit in zip(STATES, UNITS, strict=True)), _("correction of Θ by an error σ of a measurement, rad")], rows, _("The same filters for longer."))
@@ -453,14 +455,14 @@ def part_d(r, p, experiment, trial):
     if parts > WORK:
         r.says(_("The sampling period is so long that the nonlinear motion cannot be followed within it in a sensible number of steps; the nonlinear part is left out."))
         return None
-    flow = linearise.flow(equations()[0], {"G": p.r0**3 * rate(p) ** 2}, p.dt, parts)
+    flow = linearisation.flow(equations()[0], {"G": p.r0**3 * rate(p) ** 2}, p.dt, parts)
     start = 2 * np.sqrt(np.diag(q.P0))
     path, _transitions = flow.along(np.array([p.r0, 0, 0, rate(p)]) + start, steps)
     nominal = np.outer(np.arange(steps + 1) * p.dt, [0, 0, rate(p), 0]) + np.array([p.r0, 0, 0, rate(p)])
     exact = integrated(q, start, np.arange(steps + 1) * p.dt).T
     r.check(_("nonlinear motion from +2σ"), (path - nominal) / units(p), exact / units(p), (_("Runge and Kutta, order 4"), _("integrator of order 8 at tight tolerance")), SOLVER, scale=max(1.0, float(rate(p) * p.dt * steps)))
     r.says(_("The nonlinear motion is followed by Runge and Kutta's method, {parts} steps a period. From a start of +2σ in all states it leaves an integrator of order 8 with tight tolerance by {error} m in r at most, where the smallest standard deviation of a filter is {least} m."),
-           parts=parts, error=float(np.abs(path - nominal - exact)[:, 0].max()), least=float(kalman.schedule(designed(q, [0, 1]), steps).sd_plus[:, 0].min()))  # fmt: skip
+           parts=parts, error=float(np.abs(path - nominal - exact)[:, 0].max()), least=float(covariances(designed(q, [0, 1]), steps).sd_plus[:, 0].min()))  # fmt: skip
     if not regular(q):
         r.says(_("P0 is singular: both filters take some combinations of the states for exactly known for ever. On the nonlinear truth these combinations curve, however little, and an error against a variance of zero has no size; so the filters are not compared there (a start with small variances instead of zeros allows it)."))
         return None
@@ -471,15 +473,15 @@ def part_d(r, p, experiment, trial):
 def linear(r, p, experiment, names):
     """The linear truth: one run, gains, errors, and the ensembles of the three sets."""
     truth, designs = designed(p, [0, 1]), {name: designed(p, rows) for name, rows in SETS.items()}
-    both, some = kalman.schedule(truth, p.steps), experiment.histories(truth, steps=p.steps)
+    both, some = covariances(truth, p.steps), experiment.histories(truth, steps=p.steps)
     r.figure("record", plots.record(some, xlabel=TIME, ylabel="δr, m", state=0, measurement=1), _("One run: truth, measured range, and the estimate of δr from both measurements with its ±σ band."))
-    r.figure("sawtooth", plots.sawtooth({"": kalman.schedule(truth, min(p.steps, 15))}, xlabel=TIME, ylabel=_("variance of δΘ, rad²"), state=2), _("Error variance of δΘ before and after each of the first updates, both measured."))
+    r.figure("sawtooth", plots.sawtooth({"": covariances(truth, min(p.steps, 15))}, xlabel=TIME, ylabel=_("variance of δΘ, rad²"), state=2), _("Error variance of δΘ before and after each of the first updates, both measured."))
     sd, sigma = np.where(both.sd_plus > 0, both.sd_plus, 1.0), np.sqrt(np.diag(noise(p)))
     gains = {f"{state} ← z{j + 1}": both.K[1:, i, j] * sigma[j] / sd[1:, i] for i, state in enumerate(STATES) for j in (0, 1)}
     r.figure("gain", plots.lines(both.t[1:], gains, xlabel=TIME, ylabel=_("relative gain Kσ(z)/σ(state)")), _("Gains with both measurements, made comparable: the correction by an innovation as large as the measurement's σ, in standard deviations of the state."))
     r.figure("errors", plots.errors(some, xlabel=TIME, unit="rad", state=2, measurement=0), _("Innovations of the angle, prediction and filtering errors of δΘ of 25 runs inside the bands of the theory."))
     for name, design in designs.items():
-        stats, theory = experiment.statistics(truth, design, steps=p.steps), kalman.schedule(design, p.steps).P_plus
+        stats, theory = experiment.statistics(truth, design, steps=p.steps), covariances(design, p.steps).P_plus
         agreement(r, names[name], stats, theory, consistent=regular(p))
         if name == "both":
             r.figure("ensemble", plots.ensemble_against_theory(stats, theory, xlabel=TIME, units=UNITS, names=STATES), _("RMS and mean of the filtering errors of {runs} runs against theory, in the bands of 95 % of ensembles; NEES and NIS averaged over the runs."), runs=experiment.runs)
@@ -487,7 +489,7 @@ def linear(r, p, experiment, names):
 
 def small(r, q, experiment, steps, parts, flow, names):
     """Deviations and noises so small that the equations are linear."""
-    least = float((kalman.schedule(designed(q, [0, 1]), steps).sd_plus[-1] / units(q)).min())
+    least = float((covariances(designed(q, [0, 1]), steps).sd_plus[-1] / units(q)).min())
     bend = 4 * relative(q, q.P0) ** 2 * (1 + 3 * rate(q) * q.dt * steps)
     factor = min(1.0, 0.01 * least / bend) if bend and least else 1.0
     rounding = np.finfo(float).eps * math.sqrt(steps * parts) * (1 + 3 * rate(q) * q.dt * steps)
@@ -498,7 +500,7 @@ def small(r, q, experiment, steps, parts, flow, names):
     tiny = q.model_copy(update={"P0": tuple(map(tuple, (np.array(q.P0) * factor**2).tolist())), "sigma_r": q.sigma_r * factor, "sigma_theta": q.sigma_theta * factor})
     design = designed(tiny, SETS["both"])
     stats = experiment.statistics(nonlinear(tiny, flow), design, steps=steps)
-    agreement(r, fill(_("small deviations, {name}"), name=names["both"]), stats, kalman.schedule(design, steps).P_plus)
+    agreement(r, fill(_("small deviations, {name}"), name=names["both"]), stats, covariances(design, steps).P_plus)
 
 
 def large(r, q, experiment, steps, flow, names):
@@ -506,7 +508,7 @@ def large(r, q, experiment, steps, flow, names):
     r.says(_("**Nonlinear truth, the deviations planned.** The linear filter keeps to the nominal orbit; the extended one linearises about its own estimate."))
     truth, found, rows, curves = nonlinear(q, flow), {}, [], {}
     for name, which in SETS.items():
-        theory = kalman.schedule(designed(q, which), steps)
+        theory = covariances(designed(q, which), steps)
         plain = experiment.statistics(truth, designed(q, which), steps=steps)
         extended = experiment.statistics(truth, nonlinear(q, flow, which, bounded=True), steps=steps)
         # The quadratic term of a prediction against the noise, and that of the orbit's phase against 1.

@@ -15,13 +15,14 @@ from functools import cache
 import numpy as np
 import sympy
 
-from ctlabs import bucy, kalman, plots, steady
-from ctlabs.discretise import discretise
-from ctlabs.experiment import Experiment
+from ctlabs.filtering import bucy, steady
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import largest, portrait
 from ctlabs.models import ContinuousModel
-from ctlabs.params import LabParameters, Positive, Real, given
-from ctlabs.portrait import largest, portrait
-from ctlabs.report import EXACT, SOLVER, Report
+from ctlabs.models.discretisation import discretise
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import LabParameters, Positive, Real, given
+from ctlabs.reporting.report import EXACT, SOLVER, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -226,7 +227,7 @@ def part_b(r, p, answer, sampled):
         r.check(_("P⁺ at 1 s"), at_1s, sampled_power(p.beta, p.dt, k), (_("closed form"), _("power of the step's matrix")))
     else:
         r.says(_("The last measurement not later than 1 s has the number {k}, at {t} s.") + ("" if k else _(" That is none yet: the variance is still P(0) = 1 m².")), k=k, t=k * p.dt)
-        shown = kalman.schedule(sampled, max(k, 1))
+        shown = covariances(sampled, max(k, 1))
         r.value("posterior_variance_at_1s", shown.P_plus[k, 0, 0], "m²", agrees=answer)
 
 
@@ -255,7 +256,7 @@ def part_c(r, p, answer, system, sampled, steps):
     """Discrete against continuous."""
     r.section("c", _("Does the discrete filter agree with the analysis?"))
     count = max(steps, 1)
-    shown = kalman.schedule(sampled, count)
+    shown = covariances(sampled, count)
     plus = [sampled_variance(p.beta, p.dt, k) for k in range(count + 1)]
     r.check(_("P⁺ along the measurements"), shown.P_plus[:, 0, 0], plus, (_("recursion"), _("closed form")))
     r.check(_("P⁻ along the measurements"), shown.P_minus[1:, 0, 0], [P * math.exp(-2 * p.beta * p.dt) for P in plus[:-1]], (_("recursion"), _("closed form")))
@@ -268,7 +269,7 @@ def part_c(r, p, answer, system, sampled, steps):
     r.holds(_("P⁺ − P(t) has the sign of β"), sign * (shown.P_plus[:, 0, 0] - between), (_("recursion"), _("Riccati equation, integrated")), size=max(1.0, float(between.max())))
     T, halves = min(1.0, 1 / abs(p.beta)) if p.beta else 1.0, (8, 16, 32, 64)
     target = float(bucy.transient(system, [T]).P[0, 0, 0])
-    errors = [float(kalman.schedule(discretise(system, T / n), n).P_plus[-1, 0, 0]) - target for n in halves]
+    errors = [float(covariances(discretise(system, T / n), n).P_plus[-1, 0, 0]) - target for n in halves]
     leading = target**2 * math.expm1(2 * p.beta * T) / 2
     r.table("limit", [_("dt, s"), _("P⁺ − P(T), m²"), _("leading term, m²")], [(T / n, e, leading * T / n) for n, e in zip(halves, errors, strict=True)],
             _("The discrete filter at T = {T} s as the period is halved."), T=T)  # fmt: skip
@@ -281,7 +282,7 @@ def part_c(r, p, answer, system, sampled, steps):
         agrees = bool(np.abs(errors).max() < SOLVER * target)
     r.value("verdict_c", agrees)
     r.says(_("The criterion of agreement: the difference is halved with the period, or is 0 for every period. It is met.") if agrees else _("The difference is not halved with the period: no agreement."))
-    fine = kalman.schedule(discretise(system, p.dt / 4), 4 * count)
+    fine = covariances(discretise(system, p.dt / 4), 4 * count)
     close, t = np.linspace(0.0, shown.t[min(count, 12)], 201), np.linspace(0.0, shown.t[-1], 401)
     curve = bucy.transient(system, t)
     schedules = {fill(_("dt = {dt} s"), dt=p.dt): shown, fill(_("dt = {dt} s"), dt=p.dt / 4): fine}
@@ -290,7 +291,7 @@ def part_c(r, p, answer, system, sampled, steps):
     if between.all():
         ratios = {name: s.P_plus[:: len(s.t) // count, 0, 0] / between for name, s in schedules.items()}
         r.figure("ratio", plots.lines(shown.t, ratios, xlabel=TIME, ylabel=_("ratio P⁺/P(t)"), marker="."), _("The discrete filter's variance as a fraction of the continuous one's: a quarter of the period, about a quarter of the difference."))
-    r.figure("gains", plots.gains(t, curve.Kc, shown, names=[_("gain K, or K/dt")], units=["1/s"], log="y" if plus[-1] < 0.05 else ""), _("The continuous gain, and that of the discrete filter divided by its period."))
+    r.figure("gains", plots.gains(t, curve.K, shown, names=[_("gain K, or K/dt")], units=["1/s"], log="y" if plus[-1] < 0.05 else ""), _("The continuous gain, and that of the discrete filter divided by its period."))
 
 
 def ensemble(r, p, experiment, sampled, steps):

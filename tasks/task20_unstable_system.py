@@ -16,13 +16,15 @@ from dataclasses import replace
 import numpy as np
 from pydantic import model_validator
 
-from ctlabs import bucy, kalman, plots, sensitivity, steady
-from ctlabs.discretise import discretise
-from ctlabs.experiment import Experiment
+from ctlabs.analysis import sensitivity
+from ctlabs.filtering import bucy, steady
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import agreement, largest, portrait
 from ctlabs.models import ContinuousModel
-from ctlabs.params import LabParameters, Positive, Positives, Variance, given
-from ctlabs.portrait import agreement, largest, portrait
-from ctlabs.report import EXACT, Report
+from ctlabs.models.discretisation import discretise
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import LabParameters, Positive, Positives, Variance, given
+from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -197,11 +199,11 @@ def part_a(r, p, answer, systems):
         r.says(_("Without process noise this is $P_\\infty = 2R$, not 0: an unstable state is never known exactly, since what is left of the initial error grows as fast as it is measured away."))
     limits, routes = [bucy.steady(system) for system in systems], (_("Riccati equation"), _("closed form"))
     r.value("variance_steady_continuous", [limit.P[0, 0] for limit in limits], "m²", agrees=answer, routes=routes)
-    r.value("gain_steady_continuous", [limit.Kc[0, 0] for limit in limits], "1/s", agrees=answer, routes=routes)
+    r.value("gain_steady_continuous", [limit.K[0, 0] for limit in limits], "1/s", agrees=answer, routes=routes)
     curves = [bucy.transient(system, TIMES).P[:, 0, 0] for system in systems]
     r.value("variance_continuous", curves, "m²", at=TIMES, agrees=answer, routes=(_("Riccati equation, integrated"), _("closed form")))
     r.table("variance", ["R, m²·s", *(fill("P({t} s), m²", t=t) for t in TIMES), "P∞, m²", "K∞, 1/s"],
-            [(R, *curve, limit.P[0, 0], limit.Kc[0, 0]) for R, curve, limit in zip(p.R_values, curves, limits, strict=True)], _("The error variance and its limit."))  # fmt: skip
+            [(R, *curve, limit.P[0, 0], limit.K[0, 0]) for R, curve, limit in zip(p.R_values, curves, limits, strict=True)], _("The error variance and its limit."))  # fmt: skip
     t = np.linspace(0.0, HORIZON, 241)
     lines = {label(R): bucy.transient(system, t).P[:, 0, 0] for R, system in zip(p.R_values, systems, strict=True)}
     ends = dict(zip(lines, [limit.P[0, 0] for limit in limits], strict=False)) if len(lines) == len(limits) else None
@@ -305,7 +307,7 @@ def not_euler(r, p, answer, sampled):
         # Shown where x has outgrown the noise, and 1 − K is not lost in the rounding of K.
         if abs(c) > 1e-6 and steps >= 40 and steps * p.dt >= 20 and states[-1] * c**2 > 1e10 * found.claimed.P_plus[-1, 0, 0]:
             r.check(fill(_("error as a multiple of x, {name}"), name=label(R)), math.sqrt(true[-1] / states[-1]), abs(c), (_("sensitivity recursion"), _("closed form of the limit")))
-        right = kalman.schedule(truth, steps)
+        right = covariances(truth, steps)
         rows.append((R, right.sd_plus[shown, 0], found.claimed.sd_plus[shown, 0], math.sqrt(true[shown]), math.sqrt(states[shown]), c))
         first = first or (right, found, np.sqrt(true))
     r.table("approximation", ["R, m²·s", _("σ with exp(dt), m"), _("σ claimed with 1+dt, m"), _("true RMS with 1+dt, m"), _("RMS of x, m"), "c"], rows,
@@ -345,7 +347,7 @@ def part_d(r, p, answer, experiment, systems, sampled, steps):
     count = min(max(math.ceil(HORIZON / p.dt), 8), 400)
     t, panels = np.linspace(0.0, count * p.dt, 401), {}
     for R, system, m in zip(p.R_values, systems, sampled, strict=True):
-        shown, name = kalman.schedule(m, count), label(R)
+        shown, name = covariances(m, count), label(R)
         between, routes = bucy.transient(system, shown.t).P[:, 0, 0], (_("recursion"), _("Riccati equation, integrated"))
         size = float(shown.P_minus.max())
         r.holds(f"P⁺ ≤ P(t), {name}", between[1:] - shown.P_plus[1:, 0, 0], routes, size=size)
@@ -359,7 +361,7 @@ def part_d(r, p, answer, experiment, systems, sampled, steps):
         figure = plots.sampled({name: shown}, t, P, xlabel=TIME, ylabel=_("variance, m²"), limit=limit)
         r.figure(f"sawtooth{i}", figure, _("The discrete filter over the continuous one, {name}."), name=name)
     first = next(iter(panels.values()))[0]
-    r.figure("gains", plots.gains(t[1:], bucy.transient(systems[0], t[1:]).Kc, first, names=[_("gain K, or K/dt")], units=["1/s"], xlabel=TIME),
+    r.figure("gains", plots.gains(t[1:], bucy.transient(systems[0], t[1:]).K, first, names=[_("gain K, or K/dt")], units=["1/s"], xlabel=TIME),
              _("The continuous gain, and that of the discrete filter divided by its period, {name}."), name=label(p.R_values[0]))  # fmt: skip
     convergence(r, p, systems)
     if not steps:
@@ -369,7 +371,7 @@ def part_d(r, p, answer, experiment, systems, sampled, steps):
     r.says(_("The figures show {name}. All R:"), name=label(p.R_values[0]))
     rows = []
     for stream, (R, m) in enumerate(zip(p.R_values, sampled, strict=True), start=1):
-        stats, theory = experiment.statistics(m, steps=steps, stream=stream), kalman.schedule(m, steps)
+        stats, theory = experiment.statistics(m, steps=steps, stream=stream), covariances(m, steps)
         worst = agreement(r, label(R), stats, theory.P_plus)
         size = math.sqrt(p.P0 * math.exp(2 * theory.t[-1]) + 0.5 * p.Q * math.expm1(2 * theory.t[-1]))
         rows.append((R, theory.t[-1], size, theory.sd_plus[-1, 0], stats.rms[-1, 0], stats.bias[-1, 0], worst))

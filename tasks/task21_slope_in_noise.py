@@ -14,12 +14,13 @@ import math
 import numpy as np
 import scipy.integrate
 
-from ctlabs import kalman, plots, steady, varying
-from ctlabs.experiment import Experiment
+from ctlabs.filtering import settling_step, varying
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import agreement, largest
 from ctlabs.models import DiscreteModel
-from ctlabs.params import LabParameters, Positive, Variance, given
-from ctlabs.portrait import agreement, largest
-from ctlabs.report import EXACT, Report
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import LabParameters, Positive, Variance, given
+from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -152,14 +153,14 @@ def part_a(r, p, answer, system):
     r.math(r"t_* = \sqrt[3]{\frac{3R}{2P_0}}, \qquad K_{\max} = \frac{2P_0t_*}{3R}, \qquad P(t_*) = \tfrac23P_0.")
     found, routes = varying.transient(system, TIMES), (_("Riccati equation, integrated"), _("closed form"))
     r.value("variance_continuous", found.P[:, 0, 0], "m²/s²", at=TIMES, agrees=answer, routes=routes)
-    r.value("gain_continuous", found.Kc[:, 0, 0], "1/s²", at=TIMES, agrees=answer, routes=routes)
+    r.value("gain_continuous", found.K[:, 0, 0], "1/s²", at=TIMES, agrees=answer, routes=routes)
     span = np.linspace(0.0, 5 * scale(p), 41)
     when, top = varying.gain_peak(system, span)
     peak = (_("search along the integrated K(t)"), _("closed form"))
     r.value("gain_maximum", top, "1/s²", agrees=answer, routes=peak)
     r.value("gain_maximum_time", when if p.P0 else None, "s", agrees=answer, routes=peak, reason="" if p.P0 else _("with P0 = 0 the gain is 0 at all times"))
     curve = varying.transient(system, np.linspace(0.0, 5 * scale(p), 201))
-    figure = plots.transient(curve.t, {"K(t)": curve.Kc[:, 0, 0]}, ylabel=_("gain K, 1/s²"), marks={"$t_*$": answer["gain_maximum_time"]} if p.P0 else None)
+    figure = plots.transient(curve.t, {"K(t)": curve.K[:, 0, 0]}, ylabel=_("gain K, 1/s²"), marks={"$t_*$": answer["gain_maximum_time"]} if p.P0 else None)
     r.figure("gain", figure, _("The gain: nothing to learn from a measurement near t = 0, nothing left to learn later."))
 
 
@@ -229,10 +230,10 @@ def part_b(r, p, answer):
         r.check(_("posterior variance"), answer["posterior_variance"], [added_variance(p.R, p.P0, p.dt, k) for k in numbers], (_("closed form"), _("sum of the information")))
     else:
         steps = max(numbers[-1], 1)
-        shown = kalman.schedule(model(p, steps), steps)
+        shown = covariances(model(p, steps), steps)
         r.value("posterior_variance", shown.P_plus[numbers, 0, 0], "m²/s²", at=TIMES, agrees=answer)
         r.says(_("At each time the last measurement not later than it counts: the numbers {numbers}."), numbers=", ".join(map(str, numbers)))
-    some = kalman.schedule(model(p, 20), 20)
+    some = covariances(model(p, 20), 20)
     plus = [sampled_variance(p.R, p.P0, p.dt, k) for k in range(21)]
     routes = (_("recursion"), _("closed form"))
     r.check(_("P⁺ of 20 measurements"), some.P_plus[:, 0, 0], plus, routes)
@@ -256,7 +257,7 @@ def plan(r, p, experiment):
 def part_c(r, p, system, steps):
     """Whether there is a steady state."""
     r.section("c", _("The experiment: is there a steady state?"))
-    shown = kalman.schedule(model(p, steps), steps)
+    shown = covariances(model(p, steps), steps)
     between = np.array([variance(p.R, p.P0, t) for t in shown.t])
     r.holds("P⁺ ≤ P(t)", between - shown.P_plus[:, 0, 0], (_("recursion"), _("closed form of P(t)")), size=p.P0 or 1.0)
     r.value("steady_state_exists", False)
@@ -270,12 +271,12 @@ def part_c(r, p, system, steps):
     T = scale(p)
     tail = varying.transient(system, [500 * T, 1000 * T])
     r.order(_("slope of log P against log t, reversed"), tail.P[:, 0, 0], 3.0, (_("Riccati equation, integrated"), _("closed form")), within=1e-3)
-    r.order(_("slope of log K against log t, reversed"), tail.Kc[:, 0, 0], 2.0, (_("Riccati equation, integrated"), _("closed form")), within=1e-3)
-    settled = steady.settling_step(shown.P_plus[:, :, 0], [0.0])
+    r.order(_("slope of log K against log t, reversed"), tail.K[:, 0, 0], 2.0, (_("Riccati equation, integrated"), _("closed form")), within=1e-3)
+    settled = settling_step(shown.P_plus[:, :, 0], [0.0])
     r.check(_("step from which P⁺ stays within 1 % of its limit: none"), settled, None, (_("search along the recursion"), _("closed form: P⁺ > 0")))
     halves = (8, 16, 32, 64)
     target = float(varying.transient(system, [T]).P[0, 0, 0])
-    errors = [float(kalman.schedule(model(p, n, T / n), n).P_plus[-1, 0, 0]) - target for n in halves]
+    errors = [float(covariances(model(p, n, T / n), n).P_plus[-1, 0, 0]) - target for n in halves]
     leading = -(target**2) * T**2 / (2 * p.R)
     r.order(_("order of P⁺ − P(t)"), np.abs(errors), 1.0, (_("discrete filter"), _("continuous filter, integrated")))
     r.order(_("order of what the leading term leaves"), np.abs([e - leading * T / n for n, e in zip(halves, errors, strict=True)]), 2.0, (_("discrete filter"), _("closed form of the error")))
@@ -288,17 +289,17 @@ def part_c(r, p, system, steps):
     r.figure("slope", figure, _("P(t) and the variance of the discrete filter on logarithmic axes: slope −3 in the end."))
     window = np.linspace(0.0, max(4 * T, 4 * p.dt), 301)
     teeth = min(steps, max(4, math.ceil(window[-1] / p.dt)))
-    discrete = kalman.schedule(model(p, teeth), teeth)
+    discrete = covariances(model(p, teeth), teeth)
     dense = varying.transient(system, window)
     r.figure("sawtooth", plots.sampled({fill(_("dt = {dt} s"), dt=p.dt): discrete}, window, dense.P[:, 0, 0], ylabel=_("variance, m²/s²")),
              _("The variance of the discrete filter over P(t): every P⁻ is the P⁺ before it, and every P⁺ lies below the curve."))  # fmt: skip
-    r.figure("gains", plots.gains(window, dense.Kc, discrete, names=[_("gain K, or K/dt")], units=["1/s²"]), _("The continuous gain, and that of the discrete filter divided by its period."))
+    r.figure("gains", plots.gains(window, dense.K, discrete, names=[_("gain K, or K/dt")], units=["1/s²"]), _("The continuous gain, and that of the discrete filter divided by its period."))
 
 
 def ensemble(r, p, experiment, steps):
     """The filter on simulated data."""
     system = model(p, steps)
-    theory = kalman.schedule(system, steps)
+    theory = covariances(system, steps)
     some = experiment.histories(system, steps=steps)
     stats = experiment.statistics(system, steps=steps)
     r.figure("record", plots.record(some, xlabel=TIME, ylabel="a, m/s", measurement=None), _("One run: the slope and its estimate with the ±σ band."))

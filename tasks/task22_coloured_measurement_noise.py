@@ -15,14 +15,16 @@ import math
 import numpy as np
 from pydantic import model_validator
 
-from ctlabs import bucy, kalman, observability, plots, reduced, sensitivity, steady
-from ctlabs.discretise import discretise
-from ctlabs.experiment import Experiment
-from ctlabs.models import ContinuousModel, DiscreteModel
-from ctlabs.params import Count, LabParameters, Positive, Variance, given
-from ctlabs.plots import Arrow, Node
-from ctlabs.portrait import agreement, largest, portrait
-from ctlabs.report import EXACT, Report
+from ctlabs.analysis import sensitivity
+from ctlabs.filtering import bucy, reduced, settling, steady
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.models import ContinuousModel, DiscreteModel, observability
+from ctlabs.models.discretisation import discretise
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import Count, LabParameters, Positive, Variance, given
+from ctlabs.reporting.plots import Arrow, Node
+from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -204,11 +206,11 @@ def part_a(r, p, answer, system, small):
     begin = reduced.transient(small, [0.0])
     r.value("variance_after_first_measurement", begin[0, 0, 0], "m²", agrees=answer, routes=(_("perfect update"), _("by hand")), kind=EXACT)
     if settles:
-        r.value("c1", bucy.steady(small.model).Kc[0, 0], agrees=answer, routes=routes)
+        r.value("c1", bucy.steady(small.model).K[0, 0], agrees=answer, routes=routes)
         r.value("variance_steady_continuous", reduced.steady(small).P[0, 0], "m²", agrees=answer, routes=routes)
         transfer = list(reduced.transfer_function(small))
     else:
-        k = float(bucy.transient(small.model, [1.0]).Kc[0, 0, 0])  # with a = 0 the gain is constant
+        k = float(bucy.transient(small.model, [1.0]).K[0, 0, 0])  # with a = 0 the gain is constant
         r.value("c1", math.sqrt(k), agrees=answer, routes=routes)
         r.value("variance_steady_continuous", None, reason=NO_LIMIT, agrees=answer, routes=routes)
         transfer = [[k, 0.0], [1.0, 0.0]]
@@ -244,7 +246,7 @@ def part_b(r, p, answer, discrete):
     r.says(_("(The sheet calls the measurement $z_1(t_i)$; it is the z of part (a), sampled.) The filter predicts and updates with $R = 0$, beginning with $z(t_0)$; since $\\hat{x}_1 + \\hat{x}_2 = z$ after every update, the covariance has one free element:"))
     r.math(r"\hat x_1^- = \hat x_1^+(t_{i-1}), \quad \hat x_2^- = b\,\hat x_2^+(t_{i-1}), \qquad P^- = \begin{bmatrix} p_{i-1} + q_1 & -b\,p_{i-1} \\ -b\,p_{i-1} & b^2p_{i-1} + q_2 \end{bmatrix}, \qquad \hat x^+ = \hat x^- + K(z_i - \hat x_1^- - \hat x_2^-)")
     r.math(r"K_1 = \frac{(1-b)\,p_{i-1} + q_1}{(1-b)^2p_{i-1} + q_1 + q_2}, \quad K_2 = 1 - K_1, \qquad P^+ = p_i\begin{bmatrix} 1 & -1 \\ -1 & 1 \end{bmatrix}, \qquad p_i = \frac{(q_2 + b^2q_1)\,p_{i-1} + q_1q_2}{(1-b)^2p_{i-1} + q_1 + q_2}")
-    plan, routes = kalman.schedule(discrete, p.steps, first=0), (_("recursion of matrices"), _("power of the fraction's matrix"))
+    plan, routes = covariances(discrete, p.steps, first=0), (_("recursion of matrices"), _("power of the fraction's matrix"))
     r.value("posterior_variance", plan.P_plus[:, 0, 0], "m²", at=plan.t, agrees=answer, routes=routes)
     form = plan.P_plus[:, 0, 0, None, None] * np.array([[1, -1], [-1, 1]])
     r.check(_("P⁺ = p[[1, −1], [−1, 1]]"), plan.P_plus, form, (_("recursion of matrices"), _("proof")), EXACT, scale=float(plan.P_minus.max()))
@@ -266,8 +268,8 @@ def part_c(r, p, answer, discrete):
     r.says(_("The first state is known after each update. The other is measured by the difference $z_i - bz_{i-1} = (1-b)x_1(t_{i-1}) + w_1 + w_2$, the discrete counterpart of $\\dot{z} + az$, and the reduced filter is"))
     r.math(r"\hat x_1(t_i^+) = \hat x_1(t_{i-1}^+) + K_{1,i}\,[z_i - b\,z_{i-1} - (1-b)\,\hat x_1(t_{i-1}^+)], \qquad \hat x_1(t_0^+) = \frac{\sigma_1^2}{\sigma_1^2+\sigma_2^2}z_0, \qquad \frac{\hat x_1}{z} = K_1\frac{1 - b\,z^{-1}}{1 - [1 - (1-b)K_1]\,z^{-1}}")
     small = reduced.discrete(discrete, keep=["x1"], first=0)
-    P, K = reduced.schedule(small, p.steps)
-    full = kalman.schedule(discrete, p.steps, first=0)
+    P, K = reduced.covariances(small, p.steps)
+    full = covariances(discrete, p.steps, first=0)
     routes = (_("reduced filter"), _("two-state filter"))
     r.check(_("P⁺ of the reduced filter"), P, full.P_plus, routes, EXACT, scale=float(full.P_minus.max()))
     r.check(_("gains of the reduced filter"), K, full.K, routes)
@@ -312,7 +314,7 @@ def visible(p, steps):
 
 def plan(r, p, experiment, answer, discrete):
     """Every number chosen."""
-    settled = steady.settling(discrete, first=0) if answer["posterior_variance_steady"] else None
+    settled = settling(discrete, first=0) if answer["posterior_variance_steady"] else None
     steps = visible(p, max(p.steps, min(80, 2 * (settled or 20)), 10))
     r.says(_("The continuous filter is shown by its equations, the discrete one by simulation: the ensemble against the recursion for the given numbers and for sets in which one parameter is changed, the reduced filter on the same records, and a filter that takes the noise for white."))
     r.table("plan", [_("quantity"), _("value"), _("why")], [
@@ -336,12 +338,12 @@ def part_d(r, p, experiment, answer, small, discrete, steps):
     limited = steady.solve(discrete) if answer["posterior_variance_steady"] is not None else None
     portrait(r, experiment, discrete, steps, xlabel=TIME, first=0, limits=None if limited is None else (limited.P_minus[0, 0], limited.P_plus[0, 0]))
     some = experiment.histories(discrete, steps=steps, first=0)
-    again = reduced.filter_runs(reduced.discrete(discrete, keep=["x1"], first=0), some.z)
+    again = reduced.estimates(reduced.discrete(discrete, keep=["x1"], first=0), some.z)
     r.check(_("estimates of 25 runs"), again.x_plus, some.x_plus, (_("reduced filter"), _("two-state filter")), EXACT, scale=float(np.abs(some.x_plus).max()))
     rows = []
     for i, (name, change) in enumerate(list(sets(p).items())[1:], start=1):
         truth = discretise(model(p, **change), p.dt, R=[[0]])
-        own, stats = kalman.schedule(truth, steps, first=0), experiment.statistics(truth, steps=steps, stream=i, first=0)
+        own, stats = covariances(truth, steps, first=0), experiment.statistics(truth, steps=steps, stream=i, first=0)
         worst = agreement(r, name, stats, own.P_plus)
         actual, wrong = sensitivity.actual(truth, discrete, steps, first=0), experiment.statistics(truth, discrete, steps=steps, stream=i, first=0)
         worst = max(worst, agreement(r, fill(_("{name}, given filter"), name=name), wrong, actual.P_plus, consistent=False))
@@ -365,12 +367,12 @@ def bounds(r, p, answer, small, discrete):
         low, high = min(start, end), max(start, end)
         r.holds(_("P(t) between P(0⁺) and P∞"), np.minimum(curve - low, high - curve), routes, size=size * 100)
         r.holds("P∞ ≤ Q2/(2a), √(Q1Q2)/a", min(p.Q2 / (2 * p.a), math.sqrt(p.Q1 * p.Q2) / p.a) - end, (_("closed form"), _("bound proved")), size=size)
-    sampled_ = kalman.schedule(discrete, min(max(p.steps, 8), 200), first=0)
+    sampled_ = covariances(discrete, min(max(p.steps, 8), 200), first=0)
     r.holds("p(i) ≥ P(t_i)", sampled_.P_plus[:, 0, 0] - reduced.transient(small, sampled_.t)[:, 0, 0], (_("discrete recursion"), _("Riccati equation, integrated")), size=size * 100)
     fine = np.linspace(0.0, sampled_.t[-1], 201)
     figure = plots.sampled({fill(_("dt = {dt} s"), dt=p.dt): sampled_}, fine, reduced.transient(small, fine)[:, 0, 0], xlabel=TIME, ylabel=_("variance of x1, m²"), limit=end)
     r.figure("sampled", figure, _("The discrete filter over the continuous one: P⁺ runs just above P(t), P⁻ a period's noise higher."))
-    settled = steady.settling(discrete, WITHIN, first=0) if answer["posterior_variance_steady"] is not None else None
+    settled = settling(discrete, WITHIN, first=0) if answer["posterior_variance_steady"] is not None else None
     when = bucy.settling_time(small.model, WITHIN) if end is not None else None
     reason = NO_LIMIT if end is None else TO_ZERO
     r.value("settling_time", when, "s", reason=reason, agrees=answer, routes=(_("search along P(t)"), _("closed form")))
@@ -401,7 +403,7 @@ def table(r, p):
         r.check(fill(_("settling time, {name}"), name=name), when, by_hand, (_("search along P(t)"), _("closed form")))
         sampled_ = steady.solve(discrete).P_plus[0, 0]
         r.check(fill(_("discrete limit, {name}"), name=name), sampled_, discrete_limit(q.a, q.dt, q.Q1, q.Q2), (_("Riccati equation"), _("root of the quadratic")))
-        rows.append((name, start, end, sampled_, math.sqrt(q.Q1 / (q.Q1 + q.Q2)), when, steady.settling(discrete, WITHIN, first=0)))
+        rows.append((name, start, end, sampled_, math.sqrt(q.Q1 / (q.Q1 + q.Q2)), when, settling(discrete, WITHIN, first=0)))
     r.table("sets", [_("set"), "P(0⁺), m²", "P∞, m²", _("p∞ sampled, m²"), "c1", _("settled, s"), _("settled at i")], rows,
             _("Bounds of the error variance of x1 (P(0⁺) and P∞) and settling within 1 %; no number where there is no limit or it is 0."))  # fmt: skip
     figure = plots.lines(t, curves, xlabel=TIME, ylabel=_("P(t), m²"))
@@ -438,7 +440,7 @@ def white(r, p, experiment, answer, discrete, steps):
     stats = experiment.statistics(discrete, design, steps=steps, compare=C, first=0)
     actual = sensitivity.actual(discrete, design, steps, compare=C, first=0)
     agreement(r, _("filter for white noise"), stats, actual.P_plus, consistent=False)
-    own = kalman.schedule(discrete, steps, first=0)
+    own = covariances(discrete, steps, first=0)
     figure = plots.lines(own.t, {_("optimal"): own.P_plus[:, 0, 0], _("white noise assumed: claimed"): actual.claimed.P_plus[:, 0, 0], _("white noise assumed: true"): actual.P_plus[:, 0, 0]},
                          xlabel=TIME, ylabel=_("variance of x1, m²"), points={_("ensemble"): (stats.t, stats.rms[:, 0] ** 2)})  # fmt: skip
     r.figure("white", figure, _("What the filter for white noise claims and what it has."))

@@ -17,15 +17,17 @@ import numpy as np
 import scipy.integrate
 from pydantic import model_validator
 
-from ctlabs import kalman, plots, reduced, sensitivity, shaping, spectra, steady
-from ctlabs.discretise import discretise
-from ctlabs.experiment import Experiment
-from ctlabs.models import ContinuousModel, DiscreteModel
+from ctlabs.analysis import sensitivity
+from ctlabs.filtering import reduced, settling, steady
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.models import ContinuousModel, DiscreteModel, shaping, spectra
+from ctlabs.models.discretisation import discretise
 from ctlabs.montecarlo import chance
-from ctlabs.params import Count, LabParameters, Positive, Variance, given
-from ctlabs.plots import Arrow, Node
-from ctlabs.portrait import agreement, largest, portrait
-from ctlabs.report import EXACT, Report
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import Count, LabParameters, Positive, Variance, given
+from ctlabs.reporting.plots import Arrow, Node
+from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import _, fill
 
 META = {
@@ -333,9 +335,9 @@ def part_c(r, p, answer, discrete):
     r.says(_("Both processes are stationary from the beginning, and $z(t_0)$ is processed. After an update $\\hat{s} + \\hat{n} = z$, so $P^+ = p_i[[1, -1], [-1, 1]]$; in the basis $(z, s)$ it is diag(0, p), and the filter shrinks to one state:"))
     r.math(r"\hat s_i = \alpha\hat s_{i-1} + K_i\,[z_i - \beta z_{i-1} - (\alpha-\beta)\,\hat s_{i-1}], \qquad \hat n_i = z_i - \hat s_i, \qquad \hat s_0 = \frac{\sigma_s^2}{\sigma_s^2+\sigma_n^2}z_0")
     r.math(r"K_i = \frac{\alpha(\alpha-\beta)\,p_{i-1} + q_1}{(\alpha-\beta)^2p_{i-1} + q_1 + q_2}, \qquad p_i = \frac{(\alpha^2q_2 + \beta^2q_1)\,p_{i-1} + q_1q_2}{(\alpha-\beta)^2p_{i-1} + q_1 + q_2}, \qquad p_0 = \frac{\sigma_s^2\sigma_n^2}{\sigma_s^2+\sigma_n^2}")
-    plan_, small = kalman.schedule(discrete, p.steps, first=0), reduced.discrete(discrete, keep=["s"], first=0)
+    plan_, small = covariances(discrete, p.steps, first=0), reduced.discrete(discrete, keep=["s"], first=0)
     r.value("posterior_variance", plan_.P_plus[:, 0, 0], "V²", at=plan_.t, agrees=answer, routes=(_("recursion of matrices"), _("power of the fraction's matrix")))
-    P, K = reduced.schedule(small, p.steps)
+    P, K = reduced.covariances(small, p.steps)
     routes, scale = (_("reduced filter"), _("two-state filter")), float(plan_.P_minus.max())
     r.check(_("P⁺ of the reduced filter"), P, plan_.P_plus, routes, EXACT, scale=scale)
     r.check(_("gains of the reduced filter"), K, plan_.K, routes)
@@ -366,7 +368,7 @@ def visible(p, steps):
 
 def plan(r, p, experiment, discrete):
     """Every number chosen."""
-    settled = steady.settling(discrete, first=0) if p.signal_power * p.noise_power else None
+    settled = settling(discrete, first=0) if p.signal_power * p.noise_power else None
     steps = visible(p, max(p.steps, min(60, 2 * (settled or 10)), 10))
     r.says(_("The discrete filter is simulated. The box and the continuous optimum run on the same paths of s and n: they are joined to the model as states and the whole is sampled exactly, so that nothing of them is approximated. Filters that are wrong in another way are followed by sensitivity analysis."))
     r.table("plan", [_("quantity"), _("value"), _("why")], [
@@ -384,7 +386,7 @@ def part_d(r, p, experiment, answer, system, small, discrete, box, steps):
     """Covariances in time against part (b), and ensembles."""
     r.section("d", _("Covariances in time and the simulated filters"))
     r.says(_("**Monotone.** The processes are stationary, and $p_i$ is the error of the best estimate from $i + 1$ successive samples; the next estimate has one sample more. Hence $p_0 \\ge p_1 \\ge \\dots \\ge p_\\infty$: the variance falls from that of the best constant gain to the steady value. The samples are part of the record, so $p_\\infty \\ge P$ of part (b) for every period. ∎"))
-    shown = kalman.schedule(discrete, max(p.steps, 10), first=0)
+    shown = covariances(discrete, max(p.steps, 10), first=0)
     variance, scale = shown.P_plus[:, 0, 0], float(system.P0.max())
     r.holds(_("p does not rise"), -np.diff(variance), (_("recursion of matrices"), _("bound proved")), size=scale)
     r.check(_("p₀ is the error of the best constant gain"), variance[0], answer["constant_gain_variance"], (_("recursion of matrices"), _("by hand")), scale=scale)
@@ -406,7 +408,7 @@ def part_d(r, p, experiment, answer, system, small, discrete, box, steps):
     limit = steady.solve(discrete)
     portrait(r, experiment, discrete, steps, xlabel=TIME, first=0, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]))
     some = experiment.histories(discrete, steps=steps, first=0)
-    again = reduced.filter_runs(reduced.discrete(discrete, keep=["s"], first=0), some.z)
+    again = reduced.estimates(reduced.discrete(discrete, keep=["s"], first=0), some.z)
     r.check(_("estimates of 25 runs"), again.x_plus, some.x_plus, (_("reduced filter"), _("two-state filter")), EXACT, scale=float(np.abs(some.x_plus).max()))
     boxes(r, p, experiment, answer, system, box, steps)
     white(r, p, experiment, answer, discrete, steps)
@@ -437,8 +439,8 @@ def boxes(r, p, experiment, answer, system, box, steps):
     joint, rows = with_boxes(system, [box, best])
     sampled_ = discretise(joint, p.dt, R=[[0]])
     some = experiment.histories(sampled_, steps=steps, runs=experiment.runs, stream=1, first=0)
-    errors = np.einsum("ij,kjr->ikr", rows, some.x)
-    own = some.x_plus[:, 0] - some.x[:, 0]
+    errors = np.einsum("ij,kjr->ikr", rows, some.truth)
+    own = some.x_plus[:, 0] - some.truth[:, 0]
     theory = {_("box"): answer["black_box_variance"], _("continuous optimum"): answer["optimal_variance"]}
     table = []
     for (name, expected), error in zip(theory.items(), errors, strict=True):
@@ -450,7 +452,7 @@ def boxes(r, p, experiment, answer, system, box, steps):
     figure = plots.lines(some.t, {_("box"): (errors[0] ** 2).mean(axis=1), _("continuous optimum"): (errors[1] ** 2).mean(axis=1), _("discrete optimum"): (own**2).mean(axis=1)}, xlabel=TIME, ylabel=_("mean square error, V²"), marker=".",
                          straight={name: ([0, some.t[-1]], [value, value]) for name, value in ((_("theory: box"), theory[_("box")]), (_("theory: optimum"), answer["optimal_variance"]))})  # fmt: skip
     r.figure("boxes", figure, _("Mean square errors of the ensemble on the same paths."))
-    s, n = some.x[:, 0, 0], some.x[:, 1, 0]
+    s, n = some.truth[:, 0, 0], some.truth[:, 1, 0]
     figure = plots.lines(some.t, {_("signal"): s, _("measurement"): s + n, _("box"): s + errors[0, :, 0], _("continuous optimum"): s + errors[1, :, 0]}, xlabel=TIME, ylabel="s, V")
     r.figure("paths", figure, _("One path with the estimates of both filters."))
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ctlabs._check import Array
+from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
 
 HERE = Path(__file__).parent

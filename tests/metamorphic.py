@@ -14,12 +14,13 @@ from typing import Any
 import hypothesis.strategies as st
 import numpy as np
 
-from ctlabs import bucy, diagnosis, forms, kalman, observability, records, sensitivity, smoothing, steady
-from ctlabs._check import Array
-from ctlabs.discretise import discretise
-from ctlabs.models import ContinuousModel, DiscreteModel
-from ctlabs.online import Filter
-from ctlabs.shaping import stationary_covariance
+from ctlabs.analysis import diagnosis, sensitivity
+from ctlabs.filtering import algorithms, bucy, kalman, records, smoothing, steady
+from ctlabs.filtering.online import Filter
+from ctlabs.linalg.checks import Array
+from ctlabs.models import ContinuousModel, DiscreteModel, observability
+from ctlabs.models.discretisation import discretise
+from ctlabs.models.shaping import stationary_covariance
 from tests.strategies import covariance, seeds
 
 STEPS = 12
@@ -46,7 +47,7 @@ class Change:
         N = None if model.N is None else self.T @ model.N @ self.Z.T
         offset = None if model.offset is None else model.offset @ self.T.T
         return DiscreteModel(
-            self.T @ model.Phi @ back, _both(self.T, model.Qd), H, _both(self.Z, model.R), x0, P0, model.dt * self.c,
+            self.T @ model.Phi @ back, _both(self.T, model.Qd), H, _both(self.Z, model.R), x0=x0, P0=P0, dt=model.dt * self.c,
             N=N, offset=offset, **names,
         )  # fmt: skip
 
@@ -88,7 +89,7 @@ DISCRETE = [
     Verb("steady.solve", lambda m, z: steady.solve(m), {"P_minus": "xx", "P_plus": "xx", "K": "xZ", "K_pred": "xZ", "S": "zz"}),
     Verb("kalman.schedule", lambda m, z: kalman.schedule(m, STEPS), {"P_minus": "xx", "P_plus": "xx", "K": "xZ", "S": "zz"}),
     Verb("records.filter_record", records.filter_record, FILTERED),
-    *(Verb(f"forms.{name}", lambda m, z, name=name: forms.run(m, z, name), FILTERED) for name in forms.FORMS if name != "steady"),
+    *(Verb(f"forms.{name}", lambda m, z, name=name: algorithms.run(m, z, name), FILTERED) for name in algorithms.FORMS if name != "steady"),
     Verb("smoothing.smooth", lambda m, z: smoothing.smooth(m, records.filter_record(m, z)), {"x": "x", "P": "xx", "lag_one": "xx"}),
     Verb("smoothing.fixed_lag", lambda m, z: smoothing.fixed_lag(m, z, 2), {"x": "x", "P": "xx"}),
     Verb("online.Filter", _online, {"x": "x", "P": "xx"}),

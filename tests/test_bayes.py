@@ -13,8 +13,10 @@ import scipy.linalg
 from hypothesis import given, settings
 from numpy.typing import NDArray
 
-from ctlabs import bayes, kalman, montecarlo, sensitivity
-from ctlabs.bayes import SlowError
+from ctlabs import montecarlo
+from ctlabs.analysis import sensitivity
+from ctlabs.filtering import bayes, kalman
+from ctlabs.filtering.bayes import SlowError
 from ctlabs.models import DiscreteModel
 from ctlabs.montecarlo import chance
 from tests.reference import EXACT, SOLVER, broken, close, log_likelihood
@@ -282,7 +284,7 @@ def test_the_consider_filter_knows_its_own_error() -> None:
     naive = sensitivity.actual(whole, walk, 20, compare=[[1, 0]]).P_plus[:, 0, 0]
     assert (plan.P_plus[2:, 0, 0] > best[2:]).all()
     assert (plan.P_plus[1:, 0, 0] < naive[1:]).all()
-    stats = montecarlo.run(whole, whole, steps=20, runs=400, seed=1, schedule=plan)
+    stats = montecarlo.monte_carlo(whole, whole, steps=20, runs=400, seed=1, schedule=plan)
     assert chance.variance(stats, plan.P_plus).passed
     assert not chance.variance(stats, 2 * plan.P_plus).passed
 

@@ -6,10 +6,10 @@ import scipy.integrate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs import bucy, kalman
-from ctlabs.between import between
-from ctlabs.discretise import discretise
+from ctlabs.filtering import bucy, kalman
+from ctlabs.filtering.between import between
 from ctlabs.models import ContinuousModel
+from ctlabs.models.discretisation import discretise
 from tests.reference import EXACT, SOLVER, broken, close
 from tests.strategies import continuous_models
 

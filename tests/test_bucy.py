@@ -14,9 +14,9 @@ import scipy.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs import bucy, steady
-from ctlabs.discretise import discretise
+from ctlabs.filtering import bucy, steady
 from ctlabs.models import ContinuousModel
+from ctlabs.models.discretisation import discretise
 from tests.reference import EXACT, SOLVER, Array, as_floats, broken, close, order
 from tests.strategies import continuous_models
 
@@ -117,7 +117,7 @@ def test_wiener_process_follows_the_closed_form():
     tanh = np.tanh(0.5 * t)
     assert np.abs(found.P[:, 0, 0] / (8 * (25 + 8 * tanh) / (8 + 25 * tanh)) - 1).max() <= EXACT
     assert np.abs(found.P[[2, 3, 4, 5], 0, 0] - [15.27121, 11.74123, 9.19909, 8.05573]).max() <= PRINTED
-    assert np.array_equal(found.Kc, found.P / 16)
+    assert np.array_equal(found.K, found.P / 16)
     assert np.array_equal(found.sd, np.sqrt(found.P[:, :, 0]))
     assert not close(bucy.transient(wiener(P0=25 * 1.05), t).P, found.P, SOLVER)
 
@@ -189,7 +189,7 @@ def test_flow_agrees_with_runge_kutta(model):
     size = max(np.abs(found.P).max(), np.abs(model.G @ model.Q @ model.G.T).max())
     assert np.abs(found.P - integrated(model, t)).max() <= 1e-9 * size
     N = np.zeros((model.s, model.m)) if model.N is None else model.N
-    assert close(found.Kc, (found.P @ model.H.T + model.G @ N) @ np.linalg.inv(model.Rc), 1e-11)
+    assert close(found.K, (found.P @ model.H.T + model.G @ N) @ np.linalg.inv(model.Rc), 1e-11)
     assert np.array_equal(found.P, np.swapaxes(found.P, 1, 2))
 
 
@@ -393,7 +393,7 @@ def test_steady_wiener_process():
     """P = √(QR), Kc = √(Q/R), one pole at −Kc."""
     limit = bucy.steady(wiener())
     assert close(limit.P, 8, EXACT)
-    assert close(limit.Kc, 0.5, EXACT)
+    assert close(limit.K, 0.5, EXACT)
     assert close(limit.poles, -0.5, EXACT)
 
 
@@ -401,10 +401,10 @@ def test_autopilot_limit_comes_from_its_driven_part():
     """Lab 13: the constant command becomes known; altitude and gain tend to those of the two-state model."""
     limit = bucy.steady(autopilot())
     assert abs(limit.P[0, 0] - 850.1199) <= 6e-5
-    assert abs(limit.Kc[0, 0] - 0.1295717) <= 6e-8
+    assert abs(limit.K[0, 0] - 0.1295717) <= 6e-8
     assert not limit.P[2].any()
     assert not limit.P[:, 2].any()
-    assert limit.Kc[2, 0] == 0
+    assert limit.K[2, 0] == 0
     assert np.abs(1 / np.sort(-limit.poles.real)[1:] - [31.7, 9.6]).max() <= 0.05
     two = ContinuousModel([[-0.006, 1], [-0.003, 0]], [[0.3], [0.003]], [[1296]], [[1, 0]], Rc=[[6561]], P0=I2)
     assert close(bucy.steady(two).P, limit.P[:2, :2], EXACT)
@@ -430,7 +430,7 @@ def test_limit_without_information_is_the_stationary_covariance():
     model = replace(coloured(), H=[[0, 0]])
     F, W = model.F, model.G @ model.Q @ model.G.T
     assert close(bucy.steady(model).P, scipy.linalg.solve_continuous_lyapunov(F, -W), EXACT)
-    assert not bucy.steady(model).Kc.any()
+    assert not bucy.steady(model).K.any()
 
 
 @pytest.mark.parametrize(
@@ -476,7 +476,7 @@ def test_undetectable_but_stable_mode_is_in_order():
 def test_discrete_steady_gain_tends_to_the_continuous_one_at_first_order():
     """K/dt − Kc halves with dt, for measurements with R = Rc/dt."""
     model = coloured()
-    Kc = bucy.steady(model).Kc
+    Kc = bucy.steady(model).K
     errors = [np.abs(steady.solve(discretise(model, dt)).K / dt - Kc).max() for dt in (0.02, 0.01, 0.005, 0.0025)]
     assert np.abs(order(errors) - 1).max() <= 0.05
     assert np.abs(order([e + 0.05 * Kc.max() for e in errors]) - 1).max() > 0.05
@@ -504,7 +504,7 @@ def test_transfer_function_is_the_response_of_the_filter(model, state, measureme
     assert num[0] != 0 or len(num) == 1
     size = 1 + np.abs(limit.poles).max()
     for s in size * np.array([2.0, 1 + 2j, 3j]):
-        direct = np.linalg.solve(s * np.eye(model.n) - model.F + limit.Kc @ model.H, limit.Kc)
+        direct = np.linalg.solve(s * np.eye(model.n) - model.F + limit.K @ model.H, limit.K)
         scale = np.abs(direct).max() or 1.0
         assert abs(np.polyval(num, s) / np.polyval(den, s) - direct[state, measurement]) <= SOLVER * scale
         assert close(system(s, squeeze=False), direct, SOLVER)

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ctlabs import bucy, datafile, interop, modelfile, shaping, spectra
-from ctlabs.models import ContinuousModel, DiscreteModel
+from ctlabs.files import datafile, modelfile
+from ctlabs.filtering import bucy
+from ctlabs.models import ContinuousModel, DiscreteModel, interop, shaping, spectra
 from tests.cases import Case, near, numerics, peers
 
 Array = NDArray[Any]

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from ctlabs import kalman, labs, montecarlo, records, smoothing, steady
-from ctlabs.discretise import discretise
-from ctlabs.experiment import Experiment
+from ctlabs import montecarlo
+from ctlabs.filtering import kalman, records, smoothing, steady
+from ctlabs.labs import catalogue as labs
+from ctlabs.labs.experiment import Experiment
 from ctlabs.models import DiscreteModel
+from ctlabs.models.discretisation import discretise
 from ctlabs.montecarlo import chance
-from ctlabs.report import Report
+from ctlabs.reporting.report import Report
 from ctlabs.studies import analysis, filtering, second
 from tests import cases
 
@@ -136,7 +138,7 @@ class TestEnsembles:
         """The pooled tests of a filter whose true variances are ``factor`` times what it claims."""
         truth = replace(model, P0=factor * model.P0, Qd=factor * model.Qd, R=factor * model.R)
         steps = 150
-        stats = montecarlo.run(truth, model, steps=steps, runs=1000, seed=seed)
+        stats = montecarlo.monte_carlo(truth, model, steps=steps, runs=1000, seed=seed)
         plan = kalman.schedule(model, steps)
         pooled = chance.pooled_variance(stats, plan.P_plus, chance.error_correlation(model, plan))
         return [chance.pooled_nis(stats), pooled]
@@ -159,7 +161,7 @@ class TestEnsembles:
         """At 150 measurements and 1000 runs 5 % are missed less than once in a thousand ensembles."""
         dof = 150 * 1000
         quantile = chance.chi2_quantile(1.05 * dof * (1 - 3.1 * np.sqrt(2 / dof)), dof)
-        assert quantile > chance.pooled_nis(montecarlo.run(WALK, steps=2, runs=2, seed=1)).critical
+        assert quantile > chance.pooled_nis(montecarlo.monte_carlo(WALK, steps=2, runs=2, seed=1)).critical
 
     def test_labs_have_random_numbers_of_their_own(self):
         """The same model and seed in two labs are two experiments."""

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ctlabs import plots
+from ctlabs.reporting import plots
 
 SECTIONS = [("$R_1$", "$C_1$", "$U_1$"), ("$R_2$", "$C_2$", "")]
 

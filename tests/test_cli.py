@@ -10,9 +10,10 @@ from types import SimpleNamespace
 
 import pytest
 
-from ctlabs import cli, labs
-from ctlabs.experiment import Experiment
-from ctlabs.report import Report
+from ctlabs import cli
+from ctlabs.labs import catalogue as labs
+from ctlabs.labs.experiment import Experiment
+from ctlabs.reporting.report import Report
 
 TASK07 = labs.catalogue()["task07"]
 PARAMETERS = labs.load(TASK07).Parameters
@@ -233,7 +234,7 @@ class TestRun:
         def interrupted(*_arguments):
             raise KeyboardInterrupt
 
-        for place in ("ctlabs.labs.run", "ctlabs.render.markdown", "ctlabs.render._swap"):
+        for place in ("ctlabs.labs.run", "ctlabs.reporting.render.markdown", "ctlabs.reporting.render._swap"):
             with monkeypatch.context() as patch:
                 patch.setattr(place, interrupted)
                 assert ctlabs("run", "7", "--seed", "2") == 130

@@ -11,7 +11,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ctlabs import cli, modelfile, render
+from ctlabs import cli
+from ctlabs.files import modelfile
+from ctlabs.reporting import render
 from tests.nile import FLOW
 from tests.test_cli import Console, files
 from tests.test_studies import GAPS, NILE
@@ -273,7 +275,7 @@ class TestRefusals:
         def interrupted(*_arguments):
             raise KeyboardInterrupt
 
-        for place in ("ctlabs.steady.solve", "ctlabs.render.markdown", "ctlabs.render._swap"):
+        for place in ("ctlabs.filtering.steady.solve", "ctlabs.reporting.render.markdown", "ctlabs.reporting.render._swap"):
             with monkeypatch.context() as patch:
                 patch.setattr(place, interrupted)
                 assert ctlabs("analyse", "nile.toml", "--set", "q=1") == 130
@@ -281,7 +283,7 @@ class TestRefusals:
 
     def test_a_failed_check_is_exit_1_and_named(self, ctlabs, tmp_path, plain, monkeypatch):
         """Here the two routes to the estimates are torn apart by 5 % in the data of one."""
-        from ctlabs import kalman
+        from ctlabs.filtering import kalman
 
         filter_runs = kalman.filter_runs
         monkeypatch.setattr(kalman, "filter_runs", lambda model, z, **more: filter_runs(model, 1.05 * z, **more))
@@ -322,7 +324,7 @@ class TestHelp:
         )
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
         assert (
-            set(done.stdout.split()) & {"numpy", "scipy", "matplotlib", "pydantic", "numba", "ctlabs.modelfile"}
+            set(done.stdout.split()) & {"numpy", "scipy", "matplotlib", "pydantic", "numba", "ctlabs.files.modelfile"}
             == set()
         )
 

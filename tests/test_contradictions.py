@@ -14,16 +14,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs import bayes, cli, contradictions, diagnosis, fitting, forms, kalman, records, smoothing
-from ctlabs._check import Array
-from ctlabs.contradictions import Contradiction
+from ctlabs import cli
+from ctlabs.analysis import diagnosis, fitting
+from ctlabs.filtering import algorithms, bayes, contradictions, kalman, records, smoothing
+from ctlabs.filtering.contradictions import Contradiction
+from ctlabs.filtering.online import Filter
+from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
-from ctlabs.online import Filter
 from tests import cases
 
 Command = Callable[..., tuple[int, str, dict[str, Any]]]
 #: Forms that take a perfect measurement.
-PERFECT = [name for name in forms.FORMS if name not in ("information", "srif", "extended_array", "steady")]
+PERFECT = [name for name in algorithms.FORMS if name not in ("information", "srif", "extended_array", "steady")]
 FILTER = [param for param in cases.numerics("k4_*") if param.values[0]["verb"] == "kalman_filter"]
 
 
@@ -79,7 +81,7 @@ def test_the_cases_by_every_form_and_online(case: Mapping[str, Any], form: str) 
     """The forms, and the filter that is fed step by step, say the same."""
     model, z = cases.model(case["model"]), cases.record(case["given"])
     assert isinstance(model, DiscreteModel)
-    found, online = forms.run(model, z, form), Filter(model, form)
+    found, online = algorithms.run(model, z, form), Filter(model, form)
     judge(case, found.contradictions, found.log_likelihood)
     steps = [each for row in z[1:] for each in online.step(row).contradictions]
     assert steps == list(found.contradictions)
@@ -367,7 +369,7 @@ def test_an_ensemble_has_a_likelihood_of_each_run() -> None:
     """Only the run with the contradiction is impossible."""
     model = undriven([[1.0]], [0.0], P0=[[4.0]])
     z = np.array([[[np.nan] * 3], [[1.0, 2.0, 3.0]], [[1.0, 2.5, 3.0]]])
-    found = forms.run(model, z, "joseph")
+    found = algorithms.run(model, z, "joseph")
     assert [each[:3] + each[4:] for each in found.contradictions] == [(2, 0, 0.5, 1)]
     assert np.isneginf(found.log_likelihood).tolist() == [False, True, False]
     assert kalman.filter_runs(model, z).contradictions == found.contradictions

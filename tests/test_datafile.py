@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs import datafile
+from ctlabs.files import datafile
 
 NAN = float("nan")
 

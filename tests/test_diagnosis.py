@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from ctlabs import diagnosis, forms, records
+from ctlabs.analysis import diagnosis
+from ctlabs.filtering import algorithms, records
 from ctlabs.models import DiscreteModel
 from tests import nile
 from tests.reference import EXACT, at
@@ -171,7 +172,7 @@ class TestNumbers:
         """From ν and S of another form: mean per instant, exact quantiles of χ² for all elements together, gaps left out."""
         model = tracked()
         z = record(model, 50, np.random.default_rng(2), 0.3)
-        found = diagnosis.diagnose(model, forms.run(model, z, "ud"), z)
+        found = diagnosis.diagnose(model, algorithms.run(model, z, "ud"), z)
         run = records.filter_record(model, z)
         total = 0.0
         for nu, S in zip(run.innovation, run.S, strict=True):
@@ -297,7 +298,7 @@ class TestWhatIsAbsent:
         """Innovations (steps+1, m, 1) are taken as (steps+1, m)."""
         model = level()
         z = record(model, 30, np.random.default_rng(0))
-        wide = forms.run(model, z[:, :, None], "joseph")
+        wide = algorithms.run(model, z[:, :, None], "joseph")
         flat = records.filter_record(model, z)
         assert diagnosis.diagnose(model, wide, z).tests == pytest.approx(
             diagnosis.diagnose(model, flat, z).tests, rel=1e-6
@@ -322,7 +323,7 @@ class TestRefusals:
         with pytest.raises(
             ValueError, match=r"z: expected one record \(steps\+1, 1\), filtered, received \(31, 1, 2\)"
         ):
-            diagnosis.diagnose(model, forms.run(model, both, "joseph"), both)
+            diagnosis.diagnose(model, algorithms.run(model, both, "joseph"), both)
         with pytest.raises(ValueError, match=r"received \(30, 1\) and innovations \(31, 1\)"):
             diagnosis.diagnose(model, records.filter_record(model, z), z[:-1])
 

@@ -13,9 +13,10 @@ import scipy.linalg
 from hypothesis import given, settings
 from numpy.typing import NDArray
 
-from ctlabs import bucy, steady
-from ctlabs.discretise import discretise, factor, interval, to_continuous, unit_triangular
+from ctlabs.filtering import bucy, steady
 from ctlabs.models import ContinuousModel, DiscreteModel
+from ctlabs.linalg.factors import factor, unit_triangular
+from ctlabs.models.discretisation import discretise, interval, to_continuous
 from tests import cases
 from tests.reference import EXACT, SOLVER, broken, close, deviation, order
 from tests.strategies import continuous_models, covariance, seeds

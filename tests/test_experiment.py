@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ctlabs import kalman, montecarlo
-from ctlabs.experiment import Experiment
+from ctlabs import montecarlo
+from ctlabs.filtering import kalman
+from ctlabs.labs.experiment import Experiment
 from ctlabs.models import DiscreteModel
 from tests.reference import EXACT, close
 

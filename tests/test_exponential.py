@@ -10,8 +10,9 @@ import mpmath
 import numpy as np
 import pytest
 
-from ctlabs.discretise import discretise, unit_triangular
 from ctlabs.linalg.exponential import Interval, interval
+from ctlabs.linalg.factors import unit_triangular
+from ctlabs.models.discretisation import discretise
 from tests import cases, reference
 from tests.reference import Array
 

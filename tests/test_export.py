@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from ctlabs import export, kalman, steady
+from ctlabs.files import export
+from ctlabs.filtering import kalman, steady
 from ctlabs.models import ContinuousModel, DiscreteModel
 
 MODEL = DiscreteModel(

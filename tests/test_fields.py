@@ -10,9 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
-from ctlabs import kalman, plots
-from ctlabs.fields import RandomField, filter_dense, filter_exact, filter_local, measure, stability
+from ctlabs.filtering import kalman
+from ctlabs.filtering.fields import RandomField, filter_dense, filter_exact, filter_local, measure
+from ctlabs.models.field import stability
 from ctlabs.montecarlo import chance
+from ctlabs.reporting import plots
 from tests.reference import EXACT, SOLVER, broken, close, recursion
 
 pytestmark = pytest.mark.numerical

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import optimize, stats
 
-from ctlabs import fitting, records
+from ctlabs.analysis import fitting
+from ctlabs.filtering import records
 from ctlabs.models import DiscreteModel
 from tests import nile, reference
 from tests.reference import EXACT, SOLVER, close

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs import forms, kalman, steady
-from ctlabs.forms import contract
-from ctlabs.forms.contract import Counted, Noise, doubles, numbers
+from ctlabs.filtering import algorithms, kalman, steady
+from ctlabs.filtering.algorithms import contract
+from ctlabs.filtering.algorithms.contract import Counted, Noise, doubles, numbers
 from ctlabs.models import DiscreteModel
 from tests import reference
 from tests.reference import EXACT, SOLVER, broken, close
@@ -23,7 +23,7 @@ WALK = DiscreteModel(
 )
 Z = [[np.nan], [1.0], [2.5], [np.nan], [4.0], [5.5]]
 #: Of one and the same filter: ``steady`` differs by method, not by rounding.
-OPTIMAL = [name for name in forms.FORMS if name != "steady"]
+OPTIMAL = [name for name in algorithms.FORMS if name != "steady"]
 #: Those that need P0 and R with an inverse.
 INFORMATION = ["information", "srif"]
 #: Those that take perfect measurements.
@@ -36,15 +36,15 @@ KINDS = [float, mpmath.mpf, Counted]
 
 def test_the_forms_agree_with_filterpy_and_with_sixty_digits():
     """With gaps and a known input; the reference is that of the tests' own multiprecision recursion."""
-    wanted, high, own = kalman.filter_runs(WALK, Z), reference.high_precision(WALK, Z), forms.reference(WALK, Z)
+    wanted, high, own = kalman.filter_runs(WALK, Z), reference.high_precision(WALK, Z), algorithms.reference(WALK, Z)
     for found, expected in zip((own.x_minus, own.P_minus, own.x_plus, own.P_plus), high, strict=True):
         assert close(found, expected, EXACT)
     for form in OPTIMAL:
-        found = forms.run(WALK, Z, form)
+        found = algorithms.run(WALK, Z, form)
         assert close(found.P_plus, wanted.schedule.P_plus, EXACT), form
         assert close(found.x_plus, wanted.x_plus[:, :, 0], EXACT), form
         assert not close(
-            found.P_plus, forms.run(dataclasses.replace(WALK, Qd=broken(WALK.Qd, (1, 1))), Z, form).P_plus, SOLVER
+            found.P_plus, algorithms.run(dataclasses.replace(WALK, Qd=broken(WALK.Qd, (1, 1))), Z, form).P_plus, SOLVER
         )
 
 
@@ -57,7 +57,7 @@ def test_the_driver_takes_whatever_a_model_may_be(model, seed, gaps, first):
     z = record(model, 5, np.random.default_rng(seed), gaps, first)
     if model.horizon is not None:
         z = np.vstack([z, np.full((model.horizon + 1 - len(z), model.m), np.nan)])
-    wanted, found = reference.conditioned(model, z, first), forms.run(model, z, "sequential", first)
+    wanted, found = reference.conditioned(model, z, first), algorithms.run(model, z, "sequential", first)
     size = max(np.abs(model.Qd).max(), np.abs(model.P0).max(), np.abs(wanted.x_minus).max())
     for own, expected in zip((found.x_minus, found.P_minus, found.x_plus, found.P_plus), wanted, strict=True):
         assert close(own, expected, SOLVER, size)
@@ -74,23 +74,23 @@ def test_the_driver_takes_whatever_a_model_may_be(model, seed, gaps, first):
 def test_the_reference_is_that_of_sixty_digits(model, seed):
     """Correlated noises too: two different recursions in high precision give the same doubles."""
     z = record(model, 5, np.random.default_rng(seed), 0.2)
-    own, high = forms.reference(model, z), reference.high_precision(model, z)
+    own, high = algorithms.reference(model, z), reference.high_precision(model, z)
     size = max(np.abs(model.Qd).max(), np.abs(model.P0).max())
     assert close(own.P_plus, high.P_plus, EXACT, size)
     assert close(own.x_plus, high.x_plus, EXACT, np.abs(high.x_minus).max())
 
 
-@pytest.mark.parametrize("form", forms.FORMS)
+@pytest.mark.parametrize("form", algorithms.FORMS)
 def test_many_records_at_once_are_one_after_another(form):
     """The runs are the last axis of data, estimates, innovations and likelihoods."""
     z = np.array([[np.nan], [1.0], [2.5], [3.0], [4.0]])[:, :, None] * np.array([1.0, -2.0, 0.5])
-    found = forms.run(WALK, z, form)
+    found = algorithms.run(WALK, z, form)
     assert found.x_plus.shape == (5, 2, 3)
     assert found.innovation.shape == (5, 1, 3)
     assert found.nis.shape == (5, 3)
     assert found.log_likelihood.shape == (3,)
     for i in range(3):
-        one = forms.run(WALK, z[:, :, i], form)
+        one = algorithms.run(WALK, z[:, :, i], form)
         assert isinstance(one.log_likelihood, float)
         for name in ("x_minus", "x_plus", "innovation", "nis", "log_likelihood"):
             assert close(getattr(found, name)[..., i], getattr(one, name), EXACT), name
@@ -104,7 +104,7 @@ def test_perfect_measurements_and_singular_starts(form):
         WALK, H=[[1, 0], [1, 0]], R=np.zeros((2, 2)), P0=np.zeros((2, 2)), offset=None, measurements=None
     )
     z = np.ones((4, 2))
-    found, wanted = forms.run(twice, z, form), kalman.filter_runs(twice, z)
+    found, wanted = algorithms.run(twice, z, form), kalman.filter_runs(twice, z)
     assert close(found.P_plus, wanted.schedule.P_plus, EXACT)
     assert close(found.x_plus, wanted.x_plus[:, :, 0], EXACT)
     assert np.array_equal(found.used, wanted.schedule.measured)
@@ -116,22 +116,22 @@ def test_a_perfect_measurement_of_what_stays_known_is_left_out_in_every_form():
     turning = DiscreteModel([[0.8, 0.6], [-0.6, 0.8]], np.zeros((2, 2)), [[1, 0]], [[0]], x0=[0, 0], P0=np.eye(2))
     z = np.array([[np.nan], [0.6], [0.96], [0.936], [0.5376]])  # x0 = (0, 1)
     for form in PERFECT:
-        found = forms.run(turning, z, form)
+        found = algorithms.run(turning, z, form)
         assert found.used[:, 0].tolist() == [False, True, True, False, False]
         assert close(found.x_plus[-1], [0.5376, -0.8432], 1e-10), form
-    assert np.abs(forms.reference(turning, z).P_plus[2:]).max() < EXACT
+    assert np.abs(algorithms.reference(turning, z).P_plus[2:]).max() < EXACT
 
 
 @pytest.mark.parametrize("form", OPTIMAL)
 def test_absent_measurements_leave_the_prediction(form):
     """R = ∞ is a filter without data; with first = 0 an empty row 0 changes nothing."""
     absent = dataclasses.replace(WALK, R=[[np.inf]])
-    found = forms.run(absent, Z, form)
+    found = algorithms.run(absent, Z, form)
     assert close(found.P_plus, kalman.schedule(absent, 5).P_plus, EXACT)
     assert np.isnan(found.nis).all()
     assert np.isinf(found.S).all()
     assert found.log_likelihood == 0
-    assert close(forms.run(WALK, Z, form, first=0).x_plus[0], WALK.x0, EXACT)
+    assert close(algorithms.run(WALK, Z, form, first=0).x_plus[0], WALK.x0, EXACT)
 
 
 @pytest.mark.parametrize("form", OPTIMAL)
@@ -139,7 +139,7 @@ def test_zero_information_is_the_fit_to_the_data_alone(form):
     """Nothing known of both states at t0: no estimate until both are seen, then that of least squares, and no P0 in it."""
     still = dataclasses.replace(WALK, Qd=np.zeros((2, 2)), offset=None)
     z = np.array([[np.nan], [1.0], [2.5], [np.nan], [4.0], [5.5]])
-    found = forms.run(still, z, form, P0=np.diag([np.inf, np.inf]))
+    found = algorithms.run(still, z, form, P0=np.diag([np.inf, np.inf]))
     k = np.array([1, 2, 4, 5])
     line = np.column_stack([np.ones(4), k])
     level, slope = np.linalg.lstsq(line, z[k, 0])[0]
@@ -162,7 +162,7 @@ def test_zero_information_is_the_fit_to_the_data_alone(form):
 @pytest.mark.parametrize("form", OPTIMAL)
 def test_one_state_may_be_unknown_beside_a_known_one(form):
     """``inf`` for the position alone: the limit of a large variance, and the velocity keeps what is known."""
-    found = forms.run(WALK, Z, form, P0=np.diag([np.inf, 3.0]))
+    found = algorithms.run(WALK, Z, form, P0=np.diag([np.inf, 3.0]))
     wanted = reference.high_precision(dataclasses.replace(WALK, P0=np.diag([1e18, 3.0])), Z)
     assert close(found.x_plus[1:], wanted.x_plus[1:], SOLVER)
     assert close(found.P_plus[1:], wanted.P_plus[1:], SOLVER)
@@ -172,14 +172,14 @@ def test_one_state_may_be_unknown_beside_a_known_one(form):
 def test_the_steady_gain_refuses_zero_information():
     """It is the gain after everything is known."""
     with pytest.raises(ValueError, match=r"^form steady: expected a finite P0, received inf on its diagonal"):
-        forms.run(WALK, Z, "steady", P0=np.diag([np.inf, 1.0]))
+        algorithms.run(WALK, Z, "steady", P0=np.diag([np.inf, 1.0]))
 
 
-@pytest.mark.parametrize("form", forms.FORMS)
+@pytest.mark.parametrize("form", algorithms.FORMS)
 def test_another_finite_P0_is_taken_in_place_of_the_models(form):
     """``P0=`` is the model with that P0."""
     P0, z = [[2.0, 0.5], [0.5, 1.0]], np.ones((4, 1))
-    found, wanted = forms.run(WALK, z, form, P0=P0), forms.run(dataclasses.replace(WALK, P0=P0), z, form)
+    found, wanted = algorithms.run(WALK, z, form, P0=P0), algorithms.run(dataclasses.replace(WALK, P0=P0), z, form)
     assert np.array_equal(found.P_plus, wanted.P_plus)
     assert np.array_equal(found.x_plus, wanted.x_plus)
 
@@ -189,7 +189,7 @@ def test_another_finite_P0_is_taken_in_place_of_the_models(form):
 
 def test_joseph_is_filterpy_to_the_bit():
     """The same calls of the same adapter."""
-    found, wanted = forms.run(WALK, Z, "joseph"), kalman.schedule(WALK, 2)
+    found, wanted = algorithms.run(WALK, Z, "joseph"), kalman.schedule(WALK, 2)
     assert np.array_equal(found.P_plus[:3], wanted.P_plus)
 
 
@@ -197,7 +197,7 @@ def test_steady_applies_the_limit_of_the_gain():
     """Its gain is the Riccati equation's, its covariances the limits; after settling it is the optimal filter."""
     rng = np.random.default_rng(3)
     limit, z = steady.solve(WALK), rng.normal(size=(80, 1))
-    found = forms.run(WALK, z, "steady")
+    found = algorithms.run(WALK, z, "steady")
     x = WALK.x0
     for k in range(1, 80):
         x = WALK.Phi @ x + WALK.offset
@@ -206,7 +206,7 @@ def test_steady_applies_the_limit_of_the_gain():
     assert close(found.P_minus[1], limit.P_minus, EXACT)
     assert close(found.P_plus[-1], limit.P_plus, EXACT)
     assert np.array_equal(found.P_minus[0], WALK.P0)
-    optimal = forms.run(WALK, z, "joseph")
+    optimal = algorithms.run(WALK, z, "joseph")
     assert close(found.x_plus[-1], optimal.x_plus[-1], SOLVER)
     assert not close(found.x_plus[1], optimal.x_plus[1], 1e-3)
 
@@ -223,7 +223,7 @@ def test_steady_applies_the_limit_of_the_gain():
 def test_steady_refuses_what_has_no_limit(change, z, message):
     """Gaps, elements that are missing, matrices that vary, modes that are not seen."""
     with pytest.raises(ValueError, match=message):
-        forms.run(dataclasses.replace(WALK, **change), z, "steady")
+        algorithms.run(dataclasses.replace(WALK, **change), z, "steady")
 
 
 @pytest.mark.parametrize("form", INFORMATION)
@@ -231,23 +231,23 @@ def test_steady_refuses_what_has_no_limit(change, z, message):
 def test_information_forms_refuse_what_has_no_inverse(form, change, message):
     """Singular P0 and R: one line that says which."""
     with pytest.raises(ValueError, match=rf"^form {form}: expected .*{message}"):
-        forms.run(dataclasses.replace(WALK, **change), Z, form)
+        algorithms.run(dataclasses.replace(WALK, **change), Z, form)
 
 
 @pytest.mark.parametrize("Phi", [[[1, 1], [1, 1]], [[0.1, 0.2], [0.3, 0.6]]])
 def test_the_information_form_refuses_a_transition_without_an_inverse(Phi):
     """Singular exactly, and singular to rounding; a strong contraction alone is no reason."""
     with pytest.raises(ValueError, match=r"^form information: expected a Phi with an inverse, received "):
-        forms.run(dataclasses.replace(WALK, Phi=Phi), Z, "information")
+        algorithms.run(dataclasses.replace(WALK, Phi=Phi), Z, "information")
     model = dataclasses.replace(WALK, Phi=np.diag([1.0, 1e-3]))
-    assert close(forms.run(model, Z, "information").P_plus, reference.recursion(model, Z).P_plus, SOLVER)
+    assert close(algorithms.run(model, Z, "information").P_plus, reference.recursion(model, Z).P_plus, SOLVER)
 
 
 def test_the_information_form_runs_without_noise():
     """Qd = 0, where the prediction of Y is Φ⁻ᵀYΦ⁻¹, and singular Qd, against conditioning."""
     for Qd in (np.zeros((2, 2)), [[0, 0], [0, 1]], [[1, 2], [2, 4]]):
         model = dataclasses.replace(WALK, Qd=Qd)
-        wanted, found = reference.conditioned(model, Z), forms.run(model, Z, "information")
+        wanted, found = reference.conditioned(model, Z), algorithms.run(model, Z, "information")
         assert close(found.P_plus, wanted.P_plus, SOLVER)
         assert close(found.x_plus, wanted.x_plus, SOLVER)
 
@@ -258,7 +258,7 @@ def test_the_information_form_runs_without_noise():
 def test_the_short_form_loses_what_the_others_keep():
     """A sensor 10⁻¹² as uncertain as the prediction: the short form keeps few digits of the variance, UD all."""
     fine = dataclasses.replace(WALK, R=[[1e-12]])
-    found = {c.name: c for c in forms.compare(fine, Z, ["conventional", "joseph", "sequential", "potter", "ud"])}
+    found = {c.name: c for c in algorithms.compare(fine, Z, ["conventional", "joseph", "sequential", "potter", "ud"])}
     assert found["conventional"].error_variance[0] > 1e-6
     assert max(found[name].error_variance[0] for name in ("joseph", "sequential", "ud")) < EXACT
     assert found["potter"].error_variance[0] < 1e-7
@@ -273,13 +273,13 @@ def test_who_survives_two_sensors_that_are_almost_one(delta):
     The reference is the closed form in rational numbers of the same doubles, not another recursion.
     """
     H = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, 1.0 + delta]])
-    model = DiscreteModel(np.eye(3), np.zeros((3, 3)), H, delta**2 * np.eye(2), np.zeros(3), np.eye(3))
-    found = {c.name: c for c in forms.compare(model, [[np.nan, np.nan], [1.0, 1.0]])}
+    model = DiscreteModel(np.eye(3), np.zeros((3, 3)), H, delta**2 * np.eye(2), x0=np.zeros(3), P0=np.eye(3))
+    found = {c.name: c for c in algorithms.compare(model, [[np.nan, np.nan], [1.0, 1.0]])}
     with mpmath.workdps(60):
         rows, R = mpmath.matrix(H.tolist()), mpmath.matrix(model.R.tolist())
         P = (mpmath.eye(3) + rows.T * R**-1 * rows) ** -1
         exact = reference.as_floats(P)
-    assert close(forms.reference(model, [[np.nan, np.nan], [1.0, 1.0]]).P_plus[1], exact, 1e-15)
+    assert close(algorithms.reference(model, [[np.nan, np.nan], [1.0, 1.0]]).P_plus[1], exact, 1e-15)
     for name in ("potter", "carlson", "array", "extended_array", "ud", "ld", "srif"):
         assert found[name].error_P < 1e-6, name
     if delta == 1e-8:
@@ -296,7 +296,7 @@ def test_operations_are_counted_whatever_their_values(n, m, seed):
     """The count of the short form is the sum over its products, and does not depend on the numbers."""
     rng = np.random.default_rng(seed)
     P0 = covariance(rng, n)
-    model = DiscreteModel(rng.normal(size=(n, n)), np.eye(n), rng.normal(size=(m, n)), np.eye(m), np.zeros(n), P0)
+    model = DiscreteModel(rng.normal(size=(n, n)), np.eye(n), rng.normal(size=(m, n)), np.eye(m), x0=np.zeros(n), P0=P0)
     dot = 2 * n - 1
     predict = n * dot + 2 * n * n * dot + n * n
     factor = sum(i + 2 * i * i for i in range(m))  # of S: a column of factors, then the rest
@@ -305,16 +305,16 @@ def test_operations_are_counted_whatever_their_values(n, m, seed):
     solve = factor + forward + backward
     product = n * m * dot + m * m * dot + m * m  # PHᵀ and S
     update = product + solve + m * dot + m + n * (2 * m - 1) + n + m * n * dot + n * n * (2 * m - 1) + n * n
-    assert forms.flops(model, "conventional") == predict + update
-    assert forms.flops(model, "joseph") > forms.flops(model, "conventional")
-    assert forms.flops(model, "steady") == n * dot + m * dot + m + n * (2 * m - 1) + n
+    assert algorithms.flops(model, "conventional") == predict + update
+    assert algorithms.flops(model, "joseph") > algorithms.flops(model, "conventional")
+    assert algorithms.flops(model, "steady") == n * dot + m * dot + m + n * (2 * m - 1) + n
 
 
-@pytest.mark.parametrize("form", forms.FORMS)
+@pytest.mark.parametrize("form", algorithms.FORMS)
 def test_the_cost_does_not_depend_on_the_data(form):
     """Neither ill conditioned matrices nor tiny noises change the number of operations."""
     other = dataclasses.replace(WALK, R=[[1e-12]], P0=[[1e6, 0.3], [0.3, 1e-6]])
-    assert forms.flops(WALK, form) == forms.flops(other, form) > 0
+    assert algorithms.flops(WALK, form) == algorithms.flops(other, form) > 0
 
 
 @pytest.mark.parametrize("form", ["conventional", "ud", "steady"])
@@ -322,12 +322,12 @@ def test_what_a_measurement_tells_of_the_next_disturbance_costs_a_product(form):
     """With N a step adds M z to the prediction: nm products and sums, the known input's n where there was none."""
     alone = dataclasses.replace(WALK, offset=None)
     coupled = dataclasses.replace(alone, N=[[0.1], [0.2]])
-    assert forms.flops(coupled, form) == forms.flops(alone, form) + WALK.n
+    assert algorithms.flops(coupled, form) == algorithms.flops(alone, form) + WALK.n
 
 
 def test_joseph_itself_leaves_out_a_perfect_measurement_of_what_is_known():
     """Called without the driver: the second of two equal perfect sensors has no gain and no density."""
-    form = forms.FORMS["joseph"]
+    form = algorithms.FORMS["joseph"]
     state, twice = form.start(WALK, np.array(WALK.P0)), np.array([[1.0, 0.0], [1.0, 0.0]])
     both = form.update(state, np.ones((2, 1)), twice, Noise(np.zeros((2, 2))))
     one = form.update(state, np.ones((1, 1)), twice[:1], Noise(np.zeros((1, 1))))
@@ -340,20 +340,20 @@ def test_joseph_itself_leaves_out_a_perfect_measurement_of_what_is_known():
 def test_a_variance_that_should_vanish_is_judged_by_what_is_left():
     """After perfect measurements rounding of the size 1e-16 in a square root is no loss, 1e-16 in P is."""
     exact = dataclasses.replace(WALK, R=[[0.0]])
-    potter, short = forms.compare(exact, Z, ["potter", "conventional"])
+    potter, short = algorithms.compare(exact, Z, ["potter", "conventional"])
     assert potter.error_variance[0] < EXACT
-    left = np.abs(forms.run(exact, Z, "conventional").P_plus[:, 0, 0])[[1, 2, 4, 5]].max()
+    left = np.abs(algorithms.run(exact, Z, "conventional").P_plus[:, 0, 0])[[1, 2, 4, 5]].max()
     assert short.error_variance[0] >= np.sqrt(left / 10)
 
 
 def test_a_reference_at_hand_is_not_computed_again(monkeypatch):
     """``exact`` gives the same errors; they are those against it."""
-    exact, whole = forms.reference(WALK, Z), forms.compare(WALK, Z, ["ud", "conventional"])
+    exact, whole = algorithms.reference(WALK, Z), algorithms.compare(WALK, Z, ["ud", "conventional"])
     off = dataclasses.replace(exact, P_plus=1.05 * exact.P_plus)
-    monkeypatch.setattr(forms.run.__globals__["reference"], "__code__", _never.__code__)
-    again = forms.compare(WALK, Z, ["ud", "conventional"], exact=exact)
+    monkeypatch.setattr(algorithms.run.__globals__["reference"], "__code__", _never.__code__)
+    again = algorithms.compare(WALK, Z, ["ud", "conventional"], exact=exact)
     assert [c.error_P for c in again] == [c.error_P for c in whole]
-    assert forms.compare(WALK, Z, ["ud"], exact=off)[0].error_P == pytest.approx(0.05 / 1.05, rel=1e-6)
+    assert algorithms.compare(WALK, Z, ["ud"], exact=off)[0].error_P == pytest.approx(0.05 / 1.05, rel=1e-6)
 
 
 def _never(model, z, first=1):
@@ -366,14 +366,14 @@ def test_a_perfect_measurement_beside_singular_innovations_is_told():
         np.eye(2), np.eye(2), [[1, 0]] * 3, np.diag([1e-30, 1e-30, 0]), x0=[0, 0], P0=np.zeros((2, 2))
     )
     with pytest.raises(FloatingPointError, match=r"^S: .*received one singular by rounding at step 1 \(t = 1 s\)$"):
-        forms.run(model, np.ones((3, 3)), "ud", own_start=True)
+        algorithms.run(model, np.ones((3, 3)), "ud", own_start=True)
 
 
 def test_a_chosen_few_are_compared():
     """compare takes names, in their order; by default all, in the order of the table."""
-    assert [c.name for c in forms.compare(WALK, Z, ["ud", "joseph"])] == ["ud", "joseph"]
-    every = forms.compare(WALK, Z)
-    assert [c.name for c in every] == list(forms.FORMS)
+    assert [c.name for c in algorithms.compare(WALK, Z, ["ud", "joseph"])] == ["ud", "joseph"]
+    every = algorithms.compare(WALK, Z)
+    assert [c.name for c in every] == list(algorithms.FORMS)
     assert [c.name for c in every if c.failed] == ["steady"]  # Z has a gap
     assert all(c.seconds > 0 and c.error_P < EXACT for c in every if not c.failed)
 
@@ -383,7 +383,7 @@ def test_an_overflow_is_refused_with_its_step(form):
     """An unstable system whose covariance leaves the doubles: the step and the time, no warnings, no NaN."""
     wild = DiscreteModel([[1e90]], [[1]], [[1]], [[np.inf]], x0=[0], P0=[[1]], dt=0.5)
     with pytest.raises(FloatingPointError, match=rf"^form {form}: .* overflow at step 2 \(t = 1 s\)$"):
-        forms.run(wild, np.ones((4, 1)), form)
+        algorithms.run(wild, np.ones((4, 1)), form)
 
 
 @pytest.mark.parametrize(
@@ -400,13 +400,13 @@ def test_an_overflow_is_refused_with_its_step(form):
 def test_what_is_no_record_is_refused(change, arguments, message):
     """Unknown names, wrong shapes, infinite data, more steps than the model has."""
     with pytest.raises(ValueError, match=message):
-        forms.run(dataclasses.replace(WALK, **change), *arguments)
+        algorithms.run(dataclasses.replace(WALK, **change), *arguments)
     with pytest.raises(ValueError, match="form: expected one of"):
-        forms.compare(WALK, Z, ["ud", "UD"])
+        algorithms.compare(WALK, Z, ["ud", "UD"])
     with pytest.raises(TypeError, match="model: expected a DiscreteModel"):
-        forms.run("WALK", Z, "ud")
+        algorithms.run("WALK", Z, "ud")
     with pytest.raises(ValueError, match="P0: expected 0 beside an infinite variance"):
-        forms.run(WALK, Z, "information", P0=[[np.inf, 1.0], [1.0, 2.0]])
+        algorithms.run(WALK, Z, "information", P0=[[np.inf, 1.0], [1.0, 2.0]])
 
 
 # The arithmetic that the forms share ----------------------------------------------------------------------------------

@@ -9,10 +9,10 @@ from typing import Any
 import hypothesis.strategies as st
 import numpy as np
 import pytest
+from ctlabs.filtering.kalman import Ensemble, Schedule, filter_runs, schedule, update
 from hypothesis import given, settings
 from numpy.typing import NDArray
 
-from ctlabs.kalman import Ensemble, Schedule, filter_runs, schedule, update
 from ctlabs.models import ContinuousModel, DiscreteModel
 from tests.reference import (
     EXACT,

@@ -18,10 +18,12 @@ from ctlabs.tasks import task04_wiener_acceleration as lab4
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs import kalman, kinematics, labs, observability, steady
-from ctlabs.discretise import discretise, factor, unit_triangular
-from ctlabs.kinematics import Unit
-from ctlabs.models import ContinuousModel
+from ctlabs.filtering import kalman, steady
+from ctlabs.labs import catalogue as labs
+from ctlabs.models import ContinuousModel, kinematics, observability
+from ctlabs.linalg.factors import factor, unit_triangular
+from ctlabs.models.discretisation import discretise
+from ctlabs.models.kinematics import Unit
 from tests.reference import EXACT, SOLVER, broken, close, recursion
 
 pytestmark = pytest.mark.numerical

@@ -10,10 +10,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from ctlabs import cli, labs
-from ctlabs.experiment import Experiment
-from ctlabs.params import LabParameters, Positive, Variance, given
-from ctlabs.report import Report
+from ctlabs import cli
+from ctlabs.labs import catalogue as labs
+from ctlabs.labs.experiment import Experiment
+from ctlabs.reporting.params import LabParameters, Positive, Variance, given
+from ctlabs.reporting.report import Report
 
 #: The labs of the whole practicum and of the papers, whichever of them are written.
 NAMES = [*(f"task{i:02d}" for i in range(1, 24)), "coloured_plant", "field", "slow_error"]

@@ -5,9 +5,8 @@ import pytest
 import sympy
 from scipy.integrate import solve_ivp
 
-from ctlabs import linearise
-from ctlabs.discretise import interval
-from ctlabs.linearise import Dynamics
+from ctlabs.models.discretisation import interval
+from ctlabs.models.linearisation import Dynamics
 from tests.reference import EXACT, SOLVER
 
 angle, rate, torque, k, t = sympy.symbols("angle rate torque k t")
@@ -29,7 +28,7 @@ def test_the_jacobian_is_the_derivative_of_the_equations():
 def test_a_point_of_rest_gives_a_constant_model(place, sign):
     """Hanging and standing pendulum differ in the sign of the stiffness."""
     nominal = {angle: place, rate: 0, torque: 0}
-    model = linearise.model(PENDULUM.at(nominal), {"k": 2.5}, H=[[1, 0]], P0=np.eye(2), states=["angle", "rate"])
+    model = linearisation.model(PENDULUM.at(nominal), {"k": 2.5}, H=[[1, 0]], P0=np.eye(2), states=["angle", "rate"])
     assert np.array_equal(model.F, [[0, 1], [2.5 * sign, 0]])
     assert np.array_equal(model.B, [[0], [1]])
     assert not model.Q.any()
@@ -64,9 +63,9 @@ def test_wrong_shapes_and_names_are_refused():
     with pytest.raises(ValueError, match="states, inputs: expected different symbols"):
         Dynamics([rate], [angle], [angle])
     with pytest.raises(ValueError, match=r"values: expected a number for each of \['k'\]"):
-        linearise.flow(PENDULUM, {}, 0.1)
+        linearisation.flow(PENDULUM, {}, 0.1)
     with pytest.raises(ValueError, match=r"values: expected a number for each of \['k'\]"):
-        linearise.model(PENDULUM.at({angle: 0, rate: 0, torque: 0}), {}, H=[[1, 0]], P0=np.eye(2))
+        linearisation.model(PENDULUM.at({angle: 0, rate: 0, torque: 0}), {}, H=[[1, 0]], P0=np.eye(2))
 
 
 def test_the_flow_solves_the_equations_with_order_four():
@@ -78,16 +77,16 @@ def test_the_flow_solves_the_equations_with_order_four():
         return pendulum.y[:, -1]
 
     exact = np.transpose([solved(column) for column in start.T])
-    errors = [np.abs(linearise.flow(PENDULUM, {"k": 2}, 1.0, parts).f(start) - exact).max() for parts in (16, 32, 64)]
+    errors = [np.abs(linearisation.flow(PENDULUM, {"k": 2}, 1.0, parts).f(start) - exact).max() for parts in (16, 32, 64)]
     assert errors[-1] < SOLVER
     assert abs(np.log2(errors[0] / errors[1]) - 4) < 0.2
     assert abs(np.log2(errors[1] / errors[2]) - 4) < 0.2
-    assert np.abs(linearise.flow(PENDULUM, {"k": 2.1}, 1.0, 64).f(start) - exact).max() > 1e-3
+    assert np.abs(linearisation.flow(PENDULUM, {"k": 2.1}, 1.0, 64).f(start) - exact).max() > 1e-3
 
 
 def test_the_derivative_is_that_of_the_flow():
     """Central differences of f, for each of several states."""
-    flow = linearise.flow(PENDULUM, {"k": 2}, 0.3, parts=2)
+    flow = linearisation.flow(PENDULUM, {"k": 2}, 0.3, parts=2)
     start, step = np.array([[1.0, -2.0, 0.2], [0.5, 0.1, 3.0]]), 1e-5
     shifts = step * np.eye(2)[:, :, None]
     by_differences = np.array([(flow.f(start + shift) - flow.f(start - shift)) / (2 * step) for shift in shifts])
@@ -98,14 +97,14 @@ def test_a_linear_flow_is_the_transition_matrix():
     """F of linear equations is e^(Fh) up to the method's order, whatever the state."""
     linear = Dynamics([rate, -k * angle], [angle, rate])
     Phi = interval([[0, 1], [-2, 0]], np.zeros((2, 2)), 0.5).Phi
-    F = linearise.flow(linear, {"k": 2}, 0.5, parts=64).F(np.array([[1.0, 7.0], [0.0, -3.0]]))
+    F = linearisation.flow(linear, {"k": 2}, 0.5, parts=64).F(np.array([[1.0, 7.0], [0.0, -3.0]]))
     assert np.abs(F - Phi[:, :, None]).max() < SOLVER
     assert np.abs(F[:, :, 0] - F[:, :, 1]).max() < EXACT
 
 
 def test_transitions_along_a_trajectory_multiply_to_its_derivative():
     """Φ(N, 0) from single steps is the derivative of the last state by the first."""
-    flow = linearise.flow(CIRCLE, {}, 0.05)
+    flow = linearisation.flow(CIRCLE, {}, 0.05)
     path, Phi = flow.along([0.4, 0.1], 20)
     assert path.shape == (21, 2)
     assert Phi.shape == (20, 2, 2)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from ctlabs import maximum
-from ctlabs.maximum import Box
+from ctlabs.analysis import maximum
+from ctlabs.analysis.maximum import Box
 from tests.reference import EXACT, SOLVER, close
 
 pytestmark = pytest.mark.numerical

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 
-from ctlabs import forms, kalman, records, smoothing, steady
+from ctlabs.filtering import algorithms, kalman, records, smoothing, steady
 from ctlabs.models import DiscreteModel
 from tests import metamorphic
 from tests.metamorphic import CONTINUOUS, DISCRETE, STEPS, Change, Verb, changes, field, problems
@@ -85,7 +85,7 @@ def test_continuous_verbs(verb, kind, data):
 
 FILTERS = {
     "records.filter_record": records.filter_record,
-    **{f"forms.{name}": lambda m, z, name=name: forms.run(m, z, name) for name in forms.FORMS if name != "steady"},
+    **{f"forms.{name}": lambda m, z, name=name: algorithms.run(m, z, name) for name in algorithms.FORMS if name != "steady"},
     "smoothing.smooth": lambda m, z: smoothing.smooth(m, records.filter_record(m, z)),
 }
 
@@ -107,7 +107,7 @@ def test_a_step_in_two_halves(name, problem):
     whole, twice = halved(model, z)
     one, two = FILTERS[name](whole, z), FILTERS[name](model, twice)
     # A form of information moves Φ⁻¹ about, and what it inverts has the square of its condition.
-    lost = 64 * np.finfo(float).eps * np.linalg.cond(model.Phi) ** 2 if name == "forms.information" else 0.0
+    lost = 64 * np.finfo(float).eps * np.linalg.cond(model.Phi) ** 2 if name == "algorithms.information" else 0.0
     for letter in ("x", "P") if name == "smoothing.smooth" else ("x_plus", "P_plus"):
         a, b = getattr(one, letter), getattr(two, letter)[::2]
         np.testing.assert_allclose(a, b, rtol=0, atol=(1e-10 + lost) * max(1.0, np.abs(a).max()))

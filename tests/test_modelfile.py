@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from ctlabs.modelfile import ModelFileError, copy, from_model, gallery, load, loads, new, ready
-from ctlabs.modelfile.checks import SHAPES, TEXTS
-from ctlabs.modelfile.errors import Problem, place, shown
-from ctlabs.modelfile.expressions import CONSTANTS, DEPTH, DIGITS, FUNCTIONS, LENGTH
-from ctlabs.modelfile.schema import ALGORITHMS, LARGEST, SECTIONS, Constant, Document, Settings
+from ctlabs.files.modelfile import ModelFileError, copy, from_model, gallery, load, loads, new, ready
+from ctlabs.files.modelfile.checks import SHAPES, TEXTS
+from ctlabs.files.modelfile.errors import Problem, place, shown
+from ctlabs.files.modelfile.expressions import CONSTANTS, DEPTH, DIGITS, FUNCTIONS, LENGTH
+from ctlabs.files.modelfile.schema import ALGORITHMS, LARGEST, SECTIONS, Constant, Document, Settings
 from ctlabs.models import ContinuousModel, DiscreteModel
 from tests.strategies import continuous_models, discrete_models
 
@@ -132,10 +132,10 @@ def test_a_continuous_file_is_its_models():
 
 def test_the_algorithms_are_the_forms():
     """Every form of the filter may be named, and nothing else."""
-    forms = pytest.importorskip("ctlabs.forms")
+    forms = pytest.importorskip("ctlabs.filtering.algorithms")
     if not hasattr(forms, "FORMS"):  # pragma: no cover
         pytest.skip("the forms are one module still")
-    assert tuple(forms.FORMS) == ALGORITHMS
+    assert tuple(algorithms.FORMS) == ALGORITHMS
 
 
 def test_the_tables_of_keys_agree():
@@ -270,7 +270,7 @@ def test_reading_a_file_with_problems_raises_the_first():
 
 def test_sizes_are_bounded():
     """A matrix of 201 states is refused before anything is computed; so are too many constants."""
-    big = from_model(DiscreteModel(np.eye(3), np.eye(3), np.eye(3), np.eye(3), np.zeros(3), np.eye(3)))
+    big = from_model(DiscreteModel(np.eye(3), np.eye(3), np.eye(3), np.eye(3), x0=np.zeros(3), P0=np.eye(3)))
     assert big.n == 3
     rows = ", ".join("[" + ", ".join(["0"] * (LARGEST + 1)) + "]" for _ in range(LARGEST + 1))
     with pytest.raises(ModelFileError, match=r"model.Phi: expected at most 200 rows or elements, received 201"):

@@ -7,9 +7,9 @@ import pytest
 import scipy.integrate
 from hypothesis import given, settings
 
-from ctlabs.discretise import discretise
-from ctlabs.modelfile import ModelFileError, from_model, loads, ready
-from ctlabs.modelfile.build import moved
+from ctlabs.files.modelfile import ModelFileError, from_model, loads, ready
+from ctlabs.files.modelfile.build import moved
+from ctlabs.models.discretisation import discretise
 from tests.reference import EXACT, SOLVER, close
 from tests.strategies import continuous_models
 

@@ -9,7 +9,7 @@ import hypothesis.strategies as st
 import pytest
 from hypothesis import given, settings
 
-from ctlabs.modelfile.expressions import (
+from ctlabs.files.modelfile.expressions import (
     CONSTANTS,
     DEPTH,
     DIGITS,
@@ -21,7 +21,7 @@ from ctlabs.modelfile.expressions import (
     parse,
     values,
 )  # fmt: skip
-from ctlabs.modelfile.notation import latex_name
+from ctlabs.files.modelfile.notation import latex_name
 
 NAMES = {"q": 0.7, "tau": 2.5, "sigma_w2": 3.0, "n": -2.0}
 

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.linalg
+from ctlabs.filtering.kalman import schedule
 
-from ctlabs import bayes, labs, observability, steady
-from ctlabs.discretise import discretise
-from ctlabs.kalman import schedule
-from ctlabs.modelfile import gallery, ready
-from ctlabs.modelfile.catalogue import FOLDER
-from ctlabs.models import ContinuousModel, DiscreteModel
+from ctlabs.files.modelfile import gallery, ready
+from ctlabs.files.modelfile.catalogue import FOLDER
+from ctlabs.filtering import bayes, steady
+from ctlabs.labs import catalogue as labs
+from ctlabs.models import ContinuousModel, DiscreteModel, observability
+from ctlabs.models.discretisation import discretise
 from tests.reference import EXACT, SOLVER, broken, close, deviation
 
 NAMES = [entry.name for entry in gallery()]

@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from ctlabs import kalman, sensitivity
+from ctlabs.analysis import sensitivity
+from ctlabs.filtering import kalman
 from ctlabs.models import DiscreteModel
-from ctlabs.montecarlo import Bins, NonlinearModel, chance, kernel, plan, run, simulate, streams, sweep
+from ctlabs.models.nonlinear import NonlinearModel
+from ctlabs.montecarlo import Bins, chance, kernel, monte_carlo, plan, simulate, streams, sweep
 from ctlabs.montecarlo.executors import one_thread
 from ctlabs.montecarlo.functional import functional
 from ctlabs.montecarlo.histogram import Counter
 from ctlabs.montecarlo.linear import linear
-from ctlabs.montecarlo.simulate import histories, shape
+from ctlabs.montecarlo.simulation import histories, shape
 from ctlabs.montecarlo.statistics import from_sums
 from ctlabs.montecarlo.sums import columns
 from tests.reference import EXACT, SOLVER, broken, close
@@ -81,7 +83,7 @@ def random_model(n, m, seed=0):
 @given(discrete_models(stable=None), st.sampled_from([0, 1]), st.integers(0, 99))
 def test_statistics_equal_those_of_stored_histories(model, first, seed):
     """The streamed statistics are those of filter_runs on the simulated records, for every kind of model."""
-    stats = run(model, steps=6, runs=40, seed=seed, first=first, **QUIET)
+    stats = monte_carlo(model, steps=6, runs=40, seed=seed, first=first, **QUIET)
     # NEES counts directions down to a relative variance of 1e-10, whose weights magnify rounding.
     assert agree(stats, by_filter_runs(model, model, 6, 40, seed, first), 1e4 * EXACT)
 
@@ -89,19 +91,19 @@ def test_statistics_equal_those_of_stored_histories(model, first, seed):
 @pytest.mark.parametrize("first", [0, 1])
 def test_statistics_equal_those_of_stored_histories_to_the_last_digits(first):
     """For a well-conditioned model the two agree to 1e-12, and not if a gain is 5 % wrong."""
-    stats = run(TRACKING, steps=30, runs=700, seed=5, first=first, **QUIET)
+    stats = monte_carlo(TRACKING, steps=30, runs=700, seed=5, first=first, **QUIET)
     expected = by_filter_runs(TRACKING, TRACKING, 30, 700, 5, first)
     assert agree(stats, expected)
     schedule = kalman.schedule(TRACKING, 30, first)
     wrong = dataclasses.replace(schedule, K=broken(schedule.K))
-    assert not agree(run(TRACKING, schedule=wrong, steps=30, runs=700, seed=5, first=first, **QUIET), expected)
+    assert not agree(monte_carlo(TRACKING, schedule=wrong, steps=30, runs=700, seed=5, first=first, **QUIET), expected)
 
 
 def test_large_models_use_matrix_products_and_give_the_same_statistics():
     """Twenty states go through BLAS instead of loops, with the same result to 1e-12."""
     model = random_model(20, 5)
     assert model.Phi.size >= kernel.LARGE
-    assert agree(run(model, steps=12, runs=300, seed=2, **QUIET), by_filter_runs(model, model, 12, 300, 2))
+    assert agree(monte_carlo(model, steps=12, runs=300, seed=2, **QUIET), by_filter_runs(model, model, 12, 300, 2))
 
 
 def test_the_compiled_kernel_equals_its_plain_python_on_numpys_normals():
@@ -157,7 +159,7 @@ def test_the_random_numbers_of_a_block_are_numpys():
 def test_a_mismatched_design_meets_its_true_covariance():
     """Bias and variance of a wrong filter are those of the sensitivity analysis, and not those that it claims."""
     design = dataclasses.replace(TRACKING, R=[[4.0]], Qd=0.3 * TRACKING.Qd, x0=[0, 0])
-    stats = run(TRACKING, design, steps=40, runs=4000, seed=9, **QUIET)
+    stats = monte_carlo(TRACKING, design, steps=40, runs=4000, seed=9, **QUIET)
     actual = sensitivity.actual(TRACKING, design, 40)
     assert chance.bias(stats, actual.P_plus, actual.bias_plus)
     assert chance.variance(stats, actual.P_plus, actual.bias_plus)
@@ -172,7 +174,7 @@ def test_a_design_of_another_order_is_compared_through_a_selection():
     """A one-state design is compared with the position of a two-state truth, as in the sensitivity analysis."""
     design = DiscreteModel([[1]], [[2.0]], [[1]], [[1]], x0=[3], P0=[[100]])
     E = [[1.0, 0.0]]
-    stats = run(TRACKING, design, steps=20, runs=900, seed=4, compare=E, **QUIET)
+    stats = monte_carlo(TRACKING, design, steps=20, runs=900, seed=4, compare=E, **QUIET)
     assert agree(stats, by_filter_runs(TRACKING, design, 20, 900, 4, E=np.array(E)))
     actual = sensitivity.actual(TRACKING, design, 20, compare=E)
     assert chance.variance(stats, actual.P_plus, actual.bias_plus)
@@ -184,7 +186,7 @@ def test_missing_and_perfect_measurements():
     R[5, 0, 0] = R[7:9, 1, 1] = np.inf
     R[12] = np.diag([0.0, np.inf])
     truth = dataclasses.replace(TRACKING, H=np.eye(2), R=R, measurements=None)
-    stats = run(truth, steps=20, runs=1500, seed=3, **QUIET)
+    stats = monte_carlo(truth, steps=20, runs=1500, seed=3, **QUIET)
     assert agree(stats, by_filter_runs(truth, truth, 20, 1500, 3), 100 * EXACT)
     schedule = kalman.schedule(truth, 20)
     assert chance.variance(stats, schedule.P_plus)
@@ -195,7 +197,7 @@ def test_missing_and_perfect_measurements():
     assert stats.rms[12, 0] < 1e-12 * stats.signal_rms[12, 0]
     # A design that thinks everything is measured leaves out what the truth does not give.
     trusting = dataclasses.replace(truth, R=np.diag([1.0, 2.0]))
-    assert agree(run(truth, trusting, steps=20, runs=300, seed=3, **QUIET), by_filter_runs(truth, trusting, 20, 300, 3))
+    assert agree(monte_carlo(truth, trusting, steps=20, runs=300, seed=3, **QUIET), by_filter_runs(truth, trusting, 20, 300, 3))
 
 
 def test_nees_counts_only_directions_with_a_variance():
@@ -203,7 +205,7 @@ def test_nees_counts_only_directions_with_a_variance():
     model = DiscreteModel(
         np.diag([0.6, 0.4]), np.diag([0.86, 0.31]), [[1, 1]], [[0]], x0=[0, 0], P0=np.diag([1.0, 0.5])
     )
-    stats = run(model, steps=10, runs=2000, seed=1, first=0, **QUIET)
+    stats = monte_carlo(model, steps=10, runs=2000, seed=1, first=0, **QUIET)
     assert (stats.nees_dof == 1).all()
     assert chance.nees(stats)
     assert agree(stats, by_filter_runs(model, model, 10, 2000, 1, first=0))
@@ -212,7 +214,7 @@ def test_nees_counts_only_directions_with_a_variance():
 def test_nothing_known_and_nothing_measured_has_no_consistency():
     """Without a variance NEES is NaN, without a measurement NIS is."""
     model = DiscreteModel([[1]], [[0]], [[1]], [[np.inf]], x0=[2], P0=[[0]])
-    stats = run(model, steps=3, runs=10, seed=1, **QUIET)
+    stats = monte_carlo(model, steps=3, runs=10, seed=1, **QUIET)
     assert np.isnan(stats.nees).all()
     assert np.isnan(stats.nis).all()
     assert chance.nees(stats)
@@ -229,7 +231,7 @@ def test_more_runs_continue_the_same_experiment():
     experiment = linear(TRACKING, TRACKING, 1000, 1, np.eye(2))
     size = experiment.layout.runs
     total = experiment.block(3, 0, size).plus(experiment.block(3, 1, 2600 - size))
-    whole = run(TRACKING, steps=1000, runs=2600, seed=3, **QUIET)
+    whole = monte_carlo(TRACKING, steps=1000, runs=2600, seed=3, **QUIET)
     assert from_sums(total.table, 2600, experiment.claims(total, 2600)).cov.tobytes() == whole.cov.tobytes()
 
 
@@ -269,8 +271,8 @@ def test_histories_made_from_no_noise_are_the_mean():
 def test_a_large_bias_costs_no_accuracy_of_the_covariance():
     """With a bias a million times the scatter the covariance is still right to 1e-8, for it is taken about the mean error."""
     design = dataclasses.replace(TRACKING, offset=[0, 1e7])
-    stats = run(TRACKING, design, steps=30, runs=500, seed=2, **QUIET)
-    plain = run(TRACKING, steps=30, runs=500, seed=2, **QUIET)
+    stats = monte_carlo(TRACKING, design, steps=30, runs=500, seed=2, **QUIET)
+    plain = monte_carlo(TRACKING, steps=30, runs=500, seed=2, **QUIET)
     assert stats.bias[-1, 0] > 1e6 * stats.sd[-1, 0]
     assert close(stats.cov, plain.cov, SOLVER)
     assert close(stats.rms**2, np.diagonal(stats.second_moment, axis1=1, axis2=2), EXACT)
@@ -278,7 +280,7 @@ def test_a_large_bias_costs_no_accuracy_of_the_covariance():
 
 def test_histogram_counts_every_error_in_its_bin():
     """Counts equal numpy's histogram of the stored errors, and quantiles those of the sorted ones to a bin's width."""
-    stats = run(TRACKING, steps=5, runs=3000, seed=7, histogram=Bins((1, 0), 40, 4.0), **QUIET)
+    stats = monte_carlo(TRACKING, steps=5, runs=3000, seed=7, histogram=Bins((1, 0), 40, 4.0), **QUIET)
     records = simulate(TRACKING, 5, 3000, 7)
     e = kalman.filter_runs(TRACKING, records.z).x_plus - records.x
     found = stats.histogram
@@ -302,8 +304,8 @@ def test_bands_hold_their_share_and_a_wrong_filter_leaves_them():
     inside, inside_wrong, verdicts = np.zeros(2), np.zeros(2), []
     schedule, other = kalman.schedule(TRACKING, 12), kalman.schedule(wrong, 12)
     for seed in range(200):
-        right = run(TRACKING, schedule=schedule, steps=12, runs=200, seed=seed, **QUIET)
-        bad = run(TRACKING, wrong, schedule=other, steps=12, runs=2000, seed=seed, **QUIET)
+        right = monte_carlo(TRACKING, schedule=schedule, steps=12, runs=200, seed=seed, **QUIET)
+        bad = monte_carlo(TRACKING, wrong, schedule=other, steps=12, runs=2000, seed=seed, **QUIET)
         verdicts.append(all((chance.nees(right), chance.nis(right), chance.variance(right, schedule.P_plus))))
         for stats, tally in ((right, inside), (bad, inside_wrong)):
             for j, (value, band) in enumerate(((stats.nees, stats.nees_band()), (stats.nis, stats.nis_band()))):
@@ -316,7 +318,7 @@ def test_bands_hold_their_share_and_a_wrong_filter_leaves_them():
 
 def test_rms_and_bias_bands_hold_the_ensemble():
     """The 99.9999 % bands around theory hold every rms and bias; around a variance 30 % wrong they do not."""
-    stats = run(TRACKING, steps=20, runs=2000, seed=1, **QUIET)
+    stats = monte_carlo(TRACKING, steps=20, runs=2000, seed=1, **QUIET)
     P = kalman.schedule(TRACKING, 20).P_plus
     low, high = stats.rms_band(P, 1 - 1e-8)
     assert ((low <= stats.rms) & (stats.rms <= high)).all()
@@ -330,7 +332,7 @@ def test_rms_and_bias_bands_hold_the_ensemble():
 
 def test_standard_errors_are_those_of_repeated_experiments():
     """The scatter of bias, rms and NEES over 150 experiments is their standard error, within 5 of its own."""
-    found = [run(TRACKING, steps=6, runs=100, seed=seed, **QUIET) for seed in range(150)]
+    found = [monte_carlo(TRACKING, steps=6, runs=100, seed=seed, **QUIET) for seed in range(150)]
     for name in ("bias", "rms", "rms_minus", "nees", "nis"):
         values = np.array([getattr(s, name)[-1] for s in found])
         claimed = np.array([getattr(s, f"{name}_se")[-1] for s in found]).mean(axis=0)
@@ -341,11 +343,11 @@ def test_an_overflow_is_reported_with_its_time():
     """An unstable truth that overflows is an error that names the step, from the experiment and the simulation."""
     unstable = DiscreteModel([[9.0]], [[1.0]], [[1]], [[1]], x0=[0], P0=[[1]])
     with pytest.raises(FloatingPointError, match=r"overflow at step 1\d\d "):
-        run(unstable, steps=400, runs=10, seed=1, **QUIET)
+        monte_carlo(unstable, steps=400, runs=10, seed=1, **QUIET)
     with pytest.raises(FloatingPointError, match=r"x: expected finite values, received an overflow at step 3\d\d "):
         simulate(unstable, 400, 10, seed=1)
     with pytest.raises(FloatingPointError, match="mean error"):
-        run(
+        monte_carlo(
             dataclasses.replace(unstable, x0=[1.0]),
             dataclasses.replace(unstable, Phi=[[1.0]]),
             steps=400,
@@ -375,18 +377,18 @@ def test_an_overflow_is_reported_with_its_time():
 def test_bad_input_is_refused(change, error, message):
     """Every mistake is one line that says what was expected and received."""
     with pytest.raises(error, match=message):
-        run(**{"truth": TRACKING, "steps": 5, "runs": 10, "seed": 1, **change})
+        monte_carlo(**{"truth": TRACKING, "steps": 5, "runs": 10, "seed": 1, **change})
 
 
 def test_progress_reports_runs(capsys):
     """A function sees growing counts up to the total; a bar is drawn on request and never when not a terminal."""
     seen = []
-    run(TRACKING, steps=10, runs=50, seed=1, progress=lambda done, total: seen.append((done, total)))
+    monte_carlo(TRACKING, steps=10, runs=50, seed=1, progress=lambda done, total: seen.append((done, total)))
     assert seen[-1] == (50, 50)
     assert [done for done, _ in seen] == sorted(done for done, _ in seen)
-    run(TRACKING, steps=10, runs=50, seed=1)
+    monte_carlo(TRACKING, steps=10, runs=50, seed=1)
     assert capsys.readouterr().err == ""
-    run(TRACKING, steps=10, runs=50, seed=1, progress=True)
+    monte_carlo(TRACKING, steps=10, runs=50, seed=1, progress=True)
     assert "50.0/50.0" in capsys.readouterr().err
 
 
@@ -404,7 +406,7 @@ def test_a_sweep_runs_every_point_of_the_grid(tmp_path):
     grid = {"R": [0.5, 2.0], "factor": [1.0, 3.0, 9.0]}
     result = sweep(build, grid, steps=8, runs=60, seed=2, progress=lambda done, total: seen.append((done, total)))
     truth, design = build(2.0, 3.0)
-    alone = run(truth, design, steps=8, runs=60, seed=2, **QUIET)
+    alone = monte_carlo(truth, design, steps=8, runs=60, seed=2, **QUIET)
     surface = result.surface("rms_2")
     assert surface.shape == (2, 3)
     assert surface[1, 1] == alone.rms[-1, 1]
@@ -440,7 +442,7 @@ def test_a_sweep_takes_models_and_arguments(tmp_path):
 def test_functions_that_are_linear_give_the_linear_result():
     """The plain numpy route through functions equals the kernel: linear world and gains to 1e-12, extended filter to its derivatives."""
     model = dataclasses.replace(TRACKING, N=[[0.2], [0.3]], offset=[0.1, 0.2])
-    compiled = run(model, steps=10, runs=600, seed=3, **QUIET)
+    compiled = monte_carlo(model, steps=10, runs=600, seed=3, **QUIET)
     for truth, design, tolerance in (
         (model, model, EXACT),
         (TRACKING, _functions(TRACKING), SOLVER),
@@ -450,7 +452,7 @@ def test_functions_that_are_linear_give_the_linear_result():
             experiment = functional(truth, design, 10, 1, np.eye(2), None, Bins((0,), 10, 3.0, sd=np.array([2.0])))
             total = experiment.block(3, 0, 600)
         stats = from_sums(total.table, 600, experiment.claims(total, 600))
-        expected = compiled if truth is model else run(TRACKING, steps=10, runs=600, seed=3, **QUIET)
+        expected = compiled if truth is model else monte_carlo(TRACKING, steps=10, runs=600, seed=3, **QUIET)
         names = ("bias", "rms", "rms_minus", "cov", "nees", "nis")
         assert agree(stats, [getattr(expected, name) for name in names], 10 * tolerance)
         assert close(stats.signal_rms, expected.signal_rms, tolerance)
@@ -509,10 +511,10 @@ def test_the_extended_filter_of_many_runs_is_that_of_each():
                 [(each[0] - x[:, r]) @ np.linalg.solve(each[1], each[0] - x[:, r]) for r, each in enumerate(estimates)]
             )
         )
-    stats = run(model, steps=12, runs=3, seed=4, **QUIET)
+    stats = monte_carlo(model, steps=12, runs=3, seed=4, **QUIET)
     assert close(stats.bias, errors, SOLVER)
     assert close(stats.nees, nees, SOLVER)
-    assert not close(run(_polar(), steps=12, runs=3, seed=5, **QUIET).bias, errors, SOLVER)
+    assert not close(monte_carlo(_polar(), steps=12, runs=3, seed=5, **QUIET).bias, errors, SOLVER)
 
 
 def _polar_derivative(x):
@@ -535,7 +537,7 @@ def test_an_extended_filter_of_perfect_measurements_counts_what_is_unknown():
     functions = dataclasses.replace(
         _functions(TRACKING, derivatives=True), R=lambda k, x: np.zeros((1, 1)), P0=model.P0
     )
-    found, expected = (run(model, d, steps=6, runs=200, seed=1, **QUIET) for d in (functions, model))
+    found, expected = (monte_carlo(model, d, steps=6, runs=200, seed=1, **QUIET) for d in (functions, model))
     assert (found.nees_dof == expected.nees_dof).all()
     assert expected.nees_dof.tolist() == [1.0] * 7
     assert close(found.nees, expected.nees, 1e3 * SOLVER)
@@ -549,21 +551,21 @@ def test_an_extended_filter_of_perfect_measurements_counts_what_is_unknown():
         R=lambda k, x: np.zeros((2, 2)),
         measurements=None,
     )
-    assert close(run(twice, doubled, steps=6, runs=200, seed=1, **QUIET).rms, found.rms, SOLVER, size=100.0)
+    assert close(monte_carlo(twice, doubled, steps=6, runs=200, seed=1, **QUIET).rms, found.rms, SOLVER, size=100.0)
 
 
 def test_an_extended_filter_with_the_covariance_at_its_estimate():
     """R given as a function of the estimate equals the constant it returns; R = inf in it leaves the element out."""
-    constant = run(_polar(), steps=6, runs=300, seed=1, **QUIET)
+    constant = monte_carlo(_polar(), steps=6, runs=300, seed=1, **QUIET)
     function = dataclasses.replace(_polar(), R=lambda k, x: np.diag([0.04, 1e-4]), Qd=lambda k, x: 0.01 * np.eye(2))
-    stats = run(_polar(), function, steps=6, runs=300, seed=1, **QUIET)
+    stats = monte_carlo(_polar(), function, steps=6, runs=300, seed=1, **QUIET)
     assert close(stats.bias, constant.bias, SOLVER)
     blind = dataclasses.replace(_polar(), R=lambda k, x: np.diag([0.04, np.inf]))
-    assert (run(_polar(), blind, steps=6, runs=30, seed=1, **QUIET).nis_dof[1:] == 1).all()
+    assert (monte_carlo(_polar(), blind, steps=6, runs=30, seed=1, **QUIET).nis_dof[1:] == 1).all()
     absent = dataclasses.replace(_polar(), R=np.diag([0.04, np.inf]))
-    assert (run(absent, _polar(), steps=6, runs=30, seed=1, **QUIET).nis_dof[1:] == 1).all()
+    assert (monte_carlo(absent, _polar(), steps=6, runs=30, seed=1, **QUIET).nis_dof[1:] == 1).all()
     nothing = dataclasses.replace(_polar(), R=lambda k, x: np.diag([np.inf, np.inf]))
-    assert np.isnan(run(_polar(), nothing, steps=6, runs=30, seed=1, **QUIET).nis).all()
+    assert np.isnan(monte_carlo(_polar(), nothing, steps=6, runs=30, seed=1, **QUIET).nis).all()
 
 
 class Constant:
@@ -581,7 +583,7 @@ class Constant:
 
 def test_any_object_that_filters_is_a_design():
     """A filter of one's own is run through start, predict and update; without a covariance there is no NEES."""
-    stats = run(TRACKING, Constant, steps=5, runs=200, seed=1, **QUIET)
+    stats = monte_carlo(TRACKING, Constant, steps=5, runs=200, seed=1, **QUIET)
     x = simulate(TRACKING, 5, 200, 1).x
     assert close(stats.bias, (1.0 - x).mean(axis=2), EXACT)
     assert np.isnan(stats.nees).all()
@@ -595,15 +597,15 @@ def test_any_object_that_filters_is_a_design():
         (lambda: dataclasses.replace(_polar(), f=lambda k, x, w: x[:1]), r"f: expected to return shape \(2, runs\)"),
         (lambda: dataclasses.replace(_polar(), h=lambda k, x, v: x[0]), r"h: expected to return shape \(m, runs\)"),
         (
-            lambda: run(dataclasses.replace(_polar(), R=lambda k, x: np.eye(2)), steps=3, runs=3, seed=1),
+            lambda: monte_carlo(dataclasses.replace(_polar(), R=lambda k, x: np.eye(2)), steps=3, runs=3, seed=1),
             "truth: expected Qd and R as matrices",
         ),
-        (lambda: run(_polar(), TRACKING, steps=3, runs=3, seed=1), "design: expected 2 measurements"),
-        (lambda: run(TRACKING, _polar(), steps=3, runs=3, seed=1), "design: expected 1 measurements"),
-        (lambda: run(_polar(), steps=3, runs=3, seed=1, first=2), "first: expected 0 or 1"),
-        (lambda: run(_polar(), steps=3, runs=3, seed=1, schedule=kalman.schedule(TRACKING, 3)), "schedule: expected none"),
-        (lambda: run(_polar(), steps=3, runs=3, seed=1, histogram=Bins((0,))), "sd: expected the bins' scale"),
-        (lambda: run(dataclasses.replace(_polar(), Qd=np.zeros((2, 2, 2))), steps=3, runs=3, seed=1), "Qd: expected at least 3 entries"),
+        (lambda: monte_carlo(_polar(), TRACKING, steps=3, runs=3, seed=1), "design: expected 2 measurements"),
+        (lambda: monte_carlo(TRACKING, _polar(), steps=3, runs=3, seed=1), "design: expected 1 measurements"),
+        (lambda: monte_carlo(_polar(), steps=3, runs=3, seed=1, first=2), "first: expected 0 or 1"),
+        (lambda: monte_carlo(_polar(), steps=3, runs=3, seed=1, schedule=kalman.schedule(TRACKING, 3)), "schedule: expected none"),
+        (lambda: monte_carlo(_polar(), steps=3, runs=3, seed=1, histogram=Bins((0,))), "sd: expected the bins' scale"),
+        (lambda: monte_carlo(dataclasses.replace(_polar(), Qd=np.zeros((2, 2, 2))), steps=3, runs=3, seed=1), "Qd: expected at least 3 entries"),
         (lambda: Bins(()), "states: expected different indices"),
     ],
 )  # fmt: skip

@@ -6,16 +6,16 @@ import mpmath
 import numpy as np
 import pytest
 
-from ctlabs import kalman
+from ctlabs.filtering import kalman
 from ctlabs.models import DiscreteModel
-from ctlabs.montecarlo import chance, run
+from ctlabs.montecarlo import chance, monte_carlo
 from tests.reference import SOLVER, broken, close
 
 MODEL = DiscreteModel([[0.9, 0.2], [0, 0.8]], [[1, 0.2], [0.2, 0.5]], [[1, 0]], [[0.7]], x0=[1, 2], P0=[[4, 1], [1, 2]])
 
 
 def experiment(runs, seed=1, design=None, **options):
-    return run(MODEL, design, steps=25, runs=runs, seed=seed, progress=False, **options)
+    return monte_carlo(MODEL, design, steps=25, runs=runs, seed=seed, progress=False, **options)
 
 
 @pytest.mark.parametrize("dof", [1, 2, 7, 1000, 2_000_000])
@@ -109,7 +109,7 @@ def test_a_variance_of_zero_is_met_to_rounding():
     """An exactly known state passes with an exact zero, and fails when theory says zero and the ensemble does not."""
     known = dataclasses.replace(MODEL, R=[[0.0]])
     schedule = kalman.schedule(known, 25)
-    stats = run(known, steps=25, runs=50, seed=1, progress=False)
+    stats = monte_carlo(known, steps=25, runs=50, seed=1, progress=False)
     assert (schedule.P_plus[1:, 0, 0] == 0).all()
     for check in (chance.bias, chance.variance):
         assert check(stats, schedule.P_plus)

@@ -267,11 +267,11 @@ def test_one_damaged_record_of_the_merged_sums_is_not_missed(tmp_path, monkeypat
         ({"steps": 41}, r"steps 40 there, 41 here"),
         ({"first": 0}, r"first 1 there, 0 here"),
         (
-            {"truth": DiscreteModel(MODEL.Phi, 1.01 * MODEL.Qd, MODEL.H, MODEL.R, MODEL.x0, MODEL.P0)},
+            {"truth": DiscreteModel(MODEL.Phi, 1.01 * MODEL.Qd, MODEL.H, MODEL.R, x0=MODEL.x0, P0=MODEL.P0)},
             r"truth \w+ there",
         ),
         (
-            {"design": DiscreteModel(MODEL.Phi, MODEL.Qd, MODEL.H, 1.01 * MODEL.R, MODEL.x0, MODEL.P0)},
+            {"design": DiscreteModel(MODEL.Phi, MODEL.Qd, MODEL.H, 1.01 * MODEL.R, x0=MODEL.x0, P0=MODEL.P0)},
             r"\(design \w+ there",
         ),
     ],

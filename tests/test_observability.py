@@ -13,11 +13,11 @@ import scipy.linalg
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs.discretise import discretise
 from ctlabs.linalg import undriven
 from ctlabs.linalg.staircase import growing
 from ctlabs.models import ContinuousModel, DiscreteModel
-from ctlabs.observability import Mode, analyse, gramian, loss_by_sampling, undetectable
+from ctlabs.models.discretisation import discretise
+from ctlabs.models.observability import Mode, analyse, gramian, loss_by_sampling, undetectable
 from tests.reference import EXACT, SOLVER, Array, broken, close
 from tests.strategies import continuous_models, discrete_models, seeds
 

@@ -12,17 +12,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs import forms, records
-from ctlabs.discretise import discretise
+from ctlabs.filtering import algorithms, records
+from ctlabs.filtering.online import Filter, files, plants
 from ctlabs.models import ContinuousModel, DiscreteModel
-from ctlabs.online import Filter, files, plants
+from ctlabs.models.discretisation import discretise
 from tests import reference
 from tests.reference import EXACT, SOLVER, broken, close
 from tests.strategies import continuous_models, discrete_models, record
 
 pytestmark = pytest.mark.numerical
 
-OPTIMAL = [name for name in forms.FORMS if name != "steady"]
+OPTIMAL = [name for name in algorithms.FORMS if name != "steady"]
 INFORMATION = ("information", "srif")
 #: The forms that take R = 0.
 PERFECT = [name for name in OPTIMAL if name not in (*INFORMATION, "extended_array")]
@@ -65,7 +65,7 @@ def test_a_stream_is_a_record(model, seed, first):
     z = record(model, 5, np.random.default_rng(seed), gaps=0.2, first=first)
     for form in OPTIMAL:
         try:
-            wanted = forms.run(model, z, form, first)
+            wanted = algorithms.run(model, z, form, first)
         except ValueError as refusal:
             with pytest.raises(ValueError, match=str(refusal)[:30]):
                 streamed(Filter(model, form, first=first), z, first)
@@ -88,7 +88,7 @@ def test_a_stream_is_a_record(model, seed, first):
 def test_a_stream_of_another_model_is_another():
     """The comparison above notices 5 % in one element of a model."""
     z = record(MODEL, 5, np.random.default_rng(1))
-    wanted = forms.run(MODEL, z, "joseph")
+    wanted = algorithms.run(MODEL, z, "joseph")
     for name in ("Phi", "Qd", "R"):
         other = dataclasses.replace(MODEL, **{name: broken(getattr(MODEL, name), (1, 1))})
         found = streamed(Filter(other), z)
@@ -98,7 +98,7 @@ def test_a_stream_of_another_model_is_another():
 def test_the_steady_gain_streams_too():
     """The form ``steady`` as on a record; a missing measurement it refuses, and stays where it was."""
     z = record(MODEL, 6, np.random.default_rng(2))
-    wanted, online = forms.run(MODEL, z, "steady"), Filter(MODEL, "steady")
+    wanted, online = algorithms.run(MODEL, z, "steady"), Filter(MODEL, "steady")
     for k, estimate in enumerate(streamed(online, z), start=1):
         assert np.array_equal(estimate.x, wanted.x_plus[k])
         assert np.array_equal(estimate.P, wanted.P_plus[k])
@@ -125,7 +125,7 @@ def test_perfect_measurements_of_what_is_known_are_left_out_as_in_a_record(form)
     """R = 0 and the same thing measured twice: K = 0, no 0/0; as on the record."""
     twice = dataclasses.replace(MODEL, H=[[1, 0], [1, 0]], R=np.zeros((2, 2)), P0=np.zeros((2, 2)), measurements=None)
     z = np.repeat(record(twice, 4, np.random.default_rng(3))[:, :1], 2, axis=1)
-    wanted, online = forms.run(twice, z, form), Filter(twice, form)
+    wanted, online = algorithms.run(twice, z, form), Filter(twice, form)
     for k, estimate in enumerate(streamed(online, z), start=1):
         assert close(estimate.x, wanted.x_plus[k], EXACT)
         assert close(estimate.P, wanted.P_plus[k], EXACT)
@@ -133,7 +133,7 @@ def test_perfect_measurements_of_what_is_known_are_left_out_as_in_a_record(form)
     assert not wanted.used[1:].all()
 
 
-@pytest.mark.parametrize("form", [name for name in forms.FORMS if name != "steady"])
+@pytest.mark.parametrize("form", [name for name in algorithms.FORMS if name != "steady"])
 @pytest.mark.parametrize("size", [np.inf, 1e14])
 def test_a_stream_may_begin_with_little_or_no_information(form, size, tmp_path):
     """P0 = inf: NaN and inf until a state is known, then as on the record; a saved filter goes on from any instant."""
@@ -141,7 +141,7 @@ def test_a_stream_may_begin_with_little_or_no_information(form, size, tmp_path):
     z = record(model, 5, np.random.default_rng(4))
     z[2] = np.nan
     P0 = np.diag([size, size])
-    wanted, online = forms.run(model, z, form, P0=P0), Filter(model, form, P0=P0, memory=2)
+    wanted, online = algorithms.run(model, z, form, P0=P0), Filter(model, form, P0=P0, memory=2)
     assert np.isnan(online.x).all() == np.isinf(size)
     for k in range(1, 6):
         estimate = online.step(z[k])
@@ -156,7 +156,7 @@ def test_a_stream_may_begin_with_little_or_no_information(form, size, tmp_path):
 
 def test_a_perfect_stream_may_begin_without_information():
     """R = 0 and P0 = inf: a random walk is known from its first value on, and what is known already is left out."""
-    model = DiscreteModel([[1, 0], [0, 1]], np.diag([1.0, 0.0]), np.eye(2), np.zeros((2, 2)), [0, 0], np.diag([np.inf] * 2))
+    model = DiscreteModel([[1, 0], [0, 1]], np.diag([1.0, 0.0]), np.eye(2), np.zeros((2, 2)), x0=[0, 0], P0=np.diag([np.inf] * 2))
     z = np.array([[np.nan, np.nan], [2.0, np.nan], [3.0, 5.0], [4.0, 5.0]])
     wanted, online = records.filter_record(model, z), Filter(model)
     for k in range(1, 4):
@@ -193,13 +193,13 @@ def test_irregular_times_are_discretised_interval_by_interval(model, seed, form)
 def test_a_known_input_acts_over_the_interval_that_ends():
     """u in step is the input since the previous instant, as in discretise; without one it is zero."""
     z, u = record(MODEL, 4, np.random.default_rng(5)), np.array([[0.3], [-0.2], [0.0], [1.0]])
-    wanted = forms.run(discretise(WHEEL, 0.25, NOISE, u=u), z, "joseph")
+    wanted = algorithms.run(discretise(WHEEL, 0.25, NOISE, u=u), z, "joseph")
     online, still = Filter(WHEEL, R=NOISE), Filter(WHEEL, R=NOISE)
     for k in range(1, 5):
         found = online.step(z[k], 0.25 * k, u=u[k - 1])
         assert close(found.x, wanted.x_plus[k], EXACT)
         still.step(z[k], 0.25 * k)
-    assert close(still.x, forms.run(MODEL, z, "joseph").x_plus[-1], EXACT)
+    assert close(still.x, algorithms.run(MODEL, z, "joseph").x_plus[-1], EXACT)
     assert not close(still.x, wanted.x_plus[-1], SOLVER)
 
 
@@ -220,7 +220,7 @@ def test_equal_intervals_are_discretised_once(monkeypatch):
 def test_skipped_instants_are_predictions():
     """A discrete model taken two periods ahead predicts twice; a time within rounding of an instant is that instant."""
     z = np.array([np.nan, np.nan, 1.0, np.nan, 3.0])[:, None]
-    wanted, online = forms.run(WALK, z, "joseph"), Filter(WALK, t0=10.0)
+    wanted, online = algorithms.run(WALK, z, "joseph"), Filter(WALK, t0=10.0)
     online.step(1.0, 11.0 + 1e-9)
     assert (online.t, online.k) == (11.0, 2)
     assert close(online.step(3.0, 12.0).P, wanted.P_plus[-1], EXACT)
@@ -623,7 +623,7 @@ def test_an_overflow_has_its_time():
 
 def test_a_matrix_that_rounding_makes_singular_is_reported():
     """Two sensors that are one in double precision: one line with the form's name, and the filter stays where it was."""
-    sensors = DiscreteModel(np.eye(2), np.eye(2), [[1, 1], [1, 1]], 1e-18 * np.eye(2), np.zeros(2), np.zeros((2, 2)))
+    sensors = DiscreteModel(np.eye(2), np.eye(2), [[1, 1], [1, 1]], 1e-18 * np.eye(2), x0=np.zeros(2), P0=np.zeros((2, 2)))
     online = Filter(sensors)
     with pytest.raises(
         FloatingPointError, match=r"form joseph: expected matrices with an inverse, received one singular"

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given as examples
 from hypothesis import strategies as st
 
-from ctlabs.params import (
+from ctlabs.reporting.params import (
     Count,
     Covariance,
     Flag,

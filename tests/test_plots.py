@@ -11,9 +11,11 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ctlabs import kalman, montecarlo, plots
+from ctlabs import montecarlo
+from ctlabs.filtering import kalman
 from ctlabs.models import DiscreteModel
-from ctlabs.plots.base import STYLE
+from ctlabs.reporting import plots
+from ctlabs.reporting.plots.base import STYLE
 
 MODEL = DiscreteModel(
     Phi=[[1, 0.5], [0, 0.9]], Qd=[[0.1, 0.02], [0.02, 0.2]], H=[[1, 0]], R=[[0.5]], x0=[0, 0], P0=[[4, 0], [0, 1]], dt=0.5,
@@ -33,7 +35,7 @@ def schedules() -> dict[str, kalman.Schedule]:
 
 
 def theory() -> Figure:
-    statistics = montecarlo.run(MODEL, steps=STEPS, runs=RUNS, seed=5)
+    statistics = montecarlo.monte_carlo(MODEL, steps=STEPS, runs=RUNS, seed=5)
     P = kalman.schedule(MODEL, STEPS).P_plus
     return plots.ensemble_against_theory(statistics, P, xlabel="time, s", units=["m", "m/s"], names=["x", "v"])
 
@@ -65,7 +67,7 @@ def shown(figure: Figure) -> list:
 
 def test_every_function_is_tested_here():
     """A new figure of these modules comes with a call above."""
-    modules = ("ctlabs.plots.base", "ctlabs.plots.filters")
+    modules = ("ctlabs.reporting.plots.base", "ctlabs.reporting.plots.filters")
     public = {name for name in plots.__all__ if getattr(plots, name).__module__ in modules}
     assert set(CALLS) == public - {"styled"}
 
@@ -268,7 +270,7 @@ class TestRuns:
 
     def test_statistics_stand_against_their_theory(self):
         """RMS against √P, mean against 0, NEES against n and NIS against m, a row per state."""
-        statistics = montecarlo.run(MODEL, steps=STEPS, runs=RUNS, seed=5)
+        statistics = montecarlo.monte_carlo(MODEL, steps=STEPS, runs=RUNS, seed=5)
         drawn = theory()
         labels = [axes.get_ylabel() for axes in drawn.axes]
         assert len(labels) == 6

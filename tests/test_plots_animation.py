@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ctlabs import plots
+from ctlabs.reporting import plots
 
 X, T = np.arange(5.0), np.arange(6.0)
 

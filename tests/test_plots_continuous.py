@@ -11,10 +11,12 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from ctlabs import bucy, kalman, montecarlo, plots, steady
-from ctlabs.discretise import discretise
+from ctlabs import montecarlo
+from ctlabs.filtering import bucy, kalman, steady
 from ctlabs.models import ContinuousModel
-from ctlabs.plots import frequency
+from ctlabs.models.discretisation import discretise
+from ctlabs.reporting import plots
+from ctlabs.reporting.plots import frequency
 from tests.reference import EXACT, close
 
 WIENER = ContinuousModel([[0]], [[1]], [[4]], [[1]], Rc=[[16]], P0=[[25]], x0=[10], states=["x"], units=["m"])
@@ -229,9 +231,9 @@ class TestGains:
     def test_discrete_gains_are_shown_over_the_period(self):
         """K/dt, from the first measurement on, beside Kc(t)."""
         schedule, transient = kalman.schedule(discretise(WIENER, 0.5), 16), bucy.transient(WIENER, T)
-        figure = drawn(plots.gains(T, transient.Kc, schedule, names=["K"], units=["1/s"]))
+        figure = drawn(plots.gains(T, transient.K, schedule, names=["K"], units=["1/s"]))
         found = curves(figure.axes[0])
-        assert close(found["continuous filter"][1], transient.Kc[:, 0, 0], EXACT)
+        assert close(found["continuous filter"][1], transient.K[:, 0, 0], EXACT)
         x, y = found["discrete filter, gain over the period"]
         assert x[0] == 0.5
         assert close(y, schedule.K[1:, 0, 0] / 0.5, EXACT)
@@ -271,7 +273,7 @@ class TestEnsembleLog:
     def test_errors_that_shrink_are_shown_relative_to_theory(self):
         """RMS on a logarithmic axis, the mean error in σ, from the first measurement on."""
         model = discretise(WIENER, 0.5)
-        theory, stats = kalman.schedule(model, 20), montecarlo.run(model, steps=20, runs=50, seed=1)
+        theory, stats = kalman.schedule(model, 20), montecarlo.monte_carlo(model, steps=20, runs=50, seed=1)
         figure = drawn(plots.ensemble_log(stats, theory.P_plus, xlabel="t, s", units=["m"], names=["x"], log="xy"))
         rms, bias, nees, nis = figure.axes
         assert rms.get_yscale() == "log"
@@ -285,7 +287,7 @@ class TestEnsembleLog:
         """A variance of zero has no logarithm and no relative error."""
         known = ContinuousModel([[0, 0], [0, 0]], [[1], [0]], [[4]], [[1, 0]], Rc=[[16]], P0=[[25, 0], [0, 0]])
         model = discretise(known, 0.5)
-        theory, stats = kalman.schedule(model, 5), montecarlo.run(model, steps=5, runs=20, seed=1)
+        theory, stats = kalman.schedule(model, 5), montecarlo.monte_carlo(model, steps=5, runs=20, seed=1)
         figure = drawn(plots.ensemble_log(stats, theory.P_plus, xlabel="t, s", units=["m", "m"], names=["x", "y"]))
         assert np.isnan(curves(figure.axes[2])["ensemble"][1]).all()
         assert np.isnan(curves(figure.axes[3])["ensemble"][1]).all()

@@ -6,7 +6,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from scipy import stats
 
-from ctlabs import plots
+from ctlabs.reporting import plots
 
 T = np.arange(40.0)
 RNG = np.random.default_rng(1)
@@ -65,7 +65,7 @@ def bands(axes):
 
 def test_every_function_is_tested_here():
     """A new figure of this module comes with a call above."""
-    assert set(CALLS) == {n for n in plots.__all__ if getattr(plots, n).__module__ == "ctlabs.plots.records"}
+    assert set(CALLS) == {n for n in plots.__all__ if getattr(plots, n).__module__ == "ctlabs.reporting.plots.records"}
 
 
 @pytest.mark.parametrize("name", CALLS)

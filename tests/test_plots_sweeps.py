@@ -5,8 +5,9 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.patches import Rectangle
 
-from ctlabs import montecarlo, plots
+from ctlabs import montecarlo
 from ctlabs.models import DiscreteModel
+from ctlabs.reporting import plots
 
 
 def model(q=1.0, r=1.0):

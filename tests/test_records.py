@@ -5,13 +5,14 @@ import importlib.util
 
 import numpy as np
 import pytest
+from ctlabs.filtering.records import filter_record, log_likelihood
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs import compiled, forms, kalman, records
+from ctlabs.filtering import algorithms, kalman, records
+from ctlabs.filtering.engines import forward
+from ctlabs.linalg import compiled
 from ctlabs.models import ContinuousModel, DiscreteModel
-from ctlabs.records import filter_record, log_likelihood
-from ctlabs.recursions import forward
 from tests import reference
 from tests.reference import EXACT, broken, close
 from tests.strategies import discrete_models, record, seeds
@@ -41,7 +42,7 @@ def changed(model, **arrays):
 def test_the_compiled_filter_is_josephs_form(model, seed, gaps, first):
     """Every field equals that of the form ``joseph``, whatever the model."""
     z = record(model, 6, np.random.default_rng(seed), gaps, first)
-    assert differs(filter_record(model, z, first), forms.run(model, z, "joseph", first)) == []
+    assert differs(filter_record(model, z, first), algorithms.run(model, z, "joseph", first)) == []
 
 
 @settings(max_examples=40)
@@ -79,7 +80,7 @@ def test_a_broken_input_is_noticed(name):
     """5 % in one element of any array changes the result."""
     z = record(TRACK, 12, np.random.default_rng(1))
     wrong = changed(TRACK, **{name: broken(getattr(TRACK, name))})
-    assert differs(filter_record(wrong, z), forms.run(TRACK, z, "joseph"))
+    assert differs(filter_record(wrong, z), algorithms.run(TRACK, z, "joseph"))
 
 
 CORRELATED = changed(TRACK, N=[[0.1, 0.0], [0.05, 0.1]])
@@ -93,7 +94,7 @@ def test_the_settled_filter_is_the_filter(model, gaps):
     z = record(model, 600, np.random.default_rng(2))
     z[list(gaps), 0] = np.nan
     found = filter_record(model, z)
-    assert differs(found, forms.run(model, z, "joseph")) == []
+    assert differs(found, algorithms.run(model, z, "joseph")) == []
     assert (found.P_plus[590:] == found.P_plus[590]).all()
     assert log_likelihood(model, z) == found.log_likelihood
 
@@ -143,7 +144,7 @@ def test_an_unstable_model_settles_too():
     model = DiscreteModel([[1.1]], [[1]], [[1]], [[1]], x0=[1], P0=[[1]])
     z = record(model, 300, np.random.default_rng(3))
     found = filter_record(model, z)
-    assert differs(found, forms.run(model, z, "joseph")) == []
+    assert differs(found, algorithms.run(model, z, "joseph")) == []
     assert (found.P_plus[100:] == found.P_plus[100]).all()
 
 
@@ -181,7 +182,7 @@ def test_a_record_shorter_than_the_models_horizon():
         TRACK.R * rng.uniform(0.5, 2, (31, 1, 1))))  # fmt: skip
     z = np.asfortranarray(record(varying, 12, rng))
     z.setflags(write=False)
-    assert differs(filter_record(varying, z), forms.run(varying, z, "joseph")) == []
+    assert differs(filter_record(varying, z), algorithms.run(varying, z, "joseph")) == []
 
 
 @pytest.mark.parametrize("first", [0, 1])
@@ -250,7 +251,7 @@ def test_what_joseph_loses_is_kept_from_a_large_start():
         np.eye(3), np.zeros((3, 3)), [[1, 1, 1], [1, 1, 1 + delta]], delta**2 * np.eye(2), x0=np.zeros(3), P0=np.eye(3)
     )
     z = record(hard, 10, np.random.default_rng(8))
-    found, exact = filter_record(hard, z), forms.reference(hard, z)
+    found, exact = filter_record(hard, z), algorithms.reference(hard, z)
     assert close(found.x_plus, exact.x_plus, 1e-5)  # of what H, with its 1e-9 beside 1, determines in each of ten steps
     assert close(found.P_plus, exact.P_plus, 1e-5)
     assert close(found.log_likelihood, exact.log_likelihood, 1e-5)
@@ -258,7 +259,7 @@ def test_what_joseph_loses_is_kept_from_a_large_start():
 
 def test_no_likelihood_is_no_number(monkeypatch):
     """Where the form that takes over for a perfect measurement loses S, that is said as well."""
-    perfect, run = changed(TRACK, R=np.diag([0.0, 1.0]), N=[[0.0, 0.1], [0.0, 0.1]]), forms.run
+    perfect, run = changed(TRACK, R=np.diag([0.0, 1.0]), N=[[0.0, 0.1], [0.0, 0.1]]), algorithms.run
 
     def lost(*arguments):
         found = run(*arguments)

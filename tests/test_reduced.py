@@ -12,9 +12,9 @@ import scipy.linalg
 from hypothesis import given, settings
 from numpy.typing import NDArray
 
-from ctlabs import bucy, kalman, reduced, shaping, steady
-from ctlabs.discretise import discretise
-from ctlabs.models import ContinuousModel, DiscreteModel
+from ctlabs.filtering import bucy, kalman, reduced, steady
+from ctlabs.models import ContinuousModel, DiscreteModel, shaping
+from ctlabs.models.discretisation import discretise
 from tests.reference import EXACT, SOLVER, broken, close, conditioned, order
 from tests.strategies import covariance, record, seeds, transition
 
@@ -43,8 +43,8 @@ def perfectly_measured(draw: st.DrawFn) -> DiscreteModel:
     N = R @ rng.normal(size=(m, n)) * 0.3 if correlated else None
     Qd = W if N is None else W + N.T @ np.linalg.pinv(R, hermitian=True) @ N
     return DiscreteModel(
-        transition(rng, n, True), Qd, rng.normal(size=(m, n)), R, rng.normal(size=n), covariance(rng, n),
-        rng.uniform(0.1, 2.0), N=None if N is None else N.T, offset=rng.normal(size=n) if driven else None,
+        transition(rng, n, True), Qd, rng.normal(size=(m, n)), R, x0=rng.normal(size=n), P0=covariance(rng, n),
+        dt=rng.uniform(0.1, 2.0), N=None if N is None else N.T, offset=rng.normal(size=n) if driven else None,
     )  # fmt: skip
 
 
@@ -169,7 +169,7 @@ def test_the_realisation_needs_no_derivative(model: ContinuousModel) -> None:
     """ξ̇ = Aξ + Bz, x̂ = Cξ + Dz is the filter with ż in its gain: the same response at every frequency, and H_p x̂ = ζ."""
     small = reduced.continuous(model)
     A, B, C, D = reduced.realisation(small)
-    b, K = small.basis, bucy.steady(small.model).Kc
+    b, K = small.basis, bucy.steady(small.model).K
     p = len(b.D_p)
     for w in (0.2, 3.0):
         s = 1j * w

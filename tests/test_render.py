@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ctlabs import labs, plots, render
-from ctlabs.mathml import lines
+from ctlabs.labs import catalogue as labs
 from ctlabs.models import ContinuousModel
-from ctlabs.params import LabParameters, Variance, VariancesOrInf, given
-from ctlabs.report import Report
+from ctlabs.reporting import plots, render
+from ctlabs.reporting.mathml import lines
+from ctlabs.reporting.params import LabParameters, Variance, VariancesOrInf, given
+from ctlabs.reporting.report import Report
 from tests.test_tasks import default
 
 META = {"name": "task99", "title": "Gains < 1 & variances", "source": "A book, task 99", "parts": ["a", "b"]}

@@ -9,8 +9,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from ctlabs.models import ContinuousModel
-from ctlabs.params import LabParameters, Variance, VarianceOrInf, given
-from ctlabs.report import EXACT, SOLVER, Heading, Picture, Report, Table, Text
+from ctlabs.reporting.params import LabParameters, Variance, VarianceOrInf, given
+from ctlabs.reporting.report import EXACT, SOLVER, Heading, Picture, Report, Table, Text
 
 META = {"name": "task99", "title": "A test", "source": "A book, task 99", "parts": ["a", "b"]}
 ROUTES = ("recursion", "closed form")

@@ -12,14 +12,14 @@ import pytest
 import scipy.linalg
 from hypothesis import given, settings
 
-from ctlabs import bucy, observability, shaping, steady
-from ctlabs._check import Array
-from ctlabs.discretise import discretise, interval
+from ctlabs.filtering import bucy, steady
 from ctlabs.linalg import riccati, undriven
+from ctlabs.linalg.checks import Array
 from ctlabs.linalg.lyapunov import Operator, prove
 from ctlabs.linalg.manyfold import Manyfold, solve
 from ctlabs.linalg.updating import updated
-from ctlabs.models import ContinuousModel, DiscreteModel
+from ctlabs.models import ContinuousModel, DiscreteModel, observability, shaping
+from ctlabs.models.discretisation import discretise, interval
 from tests import cases, twins
 from tests.reference import EXACT, SOLVER, broken, close
 from tests.strategies import seeds
@@ -48,7 +48,7 @@ def limit(model: DiscreteModel | ContinuousModel) -> dict[str, Any]:
         answer |= {"sd_minus": np.sqrt(np.diag(found.P_minus)), "sd_plus": np.sqrt(np.diag(found.P_plus))}
     else:
         found = bucy.steady(model)
-        answer = {"P": found.P, "K": found.Kc, "error": found.error, "sd": np.sqrt(np.diag(found.P))}
+        answer = {"P": found.P, "K": found.K, "error": found.error, "sd": np.sqrt(np.diag(found.P))}
     return answer | {"poles": np.column_stack([found.poles.real, found.poles.imag])}
 
 

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs import kalman, scheduling
+from ctlabs.analysis import scheduling
+from ctlabs.filtering import kalman
 from ctlabs.models import DiscreteModel
 from tests.reference import EXACT, close
 from tests.strategies import seeds

@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given, settings
 from numpy.typing import NDArray
 
-from ctlabs import kalman, sensitivity, steady
-from ctlabs.discretise import discretise
+from ctlabs.analysis import sensitivity
+from ctlabs.filtering import kalman, steady
 from ctlabs.models import ContinuousModel, DiscreteModel
+from ctlabs.models.discretisation import discretise
 from tests import reference
 from tests.reference import EXACT, SOLVER, broken, close
 from tests.strategies import covariance, discrete_models, seeds, transition

@@ -13,9 +13,8 @@ import scipy.integrate
 from hypothesis import given
 from numpy.typing import NDArray
 
-from ctlabs import shaping
-from ctlabs.discretise import discretise, interval
-from ctlabs.models import ContinuousModel
+from ctlabs.models import ContinuousModel, shaping
+from ctlabs.models.discretisation import discretise, interval
 from tests.reference import EXACT, SOLVER, broken, close
 from tests.strategies import continuous_models
 

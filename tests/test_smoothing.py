@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs import forms, kalman, records, smoothing
+from ctlabs.filtering import algorithms, kalman, records, smoothing
+from ctlabs.filtering.engines import backward
+from ctlabs.filtering.smoothing import fixed_lag, smooth
 from ctlabs.models import ContinuousModel, DiscreteModel
-from ctlabs.recursions import backward
-from ctlabs.smoothing import fixed_lag, smooth
 from tests import reference
 from tests.reference import EXACT, SOLVER, broken, close
 from tests.strategies import discrete_models, record, seeds
@@ -101,14 +101,14 @@ def test_a_broken_model_is_noticed(name):
     assert not close(smooth(wrong, past).x, exact.x, EXACT)
 
 
-@pytest.mark.parametrize("form", list(forms.FORMS))
+@pytest.mark.parametrize("form", list(algorithms.FORMS))
 def test_the_history_of_any_form_will_do(form):
     """The smoother takes estimates and covariances; how they were computed does not matter."""
     model = dataclasses.replace(CORRELATED, P0=filtered(CORRELATED, np.zeros((500, 2))).P_minus[-1])
     z = record(model, 8, np.random.default_rng(2), first=0)
     if form != "steady":  # whose gain is that of complete measurements
         z[4, 0] = np.nan
-    found, wanted = smooth(model, forms.run(model, z, form, 0)), reference.smoothed(model, z, 0)
+    found, wanted = smooth(model, algorithms.run(model, z, form, 0)), reference.smoothed(model, z, 0)
     assert close(found.x, wanted.x, SOLVER)
     assert close(found.P, wanted.P, SOLVER)
 
@@ -118,7 +118,7 @@ def test_an_ensemble_is_smoothed_run_by_run():
     rng = np.random.default_rng(3)
     z = np.stack([record(CORRELATED, 12, rng) for _ in range(5)], axis=2)
     z[7, 1] = np.nan
-    found = smooth(CORRELATED, forms.run(CORRELATED, z, "joseph"))
+    found = smooth(CORRELATED, algorithms.run(CORRELATED, z, "joseph"))
     for run in range(5):
         alone = smooth(CORRELATED, filtered(CORRELATED, z[:, :, run]))
         assert close(found.x[:, :, run], alone.x, EXACT)
@@ -285,7 +285,7 @@ def test_histories_that_do_not_fit_are_refused():
         ValueError, match=r"filtered.x_plus: expected shape \(9, 1\) as the model has it, received \(9, 2\)"
     ):
         smooth(walk, past)
-    nothing = dataclasses.replace(forms.run(TRACK, z, "information", P0=np.diag([np.inf, np.inf])), start=None)
+    nothing = dataclasses.replace(algorithms.run(TRACK, z, "information", P0=np.diag([np.inf, np.inf])), start=None)
     with pytest.raises(ValueError, match=r"filtered.P_plus: expected finite covariances, received inf at step 0"):
         smooth(TRACK, nothing)
     short = dataclasses.replace(TRACK, Phi=np.tile(TRACK.Phi, (5, 1, 1)))

@@ -14,9 +14,9 @@ import scipy.integrate
 from hypothesis import given, settings
 from numpy.typing import NDArray
 
-from ctlabs import bucy, reduced, shaping, spectra
-from ctlabs.models import ContinuousModel
-from ctlabs.spectra import Spectrum
+from ctlabs.filtering import bucy, reduced
+from ctlabs.models import ContinuousModel, shaping, spectra
+from ctlabs.models.spectra import Spectrum
 from tests.reference import EXACT, SOLVER, broken, close
 from tests.strategies import continuous_models, seeds
 
@@ -229,8 +229,8 @@ def test_wiener_in_white_noise_is_the_kalman_bucy_filter(model: ContinuousModel)
     assert model.Rc is not None
     found = spectra.wiener(spectra.of(replace(model, Rc=None)), spectra.white(float(model.Rc[0, 0])))
     limit = bucy.steady(model)
-    closed = model.F - limit.Kc @ model.H
-    expected = [(model.H @ np.linalg.solve(1j * w * np.eye(model.n) - closed, limit.Kc))[0, 0] for w in W]
+    closed = model.F - limit.K @ model.H
+    expected = [(model.H @ np.linalg.solve(1j * w * np.eye(model.n) - closed, limit.K))[0, 0] for w in W]
     assert close(response(found.num, found.den), expected, 1e-6)
     mse = (model.H @ limit.P @ model.H.T)[0, 0]
     assert close(found.mse, mse, 1e-6)
@@ -257,7 +257,7 @@ def test_wiener_in_coloured_and_white_noise_is_the_augmented_filter(
 @settings(max_examples=25)
 @given(signal=minimum_phase(direct=False), seed=seeds)
 def test_wiener_in_coloured_noise_alone_is_the_reduced_filter(signal: tuple[Array, Array], seed: int) -> None:
-    """Without white noise the filter has a direct term; it is that of ctlabs.reduced."""
+    """Without white noise the filter has a direct term; it is that of ctlabs.filtering.reduced."""
     rng = np.random.default_rng(seed)
     S = spectra.white(1.0).through(*signal)
     N = spectra.exponentials([(rng.uniform(0.2, 2.0), rng.uniform(0.3, 4.0))])

@@ -9,7 +9,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from ctlabs import diagnosis, fitting, forms, kalman, modelfile, records, sensitivity, smoothing
+from ctlabs.analysis import diagnosis, fitting, sensitivity
+from ctlabs.files import modelfile
+from ctlabs.filtering import algorithms, kalman, records, smoothing
 from ctlabs.linalg import columns, rounding
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.montecarlo import simulate
@@ -22,8 +24,8 @@ SMOOTHED = [
     *(f"k3_{name}" for name in ("acceleration*", "first*", "lagged*", "level*", "nile*", "trend*", "two*", "velocity*", "walk*")),
 ]
 #: The forms that take R = 0, and those that do not.
-PERFECT = [name for name in forms.FORMS if name not in ("information", "srif", "extended_array", "steady")]
-ALL = [name for name in forms.FORMS if name != "steady"]
+PERFECT = [name for name in algorithms.FORMS if name not in ("information", "srif", "extended_array", "steady")]
+ALL = [name for name in algorithms.FORMS if name != "steady"]
 NAN = float("nan")
 
 
@@ -35,7 +37,7 @@ def algorithms(model):
 
 
 def filtered(model, z, first, form=""):
-    return forms.run(model, z, form, first) if form else records.filter_record(model, z, first)
+    return algorithms.run(model, z, form, first) if form else records.filter_record(model, z, first)
 
 
 def known(P):
@@ -80,7 +82,7 @@ def test_smoothed_estimates_are_right_whatever_the_form(case):
 def test_no_form_depends_on_the_units_of_what_is_unknown(case, form):
     """A slow clock and a velocity in units 1e12 apart, from no information."""
     model, z, right = cases.model(case["model"]), cases.record(case["given"]), case["right"]
-    found = forms.run(model, z, form, 0)
+    found = algorithms.run(model, z, form, 0)
     sd = np.array(right["sd_plus"])
     assert (np.abs(found.x_plus[right["rows"]] - np.array(right["x_plus"])) < 1e-7 * sd).all()
     assert (np.abs(kalman.sd(found.P_plus[right["rows"]]) / sd - 1) < 1e-7).all()
@@ -140,7 +142,7 @@ def test_the_nile_from_no_information():
 @pytest.mark.parametrize("item", cases.peers("smoother"))
 def test_the_continuous_smoother_is_the_limit(item):
     """Gelb's closed form, from samples 1 ms apart."""
-    from ctlabs.discretise import discretise
+    from ctlabs.models.discretisation import discretise
 
     given, model = item["given"], cases.model(item["model"])
     discrete = discretise(model, given["dt"], R=np.array(model.Rc) / given["dt"])
@@ -174,7 +176,7 @@ def vague_models(draw):
     z = rng.normal(size=(6, m))
     z[rng.uniform(size=z.shape) < 0.25] = NAN
     offset = rng.normal(size=n) if draw(st.booleans()) else None
-    return DiscreteModel(Phi, G @ G.T, H, B @ B.T, rng.normal(size=n), P0, N=N, offset=offset), z
+    return DiscreteModel(Phi, G @ G.T, H, B @ B.T, x0=rng.normal(size=n), P0=P0, N=N, offset=offset), z
 
 
 @settings(deadline=None, max_examples=60, derandomize=True)
@@ -249,7 +251,7 @@ def test_no_information_is_the_limit_of_little(size):
 
 def test_an_exact_measurement_is_the_limit_of_a_good_one():
     """R → 0: the smoothed σ of a moving average's shock tends to that of R = 0, not to 0."""
-    exact = DiscreteModel([[0, 0.9], [0, 0]], [[1, 1], [1, 1]], [[1, 0]], [[0]], [0, 0], [[1.81, 1], [1, 1]])
+    exact = DiscreteModel([[0, 0.9], [0, 0]], [[1, 1], [1, 1]], [[1, 0]], [[0]], x0=[0, 0], P0=[[1.81, 1], [1, 1]])
     z = np.random.default_rng(3).normal(size=(120, 1))
     right = smoothing.smooth(exact, records.filter_record(exact, z, 0))
     closed = 0.9**2 * (1 - 0.9**2) / (1 - 0.9 ** (2 * 121))

@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ctlabs.filtering.kalman import filter_runs, schedule
 from hypothesis import given, settings
 from numpy.typing import NDArray
 
-from ctlabs import steady
-from ctlabs.kalman import filter_runs, schedule
+from ctlabs.filtering import steady
 from ctlabs.models import DiscreteModel
 from tests.reference import EXACT, SOLVER, broken, close, recursion
 from tests.strategies import covariance, discrete_models, transition

@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from ctlabs import datafile, forms, modelfile, render, sensitivity, steady
+from ctlabs.analysis import sensitivity
+from ctlabs.files import datafile, modelfile
+from ctlabs.filtering import algorithms, steady
+from ctlabs.reporting import render
 from ctlabs.studies import analysis, clock, common, comparison, filtering, fitting, simulation
 from tests import reference
 from tests.nile import FLOW, Q, R
@@ -498,7 +501,7 @@ class TestComparison:
     def test_all_forms_are_listed_with_numbers_or_a_reason(self, ill):
         """In the design's order; a form that refuses has nulls and says why."""
         entries = ill.results()["algorithms"]
-        assert [entry["name"] for entry in entries] == list(forms.FORMS)
+        assert [entry["name"] for entry in entries] == list(algorithms.FORMS)
         for entry in entries:
             keys = ("max_relative_error_P", "max_error_x", "seconds_per_step")
             assert all((entry[key] is None) == bool(entry["failed"]) for key in keys)

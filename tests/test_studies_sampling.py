@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ctlabs.discretise import discretise
 from ctlabs.models import ContinuousModel, DiscreteModel
-from ctlabs.report import Report
+from ctlabs.models.discretisation import discretise
+from ctlabs.reporting.report import Report
 from ctlabs.studies import common, sampling
 from tests import cases, reference
 from tests.test_exponential import EPS, SMALL, model_over_decades, terms

@@ -10,9 +10,9 @@ import pytest
 import sympy
 from numpy.typing import NDArray
 
-from ctlabs import symbolic
-from ctlabs.discretise import factor, interval, unit_triangular
-from ctlabs.models import ContinuousModel
+from ctlabs.models import ContinuousModel, symbolic
+from ctlabs.linalg.factors import factor, unit_triangular
+from ctlabs.models.discretisation import interval
 from tests.reference import EXACT, broken, close
 from tests.strategies import covariance
 

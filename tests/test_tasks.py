@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ctlabs import kalman, labs, plots, steady
-from ctlabs.experiment import Experiment
-from ctlabs.report import Heading, Picture, Report
+from ctlabs.filtering import kalman, steady
+from ctlabs.labs import catalogue as labs
+from ctlabs.labs.experiment import Experiment
+from ctlabs.reporting import plots
+from ctlabs.reporting.report import Heading, Picture, Report
 
 LABS = labs.catalogue()
 #: Axis labels without a unit: pure numbers by their words.

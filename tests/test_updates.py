@@ -5,9 +5,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from ctlabs import kalman, updates
+from ctlabs.filtering import kalman, updates
+from ctlabs.filtering.extended import Extended
 from ctlabs.models import DiscreteModel
-from ctlabs.montecarlo import Extended, NonlinearModel, chance, run
+from ctlabs.models.nonlinear import NonlinearModel
+from ctlabs.montecarlo import chance, monte_carlo
 from tests import reference
 from tests.reference import EXACT, SOLVER, broken, close
 from tests.strategies import seeds
@@ -274,12 +276,12 @@ def test_the_exact_filter_is_best_and_its_gaussianised_innovations_are_chi_squar
     model = scalar(r2=0.1, Q=0.3)
     grid = np.linspace(-8, 14, 221)
     common = {"steps": 3, "runs": 2000, "seed": 4, **QUIET}
-    exact = run(model, lambda: updates.PointMass(model, grid), **common)
+    exact = monte_carlo(model, lambda: updates.PointMass(model, grid), **common)
     assert chance.nis(exact)
     wrong = scalar(r2=0.2, Q=0.3)
-    assert not chance.nis(run(model, lambda: updates.PointMass(wrong, grid), **common))
+    assert not chance.nis(monte_carlo(model, lambda: updates.PointMass(wrong, grid), **common))
     for design in (model, lambda: updates.SequentialExtended(model)):
-        assert (exact.rms[1:] < run(model, design, **common).rms[1:]).all()
+        assert (exact.rms[1:] < monte_carlo(model, design, **common).rms[1:]).all()
 
 
 def test_filters_run_together_give_what_they_give_alone():
@@ -290,8 +292,8 @@ def test_filters_run_together_give_what_they_give_alone():
     def both():
         return updates.Together(Extended(model), updates.SequentialExtended(model))
 
-    stats = run(model, both, compare=[[1.0], [1.0]], **common)
-    alone = [run(model, design, **common) for design in (model, lambda: updates.SequentialExtended(model))]
+    stats = monte_carlo(model, both, compare=[[1.0], [1.0]], **common)
+    alone = [monte_carlo(model, design, **common) for design in (model, lambda: updates.SequentialExtended(model))]
     assert close(stats.rms, np.hstack([each.rms for each in alone]), EXACT)
     clear = updates.paired(stats.second_moment, stats.runs)
     assert clear.shape == (4, 1)

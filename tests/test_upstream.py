@@ -14,9 +14,9 @@ import pytest
 import scipy.stats
 from numpy.typing import NDArray
 
-from ctlabs import steady
-from ctlabs.discretise import interval
+from ctlabs.filtering import steady
 from ctlabs.models import DiscreteModel
+from ctlabs.models.discretisation import interval
 from tests.reference import EPS, EXACT, SOLVER, close, information_update, smoothed, update
 from tests.strategies import covariance, record
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from ctlabs import bucy, varying
+from ctlabs.filtering import bucy, varying
+from ctlabs.filtering.varying import VaryingModel
 from ctlabs.models import ContinuousModel
-from ctlabs.varying import VaryingModel
 from tests.reference import EXACT, SOLVER, broken, close
 
 
@@ -25,7 +25,7 @@ def test_information_of_a_slope_grows_like_the_cube_of_time(R, P0):
     found = varying.transient(slope(R, P0), t)
     expected = 1 / (1 / P0 + t**3 / (3 * R))
     assert np.abs(found.P[:, 0, 0] / expected - 1).max() <= 1e-9
-    assert close(found.Kc[:, 0, 0], expected * t / R, SOLVER)
+    assert close(found.K[:, 0, 0], expected * t / R, SOLVER)
     assert not close(broken(found.P[:, 0, 0]), expected, SOLVER)
 
 
@@ -59,7 +59,7 @@ def test_constant_matrices_give_the_constant_filter():
     found = varying.transient(VaryingModel(F, G, Q, H, Rc, P0), t)
     expected = bucy.transient(ContinuousModel(F, G, Q, H, Rc=Rc, P0=P0), t)
     assert close(found.P, expected.P, SOLVER)
-    assert close(found.Kc, expected.Kc, SOLVER)
+    assert close(found.K, expected.K, SOLVER)
     assert np.array_equal(found.P, np.swapaxes(found.P, 1, 2))
     assert not close(broken(expected.P), found.P, SOLVER)
 

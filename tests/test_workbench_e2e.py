@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from ctlabs.modelfile import loads, ready
+from ctlabs.files.modelfile import loads, ready
 from tests.reference import EXACT
 from tests.workbench_browser import (  # noqa: F401  # fixtures
     DESKTOP,

@@ -18,9 +18,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ctlabs import diagnosis, forms, kalman, montecarlo, records, sensitivity, smoothing, steady
-from ctlabs.experiment import Experiment
-from ctlabs.modelfile import loads, ready
+from ctlabs import montecarlo
+from ctlabs.analysis import diagnosis, sensitivity
+from ctlabs.files.modelfile import loads, ready
+from ctlabs.filtering import algorithms, kalman, records, smoothing, steady
+from ctlabs.labs.experiment import Experiment
 from ctlabs.models import DiscreteModel
 from ctlabs.workbench import commands as c
 from ctlabs.workbench import experiments
@@ -181,14 +183,14 @@ def test_the_results_are_those_of_the_algorithm_that_works() -> None:
 
 
 def test_several_algorithms_are_compared_with_50_digits() -> None:
-    """Accuracy and operations are those of ctlabs.forms; one that refuses stays in the table and says why."""
+    """Accuracy and operations are those of ctlabs.filtering.algorithms; one that refuses stays in the table and says why."""
     plan = replace(PLAN, algorithms=("joseph", "ud", "steady"), anomalies=(Anomaly(5),))
     found = run(plan)
     assert [each.name for each in found.algorithms] == ["joseph", "ud", "steady"]
     assert "constant" in found.algorithms[2].failed
     assert set(found.estimates) == {"joseph", "ud"}
     model = experiments.anomalous(ready("constant_velocity").discrete(), plan.anomalies, 40)
-    wanted = forms.compare(model, found.z[:, :, 0], ["ud"])[0]
+    wanted = algorithms.compare(model, found.z[:, :, 0], ["ud"])[0]
     assert (found.algorithms[1].flops, found.algorithms[1].error_P) == (wanted.flops, wanted.error_P)
     np.testing.assert_allclose(found.estimates["ud"], found.estimates["joseph"], rtol=SOLVER)
 
@@ -249,7 +251,7 @@ def test_a_measured_record_is_filtered_smoothed_and_judged(session: Session) -> 
     np.testing.assert_allclose(found.verdict.mean_p, verdict.mean_p, rtol=EXACT)
     assert found.verdict.nis_p == pytest.approx(verdict.nis_p, rel=SOLVER, abs=1e-300)
     assert found.summary["log_likelihood"][0] == own.log_likelihood
-    filtered = forms.run(model, z, "joseph")
+    filtered = algorithms.run(model, z, "joseph")
     gain = (own.x_plus - own.x_minus) / np.where(np.isnan(own.innovation), np.inf, own.innovation)
     used = own.used[:, 0]
     np.testing.assert_allclose(found.K[used, :, 0], gain[used], rtol=1e-6)

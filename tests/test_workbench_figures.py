@@ -14,8 +14,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs.modelfile import ModelFile, ready
-from ctlabs.plots.base import STYLE
+from ctlabs.files.modelfile import ModelFile, ready
+from ctlabs.reporting.plots.base import STYLE
 from ctlabs.workbench import experiments, figures
 from ctlabs.workbench.figures import COLOURS, Band, Curve, Drawing, Panel, untyped
 from ctlabs.workbench.outcomes import Anomaly, Data, Outcome, Plan, outcome

@@ -12,9 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ctlabs import DiscreteModel, forms, steady
-from ctlabs.datafile import parse
-from ctlabs.modelfile import ModelFile, loads, ready
+from ctlabs import DiscreteModel
+from ctlabs.files.datafile import parse
+from ctlabs.files.modelfile import ModelFile, loads, ready
+from ctlabs.filtering import algorithms, steady
 from ctlabs.workbench import blocks, tour
 from ctlabs.workbench.commands import EditCell, New, Open, SetConstant
 from ctlabs.workbench.help import GROUPS, Help, help_for, mathml, topics
@@ -29,7 +30,7 @@ FIELDS = {
     "transfer psd",
     "understand": "observability detectability poles steady transfer bode variance",
     "experiment": "steps runs seed first algorithms design anomalies data progress",
-    "algorithm": " ".join(forms.FORMS),
+    "algorithm": " ".join(algorithms.FORMS),
     "result": "states errors gain variances innovations nis nees whiteness algorithms statistics diagnosis difference",
     "keep": "list compare rerun export",
     "labs": "parameter runs seed checks variant",
@@ -48,7 +49,7 @@ def test_there_is_help_on_every_field_algorithm_and_figure() -> None:
 
 def test_every_matrix_of_a_model_file_has_help() -> None:
     """What the file's format has, the help has."""
-    from ctlabs.modelfile.schema import SECTIONS, Settings
+    from ctlabs.files.modelfile.schema import SECTIONS, Settings
 
     for section in SECTIONS.values():
         for name in section.model_fields:
@@ -147,7 +148,7 @@ def test_the_examples_of_blocks_are_blocks() -> None:
 def test_the_examples_of_experiments_are_accepted() -> None:
     """Algorithms that exist, whole numbers, and a CSV header that is read."""
     names = help_for("experiment.algorithms").example.split(", ")
-    assert set(names) <= set(forms.FORMS)
+    assert set(names) <= set(algorithms.FORMS)
     for key in ("steps", "runs", "seed", "first"):
         assert int(help_for(f"experiment.{key}").example) >= 0
     record = parse(f"{help_for('experiment.data').example}\n0,1\n0.5,\n1,2\n".encode(), ("sensor",), "a.csv")
@@ -180,7 +181,7 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("form", forms.FORMS)
+@pytest.mark.parametrize("form", algorithms.FORMS)
 @pytest.mark.parametrize("case", [*CASES, "unknown", "gaps"])
 def test_the_table_of_algorithms_is_true(form: str, case: str) -> None:
     """What is said to be possible gives the textbook's numbers; what is not is refused by name."""
@@ -191,20 +192,20 @@ def test_the_table_of_algorithms_is_true(form: str, case: str) -> None:
         z[2, 0] = np.nan
     if not getattr(ABILITIES[form], case):
         with pytest.raises(ValueError, match=f"^form {form}: expected"):
-            forms.run(model, z, form, P0=P0)
+            algorithms.run(model, z, form, P0=P0)
         return
-    found = forms.run(model, z, form, P0=P0)
+    found = algorithms.run(model, z, form, P0=P0)
     if case == "unknown":
         assert np.isfinite(found.P_plus[-1]).all()
     elif form == "steady":  # its covariances are the limits, whatever P0
         np.testing.assert_allclose(found.P_plus[1:], [steady.solve(model).P_plus] * 3, rtol=0, atol=SOLVER)
     else:
-        wanted = forms.run(model, z, "sequential")
+        wanted = algorithms.run(model, z, "sequential")
         np.testing.assert_allclose(found.x_plus, wanted.x_plus, rtol=0, atol=SOLVER)
         np.testing.assert_allclose(found.P_plus, wanted.P_plus, rtol=0, atol=SOLVER)
 
 
-@pytest.mark.parametrize("form", forms.FORMS)
+@pytest.mark.parametrize("form", algorithms.FORMS)
 def test_the_operations_are_those_that_are_counted(form: str) -> None:
     """The leading terms tell the count of a model with 20 states within its lower orders, 1/20 and 1/400 of it."""
     n, m, s = 20, 5, 20
@@ -223,7 +224,7 @@ def test_the_operations_are_those_that_are_counted(form: str) -> None:
         text = text.replace(power, word)
     text = re.sub(r"(?<=[\dnms)])(?=[nms(])", "*", text)
     told = eval(text, {"__builtins__": {}}, {"n": n, "m": m, "s": s})
-    assert forms.flops(model, form) == pytest.approx(told, rel=0.12)
+    assert algorithms.flops(model, form) == pytest.approx(told, rel=0.12)
 
 
 # The guided first experiment ------------------------------------------------------------------------------------------

@@ -18,9 +18,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs import labs
-from ctlabs.experiment import Experiment
-from ctlabs.modelfile import gallery, ready
+from ctlabs.files.modelfile import gallery, ready
+from ctlabs.labs import catalogue as labs
+from ctlabs.labs.experiment import Experiment
 from ctlabs.workbench import catalogue
 from ctlabs.workbench.bench import Bench
 from ctlabs.workbench.catalogue import check, fields, search, sheets

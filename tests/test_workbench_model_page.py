@@ -16,9 +16,9 @@ from hypothesis import strategies as st
 
 pytest.importorskip("nicegui", reason="the workbench is not installed: pip install 'ctlabs[workbench]'")
 
-from ctlabs.mathml import mathml
-from ctlabs.modelfile import gallery, loads, new, ready
-from ctlabs.modelfile.schema import wrong_name
+from ctlabs.files.modelfile import gallery, loads, new, ready
+from ctlabs.files.modelfile.schema import wrong_name
+from ctlabs.reporting.mathml import mathml
 from ctlabs.workbench import blocks
 from ctlabs.workbench.applying import apply
 from ctlabs.workbench.commands import (

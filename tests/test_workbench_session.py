@@ -13,9 +13,10 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from ctlabs import bucy, kalman, observability, shaping, spectra, steady
-from ctlabs.discretise import interval
-from ctlabs.modelfile import gallery, loads, new, ready
+from ctlabs.files.modelfile import gallery, loads, new, ready
+from ctlabs.filtering import bucy, kalman, steady
+from ctlabs.models import observability, shaping, spectra
+from ctlabs.models.discretisation import interval
 from ctlabs.workbench import commands as c
 from ctlabs.workbench.blocks import InsertBlock, block, rational
 from ctlabs.workbench.kinds import _before_sampling
@@ -308,7 +309,7 @@ def test_parts_come_and_go(session: Session) -> None:
     ],
 )
 def test_a_block_in_a_file_is_the_augmented_model(session: Session, kind: str, text: str) -> None:
-    """The spectrum of what drives the plant is that of the text, and the measurement's that of ctlabs.shaping.augment."""
+    """The spectrum of what drives the plant is that of the text, and the measurement's that of ctlabs.models.shaping.augment."""
     session.do(c.Open(ready("oscillator").dumps()))
     plant = session.file.continuous()
     strength = float(plant.Q[0, 0])

@@ -34,7 +34,7 @@ MODEL = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]])
 @pytest.fixture(scope="module")
 def runner() -> Iterator[Runner]:
     """Two processes, whatever the machine has, with little memory."""
-    made = Runner(TABLE, size=2, memory=300 * 1024**2, warm=("ctlabs.montecarlo.kernel", "ctlabs.kalman"))
+    made = Runner(TABLE, size=2, memory=300 * 1024**2, warm=("ctlabs.montecarlo.kernel", "ctlabs.filtering.kalman"))
     yield made
     made.close()
 
@@ -98,7 +98,7 @@ def test_an_unknown_name_is_refused_before_anything_starts() -> None:
 def test_the_same_numbers_as_here(runner: Runner) -> None:
     """An experiment in a process has the bytes of one in this process."""
     arguments = {"truth": MODEL, "steps": 20, "runs": 500, "seed": 3}
-    there, here = run(runner, "montecarlo", **arguments), montecarlo.run(**arguments, progress=False)  # type: ignore[arg-type]
+    there, here = run(runner, "montecarlo", **arguments), montecarlo.monte_carlo(**arguments, progress=False)  # type: ignore[arg-type]
     for name in ("t", "bias", "rms", "cov", "nees", "nis"):
         assert getattr(there, name).tobytes() == getattr(here, name).tobytes(), name
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import mpmath
 import numpy as np
 
-from ctlabs._check import Array
+from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel, at
 
 DIGITS = 400
@@ -19,7 +19,7 @@ LARGE, HUGE = mpmath.mpf(10) ** 120, mpmath.mpf(10) ** 60
 
 
 class Twin(NamedTuple):
-    """``x``, ``P``, ``lag_one`` as in :class:`ctlabs.smoothing.Smoothed`; the diffuse log-likelihood."""
+    """``x``, ``P``, ``lag_one`` as in :class:`ctlabs.filtering.smoothing.Smoothed`; the diffuse log-likelihood."""
 
     x: Array
     P: Array

@@ -10,7 +10,7 @@ from typing import Any
 import mpmath
 import numpy as np
 
-from ctlabs._check import Array
+from ctlabs.linalg.checks import Array
 
 #: Decimal digits: those of an answer, and what a loop within 1e-20 of its boundary and elements over 40 decades cost.
 DIGITS = 120

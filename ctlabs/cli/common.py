@@ -41,7 +41,7 @@ def whole(least: int) -> Callable[[click.Context, click.Parameter, str | int | N
 
 def settings(pairs: tuple[str, ...]) -> dict[str, object]:
     """NAME=VALUE pairs of the command line."""
-    from ctlabs.params import typed
+    from ctlabs.reporting.params import typed
 
     found = {}
     for pair in pairs:

@@ -14,8 +14,8 @@ from ctlabs.cli.common import can_write, checked, settings, whole
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from ctlabs.experiment import Experiment
-    from ctlabs.labs import Lab
+    from ctlabs.labs.catalogue import Lab
+    from ctlabs.labs.experiment import Experiment
 
 
 @click.command("list")
@@ -24,7 +24,7 @@ def list_() -> None:
 
     A star marks a control lab.
     """
-    from ctlabs import labs
+    from ctlabs.labs import catalogue as labs
 
     for lab in labs.catalogue().values():
         click.echo(f"{lab.short:>15}  {lab.title}  [{lab.source}]")
@@ -41,7 +41,7 @@ def show(lab: str) -> None:
 
     LAB: 7, 07, task07, field, …
     """
-    from ctlabs import labs
+    from ctlabs.labs import catalogue as labs
     from ctlabs.text import number
 
     for entry in checked(lambda: labs.find([lab])):
@@ -118,14 +118,14 @@ def run(
     ctlabs run 6 --set R='[2, 4, "inf", 1, 3, 0, 5]'
     ctlabs run 3 --runs 1000000 --resume work     a long experiment that may be interrupted
     """
-    from ctlabs import labs
+    from ctlabs.labs import catalogue as labs
 
     chosen = checked(lambda: labs.find(lab))
     values = checked(lambda: labs.parameters(chosen, settings(pairs)))
     _writable(out, [entry.name for entry in chosen])
-    from ctlabs import render
-    from ctlabs.experiment import Experiment
+    from ctlabs.labs.experiment import Experiment
     from ctlabs.montecarlo import BlockFailed, Interrupted
+    from ctlabs.reporting import render
 
     together = 1 if scheduler else min(workers, len(chosen))  # labs at a time, each with its share of the workers
     jobs = [
@@ -168,7 +168,7 @@ def _verdict(done: dict[str, Any]) -> str:
 
 def _run_all(jobs: list[tuple[Lab, Any, Experiment, Path]], together: int) -> Iterator[dict[str, Any]]:
     """Run the labs, ``together`` of them at a time in processes of their own; results in the order given."""
-    from ctlabs import labs
+    from ctlabs.labs import catalogue as labs
 
     if together == 1:
         for job in jobs:

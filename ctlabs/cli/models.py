@@ -24,7 +24,7 @@ def models(ctx: click.Context) -> None:
     """
     if ctx.invoked_subcommand is not None:
         return
-    from ctlabs import modelfile
+    from ctlabs.files import modelfile
 
     entries = modelfile.gallery()
     width = max(len(entry.name) for entry in entries)
@@ -36,7 +36,7 @@ def models(ctx: click.Context) -> None:
 @click.argument("name")
 def show(name: str) -> None:
     """Print a ready model's file."""
-    from ctlabs import modelfile
+    from ctlabs.files import modelfile
 
     click.echo(checked(lambda: modelfile.ready(name)).dumps(), nl=False)
 
@@ -46,7 +46,7 @@ def show(name: str) -> None:
 @click.argument("folder", type=click.Path(path_type=Path), default=Path())
 def copy(name: str, folder: Path) -> None:
     """Write a ready model to FOLDER/NAME.toml (default: here); a file that stands there is left alone."""
-    from ctlabs import modelfile
+    from ctlabs.files import modelfile
 
     checked(lambda: modelfile.ready(name))
     try:

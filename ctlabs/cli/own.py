@@ -16,8 +16,8 @@ import click
 from ctlabs.cli.common import settings, whole
 
 if TYPE_CHECKING:
-    from ctlabs.modelfile import ModelFile
-    from ctlabs.report import Report
+    from ctlabs.files.modelfile import ModelFile
+    from ctlabs.reporting.report import Report
 
 #: What ctlabs writes at the top of a result's folder; with anything else in it a folder is somebody's and is left alone.
 OURS = {
@@ -101,7 +101,7 @@ def filter_(
     ctlabs filter truth.toml gps.csv --design simple.toml
     cat flow.csv | ctlabs filter nile.toml - --json | jq .values.log_likelihood.value
     """
-    from ctlabs import datafile
+    from ctlabs.files import datafile
     from ctlabs.studies import filtering
 
     _one_stdin(model, data, design)
@@ -213,7 +213,7 @@ def compare(
     ctlabs compare track.toml gps.csv --algorithms joseph,ud,srif
     ctlabs compare ill_conditioned --sweep delta=1e-6,1e-7,1e-8,1e-9
     """
-    from ctlabs import datafile
+    from ctlabs.files import datafile
     from ctlabs.studies import comparison
 
     _one_stdin(model, data)
@@ -241,7 +241,7 @@ def fit(model: str, data: str, free: str, pairs: tuple[str, ...], out: Path | No
     ctlabs fit nile.toml flow.csv --free q,r
     ctlabs fit track.toml gps.csv --free tau --set tau=10     start from another value
     """
-    from ctlabs import datafile
+    from ctlabs.files import datafile
     from ctlabs.studies import fitting
 
     _one_stdin(model, data)
@@ -271,7 +271,7 @@ def _at_work() -> Iterator[None]:
     if not sys.stderr.isatty():
         yield
         return
-    from ctlabs import compiled
+    from ctlabs.linalg import compiled
 
     sys.stderr.write("compiling the filter, once on this machine (some 20 s)…" if compiled.cold() else "computing…")
     sys.stderr.flush()
@@ -296,7 +296,7 @@ def _one_stdin(*words: str | None) -> None:
 
 def _model(word: str, pairs: tuple[str, ...]) -> ModelFile:
     """The model file that a word means: a path, "-", or a name of the gallery."""
-    from ctlabs import modelfile
+    from ctlabs.files import modelfile
 
     is_file = word == "-" or Path(word).is_file() or bool(Path(word).suffix) or os.sep in word
     found = modelfile.load(word) if is_file else modelfile.ready(word)
@@ -354,7 +354,7 @@ def _outside(export: Path, folder: Path) -> None:
 
 def _deliver(report: Report, folder: Path, as_json: bool, *tables: str) -> int:
     """Write the folder, print the table or the JSON; 1 if a check failed."""
-    from ctlabs import render
+    from ctlabs.reporting import render
 
     former = folder.is_dir() and any(folder.iterdir())
     try:

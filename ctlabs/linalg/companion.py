@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ctlabs._check import Array
+from ctlabs.linalg.checks import Array
 
 #: The smallest number that a double holds with all its digits.
 TINY = np.finfo(np.float64).tiny

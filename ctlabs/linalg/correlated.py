@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ctlabs._check import Array
+from ctlabs.linalg.checks import Array
 
 
 def regression(N: Array, R: Array) -> Array:

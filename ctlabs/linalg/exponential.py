@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ctlabs import _check
-from ctlabs._check import Array
+from ctlabs.linalg import checks
+from ctlabs.linalg.checks import Array
 from ctlabs.linalg.units import balanced
 
 #: So many terms beyond the longest simple path leave 2^-16/16!·e of an element: less than half a unit of its last place.
@@ -80,8 +80,8 @@ def interval(F: ArrayLike, W: ArrayLike, h: float) -> Interval:
     array([[2.66666667, 2.        ],
            [2.        , 2.        ]])
     """
-    F, W = _check.shaped("F", F, ("n", "n")), _check.shaped("GQG'", W, ("n", "n"))
-    h = _check.positive("dt", h)
+    F, W = checks.shaped("F", F, ("n", "n")), checks.shaped("GQG'", W, ("n", "n"))
+    h = checks.positive("dt", h)
     with np.errstate(over="ignore", invalid="ignore"):  # what is beyond double precision is reported below
         found = _interval(F, W, h) if np.isfinite(F * h).all() else None
     if found is None or not all(np.isfinite(part).all() for part in found):

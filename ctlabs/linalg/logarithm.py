@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
-from ctlabs import _check
-from ctlabs._check import Array
+from ctlabs.linalg import checks
+from ctlabs.linalg.checks import Array
 from ctlabs.linalg.exponential import interval
 from ctlabs.linalg.units import balanced
 
@@ -64,7 +64,7 @@ def logarithm(Phi: Array) -> Array:
         off = float((np.abs(_exponential(A) - Phi) / np.maximum(terms + np.abs(Phi), np.finfo(float).tiny)).max(initial=0.0))
     except ValueError:  # e^{-A} beyond double precision
         off = np.inf
-    if not off <= _check.ROUNDING:
+    if not off <= checks.ROUNDING:
         msg = (
             "Phi: expected modes that have not decayed below the rounding of others, received a matrix "
             f"whose logarithm leads back to another one ({off:.2g} off)"

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ctlabs._check import Array
+from ctlabs.linalg.checks import Array
 from ctlabs.linalg.manyfold import Manyfold, Matrix, high, inverse, rounding, symmetric
 
 #: The number of terms is doubled until a power of A is below this, or so many times.

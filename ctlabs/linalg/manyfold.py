@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ctlabs._check import Array
+from ctlabs.linalg.checks import Array
 
 #: Systems of equations up to this size are solved by elimination.
 ELIMINATED = 60

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ctlabs._check import Array
+from ctlabs.linalg.checks import Array
 from ctlabs.linalg.companion import double
 
 #: A coefficient is zero when its own terms cancel to this multiple of n·ε of their sum.

@@ -25,8 +25,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ctlabs._check import Array
 from ctlabs.linalg import manyfold, undriven
+from ctlabs.linalg.checks import Array
 from ctlabs.linalg.correlated import regression
 from ctlabs.linalg.lyapunov import Operator, lost, prove
 from ctlabs.linalg.manyfold import Manyfold, Matrix, high

@@ -13,7 +13,7 @@ import numpy as np
 import scipy.linalg
 from scipy.sparse.csgraph import connected_components
 
-from ctlabs._check import Array
+from ctlabs.linalg.checks import Array
 
 ComplexArray = np.ndarray[Any, np.dtype[np.complex128]]
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
-from ctlabs._check import Array
+from ctlabs.linalg.checks import Array
 from ctlabs.linalg.manyfold import Manyfold, Matrix, high, inverse, solve, symmetric
 
 #: Above this number of states doubling is the faster one.

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
-from ctlabs._check import Array
+from ctlabs.linalg.checks import Array
 from ctlabs.linalg.staircase import blocks, eigenvalues, growing, hidden
 from ctlabs.linalg.units import balanced
 

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ctlabs._check import Array
 from ctlabs.linalg import manyfold
+from ctlabs.linalg.checks import Array
 from ctlabs.linalg.manyfold import Manyfold
 from ctlabs.linalg.riccati import NOTHING, Solution, power
 

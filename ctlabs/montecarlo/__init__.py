@@ -1,6 +1,6 @@
 """Monte-Carlo experiments: a truth, a filter, and what the errors of many runs say.
 
-:func:`run` gives statistics without storing histories, :func:`simulate` the histories of a truth, :func:`sweep` the
+:func:`monte_carlo` gives statistics without storing histories, :func:`simulate` the histories of a truth, :func:`sweep` the
 statistics over a grid of parameters; :mod:`chance` says whether an ensemble agrees with theory.
 """
 
@@ -10,26 +10,24 @@ from ctlabs.montecarlo import chance
 from ctlabs.montecarlo.blocks import BlockFailed, Interrupted
 from ctlabs.montecarlo.executors import Team, team
 from ctlabs.montecarlo.histogram import Bins, Histogram
-from ctlabs.montecarlo.nonlinear import Extended, Filter, NonlinearModel
-from ctlabs.montecarlo.run import run
-from ctlabs.montecarlo.simulate import Simulation, simulate
+from ctlabs.montecarlo.nonlinear import Filter
+from ctlabs.montecarlo.runner import monte_carlo
+from ctlabs.montecarlo.simulation import Simulation, simulate
 from ctlabs.montecarlo.statistics import Statistics
-from ctlabs.montecarlo.sweep import Sweep, sweep
+from ctlabs.montecarlo.sweeps import Sweep, sweep
 
 __all__ = [
     "Bins",
     "BlockFailed",
-    "Extended",
     "Filter",
     "Histogram",
     "Interrupted",
-    "NonlinearModel",
     "Simulation",
     "Statistics",
     "Sweep",
     "Team",
     "chance",
-    "run",
+    "monte_carlo",
     "simulate",
     "sweep",
     "team",

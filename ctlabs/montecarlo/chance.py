@@ -26,9 +26,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import special
 
-from ctlabs import _check
-from ctlabs._check import Array
-from ctlabs.kalman import Schedule
+from ctlabs.filtering.results import Covariances
+from ctlabs.linalg import checks
+from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel, at
 from ctlabs.montecarlo.statistics import Statistics
 
@@ -96,8 +96,8 @@ def mean_square(sample: ArrayLike, variance: ArrayLike) -> Verdict:
     >>> bool(mean_square(errors, [1, 1, 1])), bool(mean_square(errors, [1, 1, 2]))
     (True, False)
     """
-    x = _check.array("sample", sample)
-    theory = _check.shaped("variance", variance, x.shape[:-1])
+    x = checks.array("sample", sample)
+    theory = checks.shaped("variance", variance, x.shape[:-1])
     runs, zero = x.shape[-1], theory == 0
     rounding = ROUNDING * (np.sqrt(theory.max(initial=0.0)) or 1.0)
     tests = int((~zero).sum())
@@ -140,7 +140,7 @@ def pooled_variance(stats: Statistics, P: ArrayLike, correlation: ArrayLike) -> 
     Source: Barndorff-Nielsen, Biometrika 78 (1991), 483: r* = w + ln(u/w)/w.
     """
     mean, spread, b, theory = _theory(stats, P, None, "plus")
-    Gamma = _check.shaped("correlation", correlation, (theory.shape[1], len(theory), len(theory)))
+    Gamma = checks.shaped("correlation", correlation, (theory.shape[1], len(theory), len(theory)))
     square = spread + (mean - b) ** 2
     scores = np.zeros(theory.shape[1])
     for i, (own, variance) in enumerate(zip(square.T, theory.T, strict=True)):
@@ -153,16 +153,16 @@ def pooled_variance(stats: Statistics, P: ArrayLike, correlation: ArrayLike) -> 
     return _verdict(scores, np.ones(len(scores)), _critical(max(len(scores), 1)))
 
 
-def error_correlation(model: DiscreteModel, schedule: Schedule) -> Array:
+def error_correlation(model: DiscreteModel, plan: Covariances) -> Array:
     r"""Correlation in time of the filtering errors of the optimal filter, (n, steps+1, steps+1).
 
     .. math:: \mathrm{cov}(e_l^+, e_k^+) = A_l\cdots A_{k+1}P_k^+, \qquad A_k = (I-K_kH_k)\Phi_{k-1} \qquad (N = 0)
 
     Zero where a variance is zero.
 
-    >>> from ctlabs import kalman
+    >>> from ctlabs import covariances
     >>> walk = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]])
-    >>> error_correlation(walk, kalman.schedule(walk, 2))[0].round(3)
+    >>> error_correlation(walk, covariances(walk, 2))[0].round(3)
     array([[1.   , 0.275, 0.111],
            [0.275, 1.   , 0.405],
            [0.111, 0.405, 1.   ]])
@@ -170,17 +170,17 @@ def error_correlation(model: DiscreteModel, schedule: Schedule) -> Array:
     if model.N is not None:
         msg = "model: expected noises that do not correlate (N = 0), received N"
         raise ValueError(msg)
-    rows, n = len(schedule.t), model.n
+    rows, n = len(plan.t), model.n
     C = np.zeros((n, rows, rows))
     across = np.empty((0, n, n))
     for k in range(rows):
         if k:
-            closed = (np.eye(n) - schedule.K[k] @ at(model.H, k, 2)) @ at(model.Phi, k - 1, 2)
+            closed = (np.eye(n) - plan.K[k] @ at(model.H, k, 2)) @ at(model.Phi, k - 1, 2)
             across = closed @ across
-        across = np.concatenate([across, schedule.P_plus[k : k + 1]])
+        across = np.concatenate([across, plan.P_plus[k : k + 1]])
         C[:, k, : k + 1] = np.diagonal(across, axis1=1, axis2=2).T
     C = C + np.swapaxes(np.tril(C, -1), 1, 2)
-    sd = np.sqrt(np.diagonal(schedule.P_plus, axis1=1, axis2=2)).T
+    sd = np.sqrt(np.diagonal(plan.P_plus, axis1=1, axis2=2)).T
     size = sd[:, :, None] * sd[:, None, :]
     return np.divide(C, size, out=np.zeros_like(C), where=size > 0)
 
@@ -280,8 +280,8 @@ def _theory(
         msg = f"when: expected 'plus' or 'minus', received {when!r}"
         raise ValueError(msg)
     size, d = stats.bias.shape
-    theory = np.diagonal(_check.shaped("P", P, (size, d, d)), axis1=1, axis2=2)
-    b = np.zeros((size, d)) if expected is None else _check.shaped("expected", expected, (size, d))
+    theory = np.diagonal(checks.shaped("P", P, (size, d, d)), axis1=1, axis2=2)
+    b = np.zeros((size, d)) if expected is None else checks.shaped("expected", expected, (size, d))
     if when == "plus":
         return stats.bias, np.diagonal(stats.cov, axis1=1, axis2=2), b, theory
     return stats.bias_minus, stats.runs * stats.bias_minus_se**2, b, theory

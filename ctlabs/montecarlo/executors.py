@@ -18,7 +18,8 @@ from hashlib import sha256
 from threading import Event
 from typing import Any, Protocol
 
-from ctlabs import _check
+from ctlabs.linalg import checks
+from ctlabs.linalg.threads import one_thread
 from ctlabs.montecarlo.histogram import Counter
 from ctlabs.montecarlo.plan import Layout
 from ctlabs.montecarlo.statistics import Claims
@@ -150,7 +151,7 @@ def team(executor: Executor | Team | str | None, workers: int | None) -> Iterato
         any ``concurrent.futures.Executor``, such as ``mpi4py.futures.MPIPoolExecutor()``
     workers : how many; all cores by default. For an executor given as an object: how many it has, if it does not tell.
     """
-    count = cores() if workers is None else _check.count("workers", workers)
+    count = cores() if workers is None else checks.count("workers", workers)
     if isinstance(executor, Team):
         yield executor
         return
@@ -232,17 +233,3 @@ def _elsewhere(key: str, payload: bytes | None, seed: int, block: int, runs: int
         return None
     with one_thread():
         return experiment.block(seed, block, runs)
-
-
-_CONTROLLER: list[Any] = []
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """BLAS on one thread, for the workers are the parallel part; the setting before is put back."""
-    from threadpoolctl import ThreadpoolController
-
-    if not _CONTROLLER:
-        _CONTROLLER.append(ThreadpoolController())  # looks through the loaded libraries, so only once
-    with _CONTROLLER[0].limit(limits=1, user_api="blas"):
-        yield

@@ -8,12 +8,16 @@ from threading import Event
 
 import numpy as np
 
-from ctlabs import _check, kalman
-from ctlabs._check import Array
+from ctlabs.filtering import measured
+from ctlabs.filtering.extended import Extended
+from ctlabs.filtering.results import Covariances, Mask
+from ctlabs.linalg import checks
+from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
+from ctlabs.models.nonlinear import NonlinearModel
 from ctlabs.montecarlo import identity, streams
 from ctlabs.montecarlo.histogram import Bins, Counter
-from ctlabs.montecarlo.nonlinear import Extended, Filter, NonlinearModel, Scheduled, normalised
+from ctlabs.montecarlo.nonlinear import Filter, Scheduled, normalised
 from ctlabs.montecarlo.plan import (
     WIDTH,
     Gains,
@@ -35,7 +39,7 @@ class LinearWorld:
     """A linear truth made of white noises."""
 
     arrays: Truth
-    absent: kalman.Mask
+    absent: Mask
 
     @property
     def sizes(self) -> tuple[int, int, int]:
@@ -67,7 +71,7 @@ class FunctionWorld:
     F0: Array
     G: Array
     L: Array
-    absent: kalman.Mask
+    absent: Mask
 
     @property
     def sizes(self) -> tuple[int, int, int]:
@@ -139,7 +143,7 @@ class Functional:
 
     def _filter(self) -> Filter:
         if isinstance(self.design, Gains):
-            return Scheduled(self.design.arrays, self.design.schedule.P_plus, self.design.nis_dof)
+            return Scheduled(self.design.arrays, self.design.plan.P_plus, self.design.nis_dof)
         return Extended(self.design) if isinstance(self.design, NonlinearModel) else self.design()
 
     def _tile(
@@ -200,12 +204,13 @@ def functional(
     steps: int,
     first: int,
     E: Array,
-    schedule: kalman.Schedule | None = None,
+    given: Covariances | None = None,
     bins: Bins | None = None,
+    algorithm: str = "auto",
 ) -> Functional:
     """The experiment of any truth and any design."""
     if isinstance(truth, DiscreteModel):
-        kalman._horizon(truth, steps, first)
+        measured.horizon(truth, steps)
         world: World = LinearWorld(truth_arrays(truth, steps), missing(truth, steps))
         grouping = layout(truth.n, steps)
     else:
@@ -214,12 +219,12 @@ def functional(
     m = truth.m
     claimed = None
     if isinstance(design, DiscreteModel):
-        filtering = gains(design, steps, first, world.absent, E, schedule)
-        claimed = filtering.schedule.sd_plus
+        filtering = gains(design, steps, first, world.absent, E, given, algorithm)
+        claimed = filtering.plan.sd_plus
         return Functional(steps, first, truth.dt, world, filtering, E, grouping, Counter.of(bins, claimed, steps))
-    if schedule is not None:
+    if given is not None:
         msg = (
-            f"schedule: expected none beside a design that is not a DiscreteModel, received a {type(schedule).__name__}"
+            f"gains: expected none beside a design that is not a DiscreteModel, received a {type(given).__name__}"
         )
         raise ValueError(msg)
     if isinstance(design, NonlinearModel) and design.m != m:
@@ -233,7 +238,7 @@ def _function_world(truth: NonlinearModel, steps: int, first: int) -> FunctionWo
     if callable(truth.Qd) or callable(truth.R):
         msg = "truth: expected Qd and R as matrices (let f and h shape the noise), received a function"
         raise ValueError(msg)
-    _check.count("steps", steps)
+    checks.count("steps", steps)
     if first not in (0, 1):
         msg = f"first: expected 0 or 1, received {first!r}"
         raise ValueError(msg)

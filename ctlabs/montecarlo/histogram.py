@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ctlabs import _check
-from ctlabs._check import Array
+from ctlabs.linalg import checks
+from ctlabs.linalg.checks import Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +29,8 @@ class Bins:
     sd: Array | None = None
 
     def __post_init__(self) -> None:
-        _check.count("bins", self.bins, least=2)
-        _check.positive("span", self.span)
+        checks.count("bins", self.bins, least=2)
+        checks.positive("span", self.span)
         if not self.states or len(set(self.states)) < len(self.states):
             msg = f"states: expected different indices of compared states, received {self.states!r}"
             raise ValueError(msg)
@@ -70,7 +70,7 @@ class Histogram:
 def half_width(bins: Bins, claimed: Array | None, steps: int) -> Array:
     """Half of the range counted, (steps+1, states); ±span where the filter claims to know the state exactly."""
     if bins.sd is not None:
-        chosen = _check.shaped("sd", bins.sd, (len(bins.states),), (steps + 1, len(bins.states)))
+        chosen = checks.shaped("sd", bins.sd, (len(bins.states),), (steps + 1, len(bins.states)))
     elif claimed is None:
         msg = "sd: expected the bins' scale (the design has no covariance known beforehand), received None"
         raise ValueError(msg)

@@ -22,8 +22,8 @@ import numba
 import numpy as np
 from numba.extending import register_jitable
 
-from ctlabs import compiled
-from ctlabs._check import Array
+from ctlabs.linalg import compiled
+from ctlabs.linalg.checks import Array
 from ctlabs.montecarlo.histogram import Histogrammed
 from ctlabs.montecarlo.plan import Design, Truth
 

@@ -7,8 +7,9 @@ from threading import Event
 
 import numpy as np
 
-from ctlabs import kalman
-from ctlabs._check import Array
+from ctlabs.filtering import measured
+from ctlabs.filtering.results import Covariances
+from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
 from ctlabs.montecarlo import identity, streams
 from ctlabs.montecarlo.histogram import Bins, Counter
@@ -83,16 +84,17 @@ def linear(
     steps: int,
     first: int,
     E: Array,
-    schedule: kalman.Schedule | None = None,
+    given: Covariances | None = None,
     bins: Bins | None = None,
+    algorithm: str = "auto",
 ) -> Linear:
     """The experiment of a linear truth and a linear design."""
-    kalman._horizon(truth, steps, first)
+    measured.horizon(truth, steps)
     world = truth_arrays(truth, steps)
-    filtering = gains(design, steps, first, missing(truth, steps), E, schedule)
+    filtering = gains(design, steps, first, missing(truth, steps), E, given, algorithm)
     # A filter that has the truth for its model has no mean error, whatever its gains.
     own = design is truth and filtering.arrays.same
     arrays = filtering.arrays if own else about_mean_error(world, filtering.arrays, steps, truth.dt)
-    filtering = Gains(arrays, filtering.schedule, filtering.nees_dof, filtering.nis_dof)
-    counter = Counter.of(bins, filtering.schedule.sd_plus, steps)
+    filtering = Gains(arrays, filtering.plan, filtering.nees_dof, filtering.nis_dof)
+    counter = Counter.of(bins, filtering.plan.sd_plus, steps)
     return Linear(steps, first, truth.dt, world, filtering, layout(truth.n, steps), counter)

@@ -20,9 +20,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ctlabs import _check, kalman
-from ctlabs._check import Array
-from ctlabs.discretise import ldl
+from ctlabs.filtering import measured, motion
+from ctlabs.filtering.filter import planned
+from ctlabs.filtering.results import Covariances, Mask
+from ctlabs.linalg import checks
+from ctlabs.linalg.checks import Array
+from ctlabs.linalg.factors import ldl
 from ctlabs.models import DiscreteModel, at
 from ctlabs.text import moment
 
@@ -94,17 +97,17 @@ class Design(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gains:
-    """A linear design over some steps: its arrays, the schedule it claims, and how many dimensions NEES and NIS count."""
+    """A linear design over some steps: its arrays, the covariances it claims, and how many dimensions NEES and NIS count."""
 
     arrays: Design
-    schedule: kalman.Schedule
+    plan: Covariances
     nees_dof: Array
     nis_dof: Array
 
 
 def truth_arrays(model: DiscreteModel, steps: int) -> Truth:
     """Factors and matrices of a truth over ``steps`` steps."""
-    _check.finite_start("a simulation", model.P0)
+    checks.finite_start("a simulation", model.P0)
     n, m = model.n, model.m
     varies = model.R.ndim == 3 or model.Qd.ndim == 3
     joint = np.array([_noise(model, k) for k in range(steps + 1 if varies else 1)])
@@ -128,25 +131,25 @@ def gains(
     design: DiscreteModel,
     steps: int,
     first: int,
-    absent: kalman.Mask,
+    absent: Mask,
     E: Array,
-    schedule: kalman.Schedule | None = None,
+    given: Covariances | None = None,
+    algorithm: str = "auto",
 ) -> Gains:
     """The arrays of a linear filter; elements that are ``absent`` (steps+1, m) from the truth's data are not used."""
-    kalman._horizon(design, steps, first)
+    measured.horizon(design, steps)
     if absent.shape[1] != design.m:
         msg = f"design: expected {absent.shape[1]} measurements as the truth has, received {design.m}"
         raise ValueError(msg)
-    if schedule is None:
-        schedule = _schedule(design, steps, first, absent)
-    elif schedule.K.shape != (steps + 1, design.n, design.m):
-        msg = f"schedule: expected gains of shape {(steps + 1, design.n, design.m)}, received {schedule.K.shape}"
+    plan = planned(design, absent, first, algorithm) if given is None else given
+    if plan.K.shape != (steps + 1, design.n, design.m):
+        msg = f"gains: expected gains of shape {(steps + 1, design.n, design.m)}, received {plan.K.shape}"
         raise ValueError(msg)
-    used = schedule.measured & ~absent
+    used = plan.used & ~absent
     used[:first] = False
     A, M = _transitions(design, used)
-    W, nees_dof = whiten(schedule.P_plus)
-    V, nis_dof = whiten(np.where(used[:, :, None] & used[:, None, :], schedule.S, 0.0))
+    W, nees_dof = whiten(plan.P_plus)
+    V, nis_dof = whiten(np.where(used[:, :, None] & used[:, None, :], plan.S, 0.0))
     zero = np.zeros((steps + 1, design.n))
     arrays = Design(
         x0=np.array(design.x0),
@@ -154,7 +157,7 @@ def gains(
         b=_stack(np.zeros(design.n) if design.offset is None else design.offset, 1),
         M=M,
         H=_stack(design.H, 2),
-        K=np.ascontiguousarray(np.where(used[:, None, :], schedule.K, 0.0)),
+        K=np.ascontiguousarray(np.where(used[:, None, :], plan.K, 0.0)),
         W=W,
         V=V,
         E=E,
@@ -163,25 +166,7 @@ def gains(
         shift=zero,
         shift_white=zero,
     )
-    return Gains(arrays, schedule, nees_dof, nis_dof)
-
-
-def _schedule(design: DiscreteModel, steps: int, first: int, absent: kalman.Mask) -> kalman.Schedule:
-    """The optimal filter's schedule; a constant one that has come to rest is continued instead of computed.
-
-    The recursion is a function of P alone, so that once P repeats to the last bit all that follows does.
-    """
-    gaps = absent if absent.any() else None
-    short = 64
-    while design.horizon is None and 8 * short <= steps and (absent[first:] == absent[first]).all():
-        start = kalman._covariances(design, short, first, None if gaps is None else gaps[: short + 1])
-        last, before = ((start.P_minus[k], start.P_plus[k], start.measured[k]) for k in (short, short - 1))
-        if all((a == b).all() for a, b in zip(last, before, strict=True)):
-            rows = np.minimum(np.arange(steps + 1), short)
-            arrays = (stack[rows] for stack in (start.P_minus, start.P_plus, start.K, start.S, start.measured))
-            return kalman.Schedule(np.arange(steps + 1) * design.dt, *arrays)
-        short *= 8
-    return kalman._covariances(design, steps, first, gaps)
+    return Gains(arrays, plan, nees_dof, nis_dof)
 
 
 def about_mean_error(truth: Truth, design: Design, steps: int, dt: float) -> Design:
@@ -197,10 +182,10 @@ def selection(compare: ArrayLike | None, d: int, n: int) -> Array:
             msg = f"compare: expected a matrix of shape ({d}, {n}) (design and truth differ in order), received None"
             raise ValueError(msg)
         return np.eye(n)
-    return np.array(_check.shaped("compare", compare, (d, n)), order="C")
+    return np.array(checks.shaped("compare", compare, (d, n)), order="C")
 
 
-def missing(model: DiscreteModel, steps: int) -> kalman.Mask:
+def missing(model: DiscreteModel, steps: int) -> Mask:
     """Which elements a truth does not measure, (steps+1, m)."""
     absent = np.isinf(np.diagonal(model.R, axis1=-2, axis2=-1))
     return np.array(np.broadcast_to(absent, (len(absent) if absent.ndim == 2 else steps + 1, model.m))[: steps + 1])
@@ -257,13 +242,13 @@ def _stack(matrix: Array, ndim: int) -> Array:
     return np.array(matrix if matrix.ndim > ndim else matrix[None], order="C")
 
 
-def _transitions(design: DiscreteModel, used: kalman.Mask) -> tuple[Array, Array]:
+def _transitions(design: DiscreteModel, used: Mask) -> tuple[Array, Array]:
     """A (Φ − NR⁺H where w and v correlate) and the gain M on z_k, by step; M is empty without correlation."""
     if design.N is None:
         return _stack(design.Phi, 2), np.zeros((0, design.n, design.m))
     A, M = [], np.zeros((len(used) - 1, design.n, design.m))
     for k in range(len(used) - 1):
-        transition, _, gain = kalman._motion(design, k, used[k])
+        transition, _, gain = motion.motion(design, k, used[k])
         A.append(transition)
         if gain is not None:
             M[k][:, used[k]] = gain

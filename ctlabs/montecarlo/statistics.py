@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ctlabs import _check
-from ctlabs._check import Array
+from ctlabs.linalg import checks
+from ctlabs.linalg.checks import Array
 from ctlabs.montecarlo.histogram import Histogram
 from ctlabs.montecarlo.sums import columns
 
@@ -170,7 +170,7 @@ def _chi2_band(dof: Array, runs: int, level: float) -> tuple[Array, Array]:
 
 
 def _level(level: float) -> float:
-    if not 0 < _check.positive("level", level) < 1:
+    if not 0 < checks.positive("level", level) < 1:
         msg = f"level: expected a probability between 0 and 1, received {level!r}"
         raise ValueError(msg)
     return float(level)

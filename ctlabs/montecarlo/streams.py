@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ctlabs._check import Array
+from ctlabs.linalg.checks import Array
 from ctlabs.montecarlo.plan import Layout
 
 

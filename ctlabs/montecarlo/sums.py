@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ctlabs._check import Array
+from ctlabs.linalg.checks import Array
 
 
 class Sums(NamedTuple):

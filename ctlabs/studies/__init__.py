@@ -1,4 +1,4 @@
-"""What can be asked of a model and a record of one's own; each answer is a :class:`~ctlabs.report.Report`.
+"""What can be asked of a model and a record of one's own; each answer is a :class:`~ctlabs.reporting.report.Report`.
 
 :mod:`~ctlabs.studies.analysis` of a model · :mod:`~ctlabs.studies.simulation` of many runs ·
 :mod:`~ctlabs.studies.filtering` of a measured record · :mod:`~ctlabs.studies.comparison` of the filter's forms ·

@@ -8,15 +8,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ctlabs import bucy, kalman, observability, plots, sensitivity, steady
-from ctlabs._check import Array
-from ctlabs.models import ContinuousModel, DiscreteModel
-from ctlabs.report import SOLVER, Report
+from ctlabs.analysis import sensitivity
+from ctlabs.filtering import bucy, steady
+from ctlabs.filtering.filter import covariances
+from ctlabs.filtering.settle import settling
+from ctlabs.linalg.checks import Array
+from ctlabs.linalg.covariance import deviations
+from ctlabs.models import ContinuousModel, DiscreteModel, observability
+from ctlabs.reporting import plots
+from ctlabs.reporting.report import SOLVER, Report
 from ctlabs.studies import common, sampling, second
 from ctlabs.text import _, fill
 
 if TYPE_CHECKING:
-    from ctlabs.modelfile import ModelFile
+    from ctlabs.files.modelfile import ModelFile
 
 #: The settling step is looked for in so many steps.
 SETTLING = 20_000
@@ -150,13 +155,13 @@ def _steady(report: Report, model: DiscreteModel) -> steady.SteadyState | None:
         "steady",
         model,
         {
-            _("σ before an update"): kalman.sd(limit.P_minus),
-            _("σ after it"): kalman.sd(limit.P_plus),
+            _("σ before an update"): deviations(limit.P_minus),
+            _("σ after it"): deviations(limit.P_plus),
             **{fill(_("gain on {name}"), name=name): K for name, K in zip(model.measurements, limit.K.T, strict=True)},
         },
         _("Standard deviations of the steady filter's errors, and its gains."),
     )
-    settled = steady.settling(model, longest=SETTLING)
+    settled = settling(model, longest=SETTLING)
     reason = _never(np.diag(limit.P_plus), fill(_("{steps} steps"), steps=SETTLING))
     report.value("settling_step", settled, reason=reason)
     report.value("settling_time", None if settled is None else settled * model.dt, "s", reason=reason)
@@ -212,13 +217,13 @@ def _responses(report: Report, model: DiscreteModel) -> None:
 
 def _transient(report: Report, model: DiscreteModel, steps: int, first: int, limit: steady.SteadyState | None) -> None:
     """Standard deviations and gains over time, and the sources of the error at the end."""
-    plan = kalman.schedule(model, steps, first)
+    plan = covariances(model, steps, first=first)
     for i, (name, unit) in enumerate(list(zip(model.states, model.units, strict=True))[: common.SHOWN]):
         both = (np.where(np.isfinite(sd[:, i]), sd[:, i], np.nan) for sd in (plan.sd_minus, plan.sd_plus))
         curves = dict(zip((_("before an update"), _("after it")), both, strict=True))
         limits = None
         if limit is not None:
-            limits = {_("before an update"): kalman.sd(limit.P_minus)[i], _("after it"): kalman.sd(limit.P_plus)[i]}
+            limits = {_("before an update"): deviations(limit.P_minus)[i], _("after it"): deviations(limit.P_plus)[i]}
         ylabel = common.label(fill(_("σ of the error of {name}"), name=name), unit)
         report.figure(
             f"transient_{i + 1}",
@@ -254,7 +259,7 @@ def _bucy(report: Report, model: ContinuousModel) -> None:
         report.says(_("There is no steady continuous filter: {reason}."), reason=str(error))
         return
     report.value("P_steady_continuous", limit.P)
-    report.value("gain_steady_continuous", limit.Kc)
+    report.value("gain_steady_continuous", limit.K)
     report.value("filter_poles_continuous", limit.poles, "1/s")
     known = bool(np.isfinite(model.P0).all())
     settled = bucy.settling_time(model) if known else None

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ctlabs._check import Array
+from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
 from ctlabs.text import moment
 
 if TYPE_CHECKING:
-    from ctlabs.datafile import Record
-    from ctlabs.modelfile import ModelFile
+    from ctlabs.files.datafile import Record
+    from ctlabs.files.modelfile import ModelFile
 
 #: How far, in periods, a row may be off the grid of a model in discrete time: written times are rounded.
 NEAR = 1e-2

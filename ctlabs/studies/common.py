@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ctlabs import plots
-from ctlabs._check import Array
+from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
-from ctlabs.params import plain
-from ctlabs.report import Report
+from ctlabs.reporting import plots
+from ctlabs.reporting.params import plain
+from ctlabs.reporting.report import Report
 from ctlabs.text import _, fill
 
 if TYPE_CHECKING:
-    from ctlabs.modelfile import ModelFile
+    from ctlabs.files.modelfile import ModelFile
 
 #: Models of more states than this are described by their sizes, not by their matrices.
 LARGE = 12

@@ -9,18 +9,22 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ctlabs import forms, kalman, montecarlo
-from ctlabs._check import Array
-from ctlabs.forms import Comparison
-from ctlabs.params import typed
-from ctlabs.plots import studies as pictures
-from ctlabs.report import Report
+from ctlabs import montecarlo
+from ctlabs.filtering.algorithms.catalogue import FORMS
+from ctlabs.filtering.comparison import Comparison, reference
+from ctlabs.filtering.comparison import compare as side_by_side
+from ctlabs.filtering.results import Filtered
+from ctlabs.linalg.checks import Array
+from ctlabs.linalg.covariance import deviations
+from ctlabs.reporting.params import typed
+from ctlabs.reporting.plots import studies as pictures
+from ctlabs.reporting.report import Report
 from ctlabs.studies import clock, common
 from ctlabs.text import _, fill, number
 
 if TYPE_CHECKING:
-    from ctlabs.datafile import Record
-    from ctlabs.modelfile import ModelFile
+    from ctlabs.files.datafile import Record
+    from ctlabs.files.modelfile import ModelFile
     from ctlabs.models import DiscreteModel
 
 #: How large the relative error of P and the error of the estimate (in units of its σ) may be.
@@ -108,8 +112,9 @@ def study(
     report.section("a", _("Model and record"))
     _told(report, case, record, seed)
     report.section("b", _("The forms side by side"))
-    exact = forms.reference(case.model, case.z, case.first)
-    found = forms.compare(case.model, case.z, chosen, case.first, exact=exact)
+    z = case.z[case.first :]
+    exact = reference(case.model, z, case.first)
+    found = side_by_side(case.model, z, chosen, case.first, exact=exact)
     _condition(report, exact)
     marked = judged(found, exact.P_plus)
     _side_by_side(report, marked)
@@ -132,19 +137,19 @@ def names(algorithms: str) -> list[str]:
     """
     words = [word.strip() for word in algorithms.split(",")]
     if words == ["all"]:
-        return list(forms.FORMS)
+        return list(FORMS)
     for word in words:
-        if word not in forms.FORMS:
-            close = difflib.get_close_matches(word, forms.FORMS, n=1)
+        if word not in FORMS:
+            close = difflib.get_close_matches(word, FORMS, n=1)
             hint = f" (did you mean {close[0]}?)" if close else ""
-            msg = f"algorithm {word}: expected all or some of {', '.join(forms.FORMS)}{hint}, received an unknown name"
+            msg = f"algorithm {word}: expected all or some of {', '.join(FORMS)}{hint}, received an unknown name"
             raise ValueError(msg)
     return list(dict.fromkeys(words))
 
 
 def judged(found: Sequence[Comparison], P: Array) -> list[Judged]:
     """The forms with their errors of the estimate in units of its σ, by its covariances P (steps+1, n, n)."""
-    sd = kalman.sd(P).max(axis=0)
+    sd = deviations(P).max(axis=0)
     return [
         Judged(one, None if one.error_x is None else float((one.error_x / np.where(sd > 0, sd, 1.0)).max()))
         for one in found
@@ -223,7 +228,7 @@ def _told(report: Report, case: Case, record: Record | None, seed: int) -> None:
         report.says(_("The rest is left out, as 50 digits take time (`--steps` takes more)."))
 
 
-def _condition(report: Report, exact: forms.Filtered) -> None:
+def _condition(report: Report, exact: Filtered) -> None:
     """How nearly singular the covariances are: what decides between the forms."""
     worst = max(common.condition(P) for P in exact.P_plus)
     report.value("condition_P", worst)
@@ -333,7 +338,7 @@ def _swept(
     entries = []
     for value in values:
         case = _case(model.replace({name: value}), record, seed, steps)
-        found = forms.compare(case.model, case.z, chosen, case.first)
+        found = side_by_side(case.model, case.z[case.first :], chosen, case.first)
         rows.append([value, *(_finite(one.error_P) for one in found)])
         entries.append({"value": value, "algorithms": [_entry(one) for one in found]})
     report.more["sweep"] = {"name": name, "cases": entries}

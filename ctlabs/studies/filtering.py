@@ -9,22 +9,27 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from ctlabs import contradictions, diagnosis, forms, kalman, records, sensitivity, smoothing, steady
-from ctlabs._check import Array
+from ctlabs.analysis import diagnosis, sensitivity
+from ctlabs.filtering import contradictions, steady
+from ctlabs.filtering.filter import covariances, kalman_filter
+from ctlabs.filtering.smoothing import Smoothed
+from ctlabs.filtering.smoothing import smooth as smooth_
+from ctlabs.linalg.checks import Array
+from ctlabs.linalg.covariance import deviations
 from ctlabs.models import DiscreteModel
-from ctlabs.plots import records as pictures
-from ctlabs.plots.studies import estimates
-from ctlabs.report import SOLVER, Report
+from ctlabs.reporting.plots import records as pictures
+from ctlabs.reporting.plots.studies import estimates
+from ctlabs.reporting.report import SOLVER, Report
 from ctlabs.studies import clock, common, second
 from ctlabs.text import _, fill
 
 if TYPE_CHECKING:
-    from ctlabs.contradictions import Contradiction
-    from ctlabs.datafile import Record
-    from ctlabs.diagnosis import Diagnosis
-    from ctlabs.forms import Filtered
-    from ctlabs.modelfile import ModelFile
-    from ctlabs.smoothing import Smoothed
+    from ctlabs.analysis.diagnosis import Diagnosis
+    from ctlabs.files.datafile import Record
+    from ctlabs.files.modelfile import ModelFile
+    from ctlabs.filtering.contradictions import Contradiction
+    from ctlabs.filtering.results import Filtered
+    from ctlabs.filtering.smoothing import Smoothed
 
 #: The second route filters at most so many rows (it is a hundred times slower than the first).
 CHECKED = 2000
@@ -109,12 +114,10 @@ def _run(model: ModelFile, record: Record, algorithm: str, smooth: bool) -> Run:
     """The record with its model, filtered."""
     discrete, z, t = clock.timed(model, record)
     first = model.experiment.first
-    filtered = (
-        records.filter_record(discrete, z, first) if algorithm == "joseph" else forms.run(discrete, z, algorithm, first)
-    )
+    filtered = kalman_filter(discrete, z[first:], first=first, algorithm=algorithm)
     if not (np.isfinite(filtered.log_likelihood) or filtered.contradictions):
         _refuse(discrete, filtered, algorithm, record)
-    smoothed = smoothing.smooth(discrete, filtered) if smooth else None
+    smoothed = smooth_(discrete, filtered) if smooth else None
     return Run(discrete, z, t, first, algorithm, filtered, smoothed)
 
 
@@ -150,7 +153,7 @@ def _estimates(report: Report, run: Run) -> None:
     """The estimates in figures, the last ones in a table, and the second route."""
     model, found = run.model, run.filtered
     _figures(report, run)
-    x, sd = found.x_plus[-1], kalman.sd(found.P_plus)[-1]
+    x, sd = found.x_plus[-1], deviations(found.P_plus)[-1]
     known = np.isfinite(sd).tolist()
     columns = {_("estimate"): [v if there else None for v, there in zip(x.tolist(), known, strict=True)], "σ": sd}
     common.states_table(report, "last", model, columns, _("The last estimates."))
@@ -176,7 +179,7 @@ def _smoothed_route(report: Report, run: Run) -> None:
     if rows < len(z):
         model, z = model.cut(rows - 1), z[:rows]
         report.says(_("The smoother is checked on the first {rows} rows, as a record of their own."), rows=rows)
-        smoothed = smoothing.smooth(model, records.filter_record(model, z, run.first))
+        smoothed = smooth_(model, z[run.first :], first=run.first)
     if smoothed is not None:
         smoothed_check(report, model, z, run.first, smoothed.x, smoothed.P)
 
@@ -184,7 +187,7 @@ def _smoothed_route(report: Report, run: Run) -> None:
 def smoothed_check(report: Report, model: DiscreteModel, z: Array, first: int, x: Array, P: Array) -> None:
     """Smoothed estimates and covariances against conditioning with 150 digits, within 1e-6 of their σ."""
     wanted, covariance = second.smoothed(model, z, first)
-    sd = kalman.sd(covariance)
+    sd = deviations(covariance)
     size = np.maximum(sd, 1e-3 * sd.max(axis=0))  # a state that is known at one instant is judged like that at others
     size = np.where(size > 0, size, 1e-8 * np.maximum(np.abs(wanted).max(axis=0), np.finfo(float).tiny))
     unknown = ~np.isfinite(np.diagonal(P, axis1=1, axis2=2))  # what no measurement determines
@@ -202,9 +205,9 @@ def _figures(report: Report, run: Run) -> None:
     model, found = run.model, run.filtered
     for i, (name, unit) in enumerate(list(zip(model.states, model.units, strict=True))[: common.SHOWN]):
         measured = common.measured(model, i)
-        curves = {_("filtered"): (found.x_plus[:, i], kalman.sd(found.P_plus)[:, i])}
+        curves = {_("filtered"): (found.x_plus[:, i], deviations(found.P_plus)[:, i])}
         if run.smoothed is not None:
-            curves[_("smoothed")] = (run.smoothed.x[:, i], kalman.sd(run.smoothed.P)[:, i])
+            curves[_("smoothed")] = (run.smoothed.x[:, i], deviations(run.smoothed.P)[:, i])
         data = None if measured is None else run.z[:, measured]
         figure = estimates(run.t, curves, data=data, ylabel=common.label(name, unit))
         caption = _("Estimates of {name} with their ±σ bands.")
@@ -229,13 +232,13 @@ def _second_route(report: Report, run: Run) -> None:
         return
     steps = min(len(run.z) - 1, CHECKED)
     model = run.model.cut(steps)
-    other = kalman.filter_runs(model, run.z[: steps + 1], first=run.first)
+    other = kalman_filter(model, run.z[run.first : steps + 1], first=run.first, algorithm="filterpy")
     routes = (_("this form of the filter"), _("filterpy"))
-    known = np.isfinite(other.schedule.P_plus).all(axis=(1, 2))
+    known = np.isfinite(other.P_plus).all(axis=(1, 2))
     if not known.any():
         return
-    _same_estimates(report, run, other.x_plus[:, :, 0], kalman.sd(other.schedule.P_plus), routes)
-    ours, theirs = (P[: steps + 1][known] for P in (run.filtered.P_plus, other.schedule.P_plus))
+    _same_estimates(report, run, other.x_plus, deviations(other.P_plus), routes)
+    ours, theirs = (P[: steps + 1][known] for P in (run.filtered.P_plus, other.P_plus))
     report.check(_("error covariances, scaled to unit variances"), ours, theirs, routes, SOLVER)
 
 
@@ -247,15 +250,15 @@ def _same_estimates(report: Report, run: Run, x: Array, sd: Array, routes: tuple
 
 
 def _steady_route(report: Report, run: Run) -> None:
-    """The estimates once more, by the gains of a schedule; and what a constant gain means for the tests below."""
+    """The estimates once more, by gains known beforehand; and what a constant gain means for the tests below."""
     steps = min(len(run.z) - 1, CHECKED)
-    plan = kalman.schedule(run.model, steps, run.first)
+    plan = covariances(run.model, steps, first=run.first)
     limit = steady.solve(run.model)
-    updates = np.asarray(plan.measured).any(axis=1).astype(np.float64)
+    updates = np.asarray(plan.used).any(axis=1).astype(np.float64)
     constant = dataclasses.replace(plan, K=np.multiply.outer(updates, limit.K))
-    other = kalman.filter_runs(run.model, run.z[: steps + 1], constant, run.first)
+    other = kalman_filter(run.model, run.z[run.first : steps + 1], first=run.first, gains=constant)
     routes = (_("this form of the filter"), _("a schedule of constant gains"))
-    _same_estimates(report, run, other.x_plus[:, :, 0], kalman.sd(run.filtered.P_plus[: steps + 1]), routes)
+    _same_estimates(report, run, other.x_plus, deviations(run.filtered.P_plus[: steps + 1]), routes)
     report.says(
         _(
             "One gain serves all rows. Until the filter has settled its estimates are worse than their σ says and its innovations larger, and so is the NIS; the verdict below is therefore from the optimal filter's innovations."
@@ -271,7 +274,7 @@ def _verdict(report: Report, run: Run, units: Sequence[str]) -> None:
         if found.log_likelihood_diffuse != found.log_likelihood:
             report.value("log_likelihood_diffuse", float(found.log_likelihood_diffuse))
     known = int(contradictions.known(run.model, run.z, found.used, run.first).sum())
-    excluded = excluding(report, run.model, found, run.t)
+    excluded = excluding(report, run.model, found, run.t[run.first :])
     measured = np.isfinite(found.innovation)
     if known:
         report.value("known_already", known - len(excluded))
@@ -301,14 +304,14 @@ def _verdict(report: Report, run: Run, units: Sequence[str]) -> None:
 
 
 def excluding(
-    report: Report, model: DiscreteModel, filtered: Filtered, t: Array, name: str = "contradiction"
+    report: Report, model: DiscreteModel, filtered: Filtered, rows: Array, name: str = "contradiction"
 ) -> tuple[Contradiction, ...]:
-    """Say that a record contradicts a model, and where; the contradictions."""
+    """Say that a record contradicts a model, and where; ``rows``, the times of the rows of data. The contradictions."""
     found = filtered.contradictions
     if not found:
         return ()
     first = found[0]
-    where = fill(_("row {row} (t = {t} s)"), row=first.row, t=float(t[first.row]))
+    where = fill(_("row {row} (t = {t} s)"), row=first.row, t=float(rows[first.row]))
     said = contradictions.sentence(found, model.measurements, where)
     report.says("**{said}**", said=said)
     report.value(name, said)
@@ -316,7 +319,7 @@ def excluding(
     report.table(
         f"{name}s",
         [_("row"), "t, s", _("measurement"), _("innovation"), _("explained by rounding")],
-        [(c.row, float(t[c.row]), model.measurements[c.element], c.innovation, c.allowed) for c in found[:LISTED]],
+        [(c.row, float(rows[c.row]), model.measurements[c.element], c.innovation, c.allowed) for c in found[:LISTED]],
         _("Perfect measurements that contradict what is known exactly (the first of them)."),
     )
     return found
@@ -324,8 +327,8 @@ def excluding(
 
 def _diagnosed(run: Run) -> Diagnosis:
     """The diagnosis by the optimal filter's innovations (the start of one with the steady gain is not the model's)."""
-    found = run.filtered if run.algorithm != "steady" else records.filter_record(run.model, run.z, run.first)
-    return diagnosis.diagnose(run.model, found, run.z, run.first, longest=diagnosis.LONG)
+    found = run.filtered if run.algorithm != "steady" else kalman_filter(run.model, run.z[run.first :], first=run.first)
+    return diagnosis.diagnose(run.model, found, longest=diagnosis.LONG)
 
 
 def _innovations(report: Report, run: Run, verdict: Diagnosis, units: Sequence[str]) -> None:
@@ -402,14 +405,14 @@ def _truth(report: Report, model: ModelFile, run: Run) -> None:
     truth = model.discrete(times=run.t)
     E = common.stands_for(truth, run.model)
     missing = np.isnan(run.z)
-    filtered = records.filter_record(truth, run.z, run.first)
+    filtered = kalman_filter(truth, run.z[run.first :], first=run.first)
     steps = len(run.z) - 1
     actual = sensitivity.actual(
         _without(truth, missing), _without(run.model, missing), steps, compare=E, first=run.first
     )
-    optimal = kalman.sd(E @ filtered.P_plus @ E.T)
-    true = kalman.sd(actual.mse_plus)
-    claimed = kalman.sd(run.filtered.P_plus)
+    optimal = deviations(E @ filtered.P_plus @ E.T)
+    true = deviations(actual.mse_plus)
+    claimed = deviations(run.filtered.P_plus)
     common.cost(report, run.model, run.t, claimed, true, optimal)
     if missing[run.first :].any() and not (truth.N is None and run.model.N is None):
         report.says(
@@ -418,7 +421,7 @@ def _truth(report: Report, model: ModelFile, run: Run) -> None:
             )
         )
     report.value("log_likelihood_truth", float(filtered.log_likelihood))
-    excluding(report, truth, filtered, run.t, "contradiction_truth")
+    excluding(report, truth, filtered, run.t[run.first :], "contradiction_truth")
     report.says(
         _("The record's log-likelihood is {truth} by the other model and {design} by the filter's."),
         truth=float(filtered.log_likelihood),
@@ -445,18 +448,18 @@ def _table(run: Run) -> tuple[list[str], list[list[Any]]]:
     sd = np.where(np.isfinite(found.innovation), sd, np.nan)
     columns = ["k", "t"]
     parts = [np.arange(len(run.t))[:, None], run.t[:, None]]
-    for names, values, deviations, value, deviation in (
-        (model.states, found.x_plus, kalman.sd(found.P_plus), "{}", "{}_sd"),
+    for names, values, sds, value, deviation in (
+        (model.states, found.x_plus, deviations(found.P_plus), "{}", "{}_sd"),
         (model.measurements, found.innovation, sd, "innovation_{}", "innovation_sd_{}"),
         *(
             []
             if run.smoothed is None
-            else [(model.states, run.smoothed.x, kalman.sd(run.smoothed.P), "{}_smoothed", "{}_smoothed_sd")]
+            else [(model.states, run.smoothed.x, deviations(run.smoothed.P), "{}_smoothed", "{}_smoothed_sd")]
         ),
     ):
         for i, name in enumerate(names):
             columns += [value.format(name), deviation.format(name)]
-            parts += [values[:, i, None], deviations[:, i, None]]
+            parts += [values[:, i, None], sds[:, i, None]]
     common.distinct("estimates.csv", columns)
     rows = np.hstack(parts)[run.first :].tolist()
     return columns, [[int(row[0]), *row[1:]] for row in rows]
@@ -481,13 +484,13 @@ def exportable(path: Path) -> None:
 
 def export_gains(model: ModelFile, record: Record, path: Path) -> None:
     """The matrices and the steady gains, or (where there are none) the gains row by row, for other programs."""
-    from ctlabs import export
+    from ctlabs.files import export
 
     discrete, z, _t = clock.timed(model, record)
     try:
         gains: Any = steady.solve(discrete)
     except ValueError:  # it varies with time, or has no steady state
-        gains = kalman.schedule(discrete, len(z) - 1, model.experiment.first)
+        gains = covariances(discrete, len(z) - 1, first=model.experiment.first)
     export.write(discrete, gains, path)
 
 

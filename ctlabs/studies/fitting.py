@@ -8,18 +8,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ctlabs import fitting, kalman
-from ctlabs._check import Array
-from ctlabs.fitting import Fit
+from ctlabs.analysis import fitting
+from ctlabs.analysis.fitting import Fit
+from ctlabs.filtering.filter import kalman_filter
+from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
-from ctlabs.plots import records as pictures
-from ctlabs.report import SOLVER, Report
+from ctlabs.reporting.plots import records as pictures
+from ctlabs.reporting.report import SOLVER, Report
 from ctlabs.studies import clock, common, filtering
 from ctlabs.text import _
 
 if TYPE_CHECKING:
-    from ctlabs.datafile import Record
-    from ctlabs.modelfile import ModelFile
+    from ctlabs.files.datafile import Record
+    from ctlabs.files.modelfile import ModelFile
 
 #: The second route sums the likelihood of at most so many rows (it is a hundred times slower than the first).
 CHECKED = 20_000
@@ -40,7 +41,7 @@ def study(model: ModelFile, record: Record, free: Sequence[str]) -> Report:
         return clock.timed(model.replace(values), record)[0]
 
     start = {name: model.constants[name] for name in names}
-    found = fitting.fit(build, z, start, _bounds(model, names), first)
+    found = fitting.fit(build, z[first:], start, _bounds(model, names), first)
     given = common.settings(
         model, ("free", list(names), "", _("constants that are estimated; above, where the search began"))
     )
@@ -175,13 +176,13 @@ def _likelihood(report: Report, found: Fit, z: Array, first: int) -> None:
     if not np.isfinite(found.log_likelihood):
         report.says(_("The record is impossible with these estimates: there is no density to compare."))
         return
-    run = kalman.filter_runs(found.model, z, first=first)
-    if not common.delicacy(run.schedule.P_minus, run.schedule.P_plus, run.schedule.S, 1000) < common.SINGULAR:
+    run = kalman_filter(found.model, z[first:], first=first, algorithm="filterpy")
+    if not common.delicacy(run.P_minus, run.P_plus, run.S, 1000) < common.SINGULAR:
         report.says(_("The error covariance is nearly singular: forms of the filter differ by their rounding."))
         return
     total, count = 0.0, 0
-    known = np.isfinite(run.schedule.P_minus).all(axis=(1, 2))
-    rows = (run.innovation[known, :, 0], run.schedule.S[known], run.schedule.measured[known])
+    known = np.isfinite(run.P_minus).all(axis=(1, 2))
+    rows = (run.innovation[known], run.S[known], run.used[known])
     for nu, S, used in zip(*rows, strict=True):
         seen = used & ~np.isnan(nu)
         if seen.any():

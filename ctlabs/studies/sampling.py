@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from ctlabs._check import Array
+from ctlabs.linalg.checks import Array
 from ctlabs.linalg.units import balanced
 from ctlabs.models import ContinuousModel, DiscreteModel
-from ctlabs.report import SOLVER, Report
+from ctlabs.reporting.report import SOLVER, Report
 from ctlabs.text import _
 
 #: Bits after the point: the smallest double has 2^-1074, and what is multiplied keeps 100 more.

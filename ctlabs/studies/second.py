@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from ctlabs._check import Array
+from ctlabs.filtering.steady import SteadyState
+from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel, at
-from ctlabs.steady import SteadyState
 
 #: Digits of the second routes.
 DIGITS = 50
@@ -36,7 +36,7 @@ def covariance_of_gain(model: DiscreteModel, limit: SteadyState) -> Array:
 
     Source: Kleinman, IEEE Trans. AC-13 (1968) for continuous time; Hewer, IEEE Trans. AC-16 (1971).
 
-    >>> from ctlabs import steady
+    >>> from ctlabs.filtering import steady
     >>> walk = DiscreteModel([[1]], [[4]], [[1]], [[16]], x0=[0], P0=[[25]])
     >>> float(covariance_of_gain(walk, steady.solve(walk))[0, 0] - (2 + 2 * 17**0.5))
     0.0

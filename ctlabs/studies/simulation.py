@@ -7,18 +7,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ctlabs import kalman, montecarlo, plots, sensitivity
-from ctlabs._check import Array
-from ctlabs.experiment import Experiment
-from ctlabs.plots.studies import estimates
-from ctlabs.portrait import agreement
+from ctlabs import montecarlo
+from ctlabs.analysis import sensitivity
+from ctlabs.labs.experiment import Experiment, covariances
+from ctlabs.labs.portrait import agreement
+from ctlabs.linalg.checks import Array
+from ctlabs.linalg.covariance import deviations
+from ctlabs.reporting import plots
+from ctlabs.reporting.plots.studies import estimates
 from ctlabs.studies import common
 from ctlabs.text import _, fill, number
 
 if TYPE_CHECKING:
-    from ctlabs.modelfile import ModelFile
+    from ctlabs.files.modelfile import ModelFile
     from ctlabs.models import DiscreteModel
-    from ctlabs.report import Report
+    from ctlabs.reporting.report import Report
 
 #: Longer runs are drawn without a mark at every step.
 MANY = 200
@@ -79,17 +82,17 @@ def _consistent(report: Report, experiment: Experiment, model: DiscreteModel, st
     """The model's own filter."""
     report.section("b", _("The optimal filter on simulated data"))
     model = dataclasses.replace(model, units=tuple(unit or "1" for unit in model.units))
-    schedule = kalman.schedule(model, steps, first)
+    schedule = covariances(model, steps, first)
     some = experiment.histories(model, steps=steps, first=first)
     stats = experiment.statistics(model, steps=steps, first=first)
-    assert some.x is not None
+    assert some.truth is not None
     for i, (name, unit) in enumerate(list(zip(model.states, model.units, strict=True))[: common.SHOWN]):
         measured = common.measured(model, i)
         figure = estimates(
             some.t,
             {_("estimate"): (some.x_plus[:, i, 0], schedule.sd_plus[:, i])},
             data=None if measured is None else some.z[:, measured, 0],
-            truth=some.x[:, i, 0],
+            truth=some.truth[:, i, 0],
             ylabel=common.label(name, unit),
         )
         report.figure(
@@ -143,9 +146,9 @@ def _mismatched(
     report.says(_("The filter believes in another model:"))
     common.show(report, design)
     actual = sensitivity.actual(truth, design, steps, compare=E, first=first)
-    best = kalman.schedule(truth, steps, first)
-    optimal = kalman.sd(E @ best.P_plus @ E.T)
-    true = kalman.sd(actual.mse_plus)
+    best = covariances(truth, steps, first)
+    optimal = deviations(E @ best.P_plus @ E.T)
+    true = deviations(actual.mse_plus)
     claimed = actual.claimed.sd_plus
     report.section("b", _("The wrong filter on simulated data"))
     common.cost(report, design, actual.t, claimed, true, optimal)
@@ -207,12 +210,12 @@ def _columns(truth: DiscreteModel) -> list[str]:
 def _csv(report: Report, experiment: Experiment, truth: DiscreteModel, steps: int, runs: int, first: int) -> None:
     """The first runs as tables: everything in runs.csv, the measurements of the first one in data.csv."""
     some = experiment.histories(truth, steps=steps, runs=runs, first=first)
-    assert some.x is not None
+    assert some.truth is not None
     rows = (
         [run + 1, k, t, *x, *z]
         for run in range(runs)
         for k, (t, x, z) in enumerate(
-            zip(some.t.tolist(), some.x[:, :, run].tolist(), some.z[:, :, run].tolist(), strict=True)
+            zip(some.t.tolist(), some.truth[:, :, run].tolist(), some.z[:, :, run].tolist(), strict=True)
         )
     )
     report.csv("runs", _columns(truth), rows)

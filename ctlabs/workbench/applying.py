@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from ctlabs.modelfile import ModelFile, loads, new
-from ctlabs.modelfile.edits import changed
-from ctlabs.modelfile.errors import place, shown
-from ctlabs.modelfile.schema import wrong_name
+from ctlabs.files.modelfile import ModelFile, loads, new
+from ctlabs.files.modelfile.edits import changed
+from ctlabs.files.modelfile.errors import place, shown
+from ctlabs.files.modelfile.schema import wrong_name
 from ctlabs.workbench import blocks
 from ctlabs.workbench.blocks import InsertBlock
 from ctlabs.workbench.commands import (

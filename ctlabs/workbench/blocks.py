@@ -16,12 +16,12 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ctlabs import spectra
-from ctlabs._check import Array
+from ctlabs.files.modelfile import ModelFile
+from ctlabs.files.modelfile.expressions import CONSTANTS, Expression, ExpressionError, parse
 from ctlabs.linalg import riccati
+from ctlabs.linalg.checks import Array
 from ctlabs.linalg.companion import companion
-from ctlabs.modelfile import ModelFile
-from ctlabs.modelfile.expressions import CONSTANTS, Expression, ExpressionError, parse
+from ctlabs.models import spectra
 from ctlabs.workbench.plain import data
 
 #: Highest degree of a numerator or denominator.

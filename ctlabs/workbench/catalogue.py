@@ -20,11 +20,11 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ctlabs import labs
+from ctlabs.labs import catalogue as labs
 
 if TYPE_CHECKING:
-    from ctlabs.experiment import Experiment
-    from ctlabs.modelfile import Entry
+    from ctlabs.files.modelfile import Entry
+    from ctlabs.labs.experiment import Experiment
 
 #: A matrix, a list and a single value, as they are typed.
 Typed = str | Sequence[Sequence[str]]
@@ -204,7 +204,7 @@ def _sheet(lab: labs.Lab) -> Sheet:
 
 
 def _gallery() -> tuple[Entry, ...]:
-    from ctlabs.modelfile import gallery
+    from ctlabs.files.modelfile import gallery
 
     return gallery()
 
@@ -334,7 +334,7 @@ def _single(field: Field, parts: Sequence[str]) -> Any:
 
 def _number(text: str) -> Any:
     """The number that a text is, also as an expression; the text where it is none."""
-    from ctlabs.modelfile.expressions import ExpressionError, parse
+    from ctlabs.files.modelfile.expressions import ExpressionError, parse
 
     stripped = text.strip()
     if re.fullmatch(r"[+-]?[0-9]{1,300}", stripped):
@@ -382,7 +382,7 @@ def run_lab(
     ArithmeticError
         They are allowed, but the numbers leave the range of double precision.
     """
-    from ctlabs import render
+    from ctlabs.reporting import render
 
     start = time.perf_counter()
     lab = labs.catalogue()[name]
@@ -426,7 +426,7 @@ def _metered(
     runs: int, seed: int, workers: int, expected: int, tell: Callable[[int, int], object] | None
 ) -> tuple[Experiment, _Meter]:
     """An experiment that counts its runs."""
-    from ctlabs.experiment import Experiment as Plain
+    from ctlabs.labs.experiment import Experiment as Plain
 
     meter = _Meter(runs, expected, tell)
 

@@ -1,7 +1,7 @@
 """What a person does to a model: typed commands. What each of them does: :func:`ctlabs.workbench.applying.apply`.
 
 A command that is impossible raises ``ValueError`` in one line; a value that is wrong (an unknown name in a cell) is not
-impossible: it stays where it was typed, and the file tells what is wrong with it (:meth:`ctlabs.modelfile.ModelFile.problems`).
+impossible: it stays where it was typed, and the file tells what is wrong with it (:meth:`ctlabs.files.modelfile.ModelFile.problems`).
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
-from ctlabs.modelfile.errors import Path
+from ctlabs.files.modelfile.errors import Path
 from ctlabs.workbench.blocks import InsertBlock as InsertBlock
 
 

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ctlabs import plots
-from ctlabs.plots import Figure, studies
+from ctlabs.reporting import plots
+from ctlabs.reporting.plots import Figure, studies
 from ctlabs.studies import common
 from ctlabs.text import fill
 from ctlabs.workbench.outcomes import Outcome

@@ -1,6 +1,6 @@
 r"""How an experiment is computed: :func:`run`, in a process of the worker.
 
-Simulated: an ensemble of the truth through the filter (:func:`ctlabs.montecarlo.run`), the first few runs with their histories,
+Simulated: an ensemble of the truth through the filter (:func:`ctlabs.montecarlo.monte_carlo`), the first few runs with their histories,
 one of them by every chosen algorithm. Measured: the record through the filter and the smoother, and what its innovations say.
 Long histories are thinned to what a plot can show (``k`` says which instants are left); statistics are over all runs and instants.
 """
@@ -16,11 +16,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.special import chdtri
 
-from ctlabs import contradictions, diagnosis, forms, kalman, montecarlo, records, sensitivity, smoothing, steady
-from ctlabs._check import Array
-from ctlabs.experiment import Experiment
-from ctlabs.forms import Filtered
-from ctlabs.modelfile import ModelFile, loads
+from ctlabs import montecarlo
+from ctlabs.analysis import diagnosis, sensitivity
+from ctlabs.files.modelfile import ModelFile, loads
+from ctlabs.filtering import contradictions
+from ctlabs.filtering.comparison import compare, flops
+from ctlabs.filtering.filter import kalman_filter, log_likelihood
+from ctlabs.filtering.results import Covariances, Filtered
+from ctlabs.filtering.smoothing import smooth
+from ctlabs.labs.experiment import Experiment
+from ctlabs.linalg.checks import Array
+from ctlabs.linalg.covariance import deviations
 from ctlabs.models import DiscreteModel
 from ctlabs.studies import clock, common, comparison
 from ctlabs.text import number
@@ -111,10 +117,10 @@ Tried = dict[str, Attempt]
 
 
 class _Theory(NamedTuple):
-    """The filter's schedule, and the true errors of a design that is not the truth."""
+    """The filter's covariances, and the true errors of a design that is not the truth."""
 
     E: Array
-    schedule: kalman.Schedule
+    claimed: Covariances
     P: Array
     actual: sensitivity.Actual | None
     optimal: Array | None
@@ -127,21 +133,21 @@ def _simulated(file: ModelFile, other: ModelFile | None, plan: Plan, progress: A
     E = np.eye(truth.n) if other is None else common.stands_for(truth, design)
     experiment = Experiment(plan.runs, plan.seed, workers)
     few = experiment.histories(truth, steps=steps, runs=min(SHOWN, plan.runs), first=first)
-    tried = _tried(design, few.z, plan)
-    assert few.x is not None
+    assert few.truth is not None
+    tried = _tried(design, few.z[first:], plan)
     name, own = _first(tried)
-    applied = _constant(design, own) if name == "steady" else None
-    theory = _theory(truth, None if other is None else design, E, few.schedule, applied, plan)
+    applied = own if name == "steady" else None  # a constant gain, and what a filter with it claims
+    theory = _theory(truth, None if other is None else design, E, few, applied, plan)
     stats = experiment.statistics(
         truth,
         None if other is None else design,
         steps=steps,
         compare=E,
-        schedule=applied,
+        gains=applied,
         first=first,
         progress=progress,
     )
-    true = np.einsum("di,kir->kdr", theory.E, few.x)
+    true = np.einsum("di,kir->kdr", theory.E, few.truth)
     k = _kept(steps)
     return Outcome(
         kind="simulation",
@@ -154,19 +160,19 @@ def _simulated(file: ModelFile, other: ModelFile | None, plan: Plan, progress: A
         truth=true[k],
         **_histories(own, k),
         estimates={name: f.x_plus[k, :, 0] for name, (f, _, _) in tried.items() if f is not None},
-        P_minus=theory.schedule.P_minus[k],
-        P_plus=theory.schedule.P_plus[k],
-        K=theory.schedule.K[k],
+        P_minus=theory.claimed.P_minus[k],
+        P_plus=theory.claimed.P_plus[k],
+        K=theory.claimed.K[k],
         statistics=_statistics(stats, theory.P, k),
         actual_P=None if theory.actual is None else theory.actual.P_plus[k],
         actual_bias=None if theory.actual is None else theory.actual.bias_plus[k],
         optimal_sd=None if theory.optimal is None else theory.optimal[k],
         verdict=_tested(own),
-        algorithms=_algorithms(design, few.z[:, :, 0], plan, tried, true),
+        algorithms=_algorithms(design, few.z[first:, :, 0], plan, tried, true),
         log_likelihood=float(own.log_likelihood[0]),
         summary=_summary(other or file, stats, theory, float(own.log_likelihood[0])),
         notes=(*_refused(tried, name), *_thinned(k, steps, "statistics are over all of them")),
-        contradiction=_contradiction(design, own, file.experiment.t0 + own.t),
+        contradiction=_contradiction(design, own, (file.experiment.t0 + own.t)[first:]),
     )
 
 
@@ -174,34 +180,31 @@ def _theory(
     truth: DiscreteModel,
     design: DiscreteModel | None,
     E: Array,
-    optimal: kalman.Schedule,
-    applied: kalman.Schedule | None,
+    optimal: Covariances,
+    applied: Covariances | None,
     plan: Plan,
 ) -> _Theory:
     """What is known before any run, of the optimal filter or of one with another model or gain."""
     if design is None and applied is None:
         return _Theory(E, optimal, optimal.P_plus, None, None)
-    actual = sensitivity.actual(truth, design or truth, plan.steps, compare=E, schedule=applied, first=plan.first)
-    return _Theory(E, actual.claimed, actual.P_plus, actual, kalman.sd(E @ optimal.P_plus @ E.T))
+    actual = sensitivity.actual(truth, design or truth, plan.steps, compare=E, gains=applied, first=plan.first)
+    return _Theory(E, actual.claimed, actual.P_plus, actual, deviations(E @ optimal.P_plus @ E.T))
 
 
 def _tried(model: DiscreteModel, z: Array, plan: Plan) -> Tried:
-    """A record, or the shown runs, by every algorithm (a single record by the usual one compiled)."""
+    """A record, or the shown runs, by every algorithm."""
     found: Tried = {}
     for name in plan.algorithms:
         # What is loaded at the first call is not the algorithm's time.
         with contextlib.suppress(ValueError, ArithmeticError):
-            forms.run(model.cut(1), z[:2], name, plan.first)
+            kalman_filter(model.cut(1), z[: 2 - plan.first], first=plan.first, algorithm=name)
         start = time.perf_counter()
         try:
-            if name == "joseph" and z.ndim == 2:
-                filtered = records.filter_record(model, z, plan.first)
-            else:
-                filtered = forms.run(model, z, name, plan.first)
+            filtered = kalman_filter(model, z, first=plan.first, algorithm=name)
         except (ValueError, ArithmeticError) as error:
             found[name] = Attempt(None, 0.0, " ".join(str(error).split()))
         else:
-            found[name] = Attempt(filtered, (time.perf_counter() - start) / (len(z) - 1), "")
+            found[name] = Attempt(filtered, (time.perf_counter() - start) / len(z), "")
     return found
 
 
@@ -219,19 +222,13 @@ def _refused(tried: Tried, name: str) -> tuple[str, ...]:
     return () if asked == name else (f"The results are those of {name}. {asked} refused: {tried[asked].failed}.",)
 
 
-def _constant(model: DiscreteModel, own: Filtered) -> kalman.Schedule:
-    """The steady gain at all instants, and the limits that a filter with it claims."""
-    K = np.where(own.used[:, None, :], steady.solve(model).K, 0.0)
-    return kalman.Schedule(own.t, own.P_minus, own.P_plus, K, own.S, own.used)
-
-
 def _algorithms(model: DiscreteModel, z: Array, plan: Plan, tried: Tried, true: Array | None) -> tuple[Algorithm, ...]:
     """The chosen algorithms on the first record: cost, and (if there are several) accuracy against 50 digits."""
     compared: dict[str, comparison.Judged] = {}
     if len(tried) > 1:
         per_step = model.n**3 + model.n**2 * model.m + model.m**3
-        steps = min(len(z) - 1, max(int(PATIENCE / per_step), 2))
-        found = forms.compare(model.cut(steps), z[: steps + 1], list(tried), plan.first)
+        steps = min(len(z) - 1 + plan.first, max(int(PATIENCE / per_step), 2))
+        found = compare(model.cut(steps), z[: steps + 1 - plan.first], list(tried), plan.first)
         compared = {each.name: each for each in comparison.judged(found, _first(tried)[1].P_plus[: steps + 1])}
     rows = []
     for name, (filtered, seconds, failed) in tried.items():
@@ -242,7 +239,7 @@ def _algorithms(model: DiscreteModel, z: Array, plan: Plan, tried: Tried, true: 
             continue
         rms = None if true is None else np.sqrt(np.mean((filtered.x_plus[-1] - true[-1]) ** 2, axis=-1))
         if each is None:
-            rows.append(Algorithm(name, forms.flops(model.cut(1), name), seconds, rms=rms))
+            rows.append(Algorithm(name, flops(model.cut(1), name), seconds, rms=rms))
         else:
             form = each.form
             rows.append(Algorithm(name, form.flops, form.seconds, form.error_P, each.error_x, rms))
@@ -273,7 +270,7 @@ def _summary(
 ) -> dict[str, tuple[Any, str]]:
     """The numbers to copy."""
     found: dict[str, tuple[Any, str]] = {}
-    claimed = theory.schedule.sd_plus[-1]
+    claimed = theory.claimed.sd_plus[-1]
     columns = {"sd_theory": claimed, "rms": stats.rms[-1], "rms_se": stats.rms_se[-1], "bias": stats.bias[-1]}
     if theory.actual is not None and theory.optimal is not None:
         actual = np.sqrt(np.diag(theory.actual.mse_plus[-1]).clip(0))
@@ -301,21 +298,21 @@ def _measured(file: ModelFile, other: ModelFile | None, plan: Plan) -> Outcome:
     model, z, t = clock.timed(used, record)
     steps = len(z) - 1
     model = anomalous(model, plan.anomalies, steps)
-    tried = _tried(model, z, plan)
+    tried = _tried(model, z[plan.first :], plan)
     name, own = _first(tried)
-    smooth = smoothing.smooth(model, own)
+    whole = smooth(model, own)
     k = _kept(steps)
     summary: dict[str, tuple[Any, str]] = {"rows": (record.rows, ""), "missing": (record.missing, "")}
-    sd = kalman.sd(own.P_plus)
+    sd = deviations(own.P_plus)
     for what, values in (("estimate", own.x_plus[-1]), ("sd", sd[-1])):
         for state, unit, value in zip(used.states, used.units, values, strict=True):
             summary[f"{what}[{state}]"] = float(value), unit
     summary["log_likelihood"] = float(own.log_likelihood), ""
     if other is not None:
         truth, own_z, _t = clock.timed(file, plan.data.record(file.measurements))
-        better = records.log_likelihood(anomalous(truth, plan.anomalies, steps), own_z, plan.first)
+        better = log_likelihood(anomalous(truth, plan.anomalies, steps), own_z[plan.first :], plan.first)
         summary["log_likelihood_of_the_other_model"] = better, ""
-    verdict = _diagnosed(model, own, z, plan.first)
+    verdict = _diagnosed(model, own, plan.first)
     if verdict is not None:
         summary |= {
             "nis_mean": (verdict.nis_mean, ""),
@@ -324,7 +321,7 @@ def _measured(file: ModelFile, other: ModelFile | None, plan: Plan) -> Outcome:
         }
         summary["verdict"] = verdict.verdict, ""
     many = dataclasses.replace(
-        own, **{n: getattr(own, n)[..., None] for n in ("x_minus", "x_plus", "innovation", "nis")}
+        own, **{n: getattr(own, n)[..., None] for n in ("x_minus", "x_plus", "innovation", "nis", "z")}
     )
     return Outcome(
         kind="data",
@@ -339,24 +336,24 @@ def _measured(file: ModelFile, other: ModelFile | None, plan: Plan) -> Outcome:
         estimates={name: f.x_plus[k] for name, (f, _, _) in tried.items() if f is not None},
         P_minus=own.P_minus[k],
         P_plus=own.P_plus[k],
-        K=(_constant(model, own).K if name == "steady" else _gains(model, own))[k],
+        K=own.K[k],
         verdict=verdict,
-        algorithms=_algorithms(model, z, plan, tried, None),
+        algorithms=_algorithms(model, z[plan.first :], plan, tried, None),
         log_likelihood=float(own.log_likelihood),
-        smoothed=smooth.x[k],
-        smoothed_sd=kalman.sd(smooth.P)[k],
+        smoothed=whole.x[k],
+        smoothed_sd=deviations(whole.P)[k],
         summary=summary,
         notes=(*_refused(tried, name), *_thinned(k, steps, "all were filtered")),
-        contradiction=_contradiction(model, own, t),
+        contradiction=_contradiction(model, own, t[plan.first :]),
     )
 
 
-def _diagnosed(model: DiscreteModel, own: Filtered, z: Array, first: int) -> Verdict | None:
+def _diagnosed(model: DiscreteModel, own: Filtered, first: int) -> Verdict | None:
     """The tests of the record, and what would make it (of a long one, its first rows) more likely."""
     tested = _tested(own)
     if tested is None:
         return None
-    found = diagnosis.diagnose(model, own, z, first, longest=diagnosis.LONG)
+    found = diagnosis.diagnose(model, own, first=first, longest=diagnosis.LONG)
     return dataclasses.replace(
         tested, verdict=found.verdict, suggestion=found.suggestion, factor_R=found.factor_R, factor_Q=found.factor_Q
     )
@@ -410,15 +407,6 @@ def _histories(found: Filtered, k: Array) -> dict[str, Any]:
         "nis_dof": dof[k],
         "nis_band": band[:, k],
     }
-
-
-def _gains(model: DiscreteModel, found: Filtered) -> Array:
-    """K = P⁻HᵀS⁻¹ on the elements used, (steps+1, n, m)."""
-    H = np.broadcast_to(model.H, (len(found.t), model.m, model.n))
-    pairs = found.used[:, :, None] & found.used[:, None, :]
-    S = np.where(pairs, found.S, np.eye(model.m))
-    PH = np.where(found.used[:, None, :], found.P_minus @ np.swapaxes(H, 1, 2), 0.0)
-    return np.swapaxes(np.linalg.solve(S, np.swapaxes(PH, 1, 2)), 1, 2)
 
 
 def _labels(file: ModelFile) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 import ctlabs
-from ctlabs._check import Array
+from ctlabs.linalg.checks import Array
 from ctlabs.studies import common
 from ctlabs.workbench.outcomes import Outcome, Plan, packed
 from ctlabs.workbench.programs import python
@@ -50,8 +50,8 @@ def export(name: str, model: str, plan: Plan, found: Outcome, kind: str, figure:
     if kind in {"png", "svg"}:
         return _picture(found, kind, figure)
     if kind == "html":
-        from ctlabs import render
-        from ctlabs.report import Picture
+        from ctlabs.reporting import render
+        from ctlabs.reporting.report import Picture
         from ctlabs.workbench.reporting import report
 
         made = report(name, model, plan, found)
@@ -136,7 +136,7 @@ def _json(value: Any) -> Any:
 
 
 def _picture(found: Outcome, kind: str, figure: str) -> bytes:
-    from ctlabs import render
+    from ctlabs.reporting import render
     from ctlabs.workbench.drawings import drawings
 
     drawn_by = drawings(found)

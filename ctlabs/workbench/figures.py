@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ctlabs._check import Array
+from ctlabs.linalg.checks import Array
 from ctlabs.text import number
 
 if TYPE_CHECKING:

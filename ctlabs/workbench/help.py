@@ -15,7 +15,7 @@ import difflib
 from collections.abc import Iterable
 from functools import cache
 
-from ctlabs.mathml import mathml
+from ctlabs.reporting.mathml import mathml
 from ctlabs.workbench.help_entry import Help
 from ctlabs.workbench.help_texts import TEXTS
 

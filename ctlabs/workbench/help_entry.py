@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from html import escape
 
-from ctlabs.mathml import mathml
+from ctlabs.reporting.mathml import mathml
 
 
 @dataclass(frozen=True, slots=True)

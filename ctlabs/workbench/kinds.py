@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 
-from ctlabs import _check
-from ctlabs._check import Array
-from ctlabs.discretise import interval
-from ctlabs.modelfile import ModelFile, from_model
-from ctlabs.modelfile.errors import shown
+from ctlabs.files.modelfile import ModelFile, from_model
+from ctlabs.files.modelfile.errors import shown
+from ctlabs.linalg import checks
+from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel
+from ctlabs.models.discretisation import interval
 
 
 def converted(file: ModelFile, kind: str) -> ModelFile:
@@ -64,7 +64,7 @@ def _before_sampling(Phi: Array, Qd: Array, dt: float) -> tuple[Array, Array]:
     W = (W + W.T) / 2
     W = np.where(np.abs(W) > 1e-13 * np.abs(W).max(initial=0.0), W, 0.0)
     try:
-        _check.covariance("Q", W, Phi.shape)
+        checks.covariance("Q", W, Phi.shape)
     except ValueError:
         msg = "Qd: expected the samples of a continuous model's noise, received a covariance that no white noise gives"
         raise ValueError(msg) from None

@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from ctlabs import datafile, kalman
-from ctlabs._check import Array
-from ctlabs.modelfile.errors import meant, shown
-from ctlabs.modelfile.schema import ALGORITHMS, RUNS, STEPS
+from ctlabs.files import datafile
+from ctlabs.files.modelfile.errors import meant, shown
+from ctlabs.files.modelfile.schema import ALGORITHMS, RUNS, STEPS
+from ctlabs.linalg.checks import Array
+from ctlabs.linalg.covariance import deviations
 
 #: The name under which :func:`ctlabs.workbench.experiments.run` is in the worker's table.
 REGISTERED = "experiment"
@@ -74,7 +75,7 @@ class Data:
 class Plan:
     """What is asked.
 
-    ``algorithms`` : one or more names of :data:`ctlabs.forms.FORMS`; with several, each is compared with 50 digits ·
+    ``algorithms`` : one or more names of :data:`ctlabs.filtering.algorithms.FORMS`; with several, each is compared with 50 digits ·
     ``design`` : text of the filter's model, where it is not the truth · ``anomalies`` · ``data`` : a measured record instead of
     simulated runs (``steps``, ``runs`` and ``seed`` then mean nothing)
     """
@@ -149,7 +150,7 @@ class Verdict:
     ``nis_mean`` per instant, ``nis_expected``, its 95 % band ``nis_low``, ``nis_high`` and two-sided ``nis_p`` · per measurement
     ``mean_p`` (of a zero mean), ``whiteness_p`` (NaN: too few innovations), autocorrelations ``correlation`` (m, L) at ``lags`` (L,) and
     the half-width ``band`` (m, L) within which 95 % of white ones lie · ``verdict`` and ``suggestion`` as
-    :class:`ctlabs.diagnosis.Diagnosis` has them ("" for simulated runs, whose model is known), with ``factor_R``, ``factor_Q``
+    :class:`ctlabs.analysis.diagnosis.Diagnosis` has them ("" for simulated runs, whose model is known), with ``factor_R``, ``factor_Q``
     """
 
     nis_mean: float
@@ -244,12 +245,12 @@ class Outcome:
     @property
     def sd_minus(self) -> Array:
         """Standard deviations that the filter claims before an update, (K, n)."""
-        return kalman.sd(self.P_minus)
+        return deviations(self.P_minus)
 
     @property
     def sd_plus(self) -> Array:
         """Standard deviations that the filter claims after an update, (K, n)."""
-        return kalman.sd(self.P_plus)
+        return deviations(self.P_plus)
 
     @property
     def actual_rms(self) -> Array | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import tomllib
 from typing import Any
 
-from ctlabs.modelfile import ModelFile
+from ctlabs.files.modelfile import ModelFile
 
 #: What a text of a cell is written as without quotes.
 NUMBERS = "0123456789.+-eE"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pprint import pformat
 
 import ctlabs
-from ctlabs.modelfile import ModelFile
+from ctlabs.files.modelfile import ModelFile
 from ctlabs.workbench.experiments import prepared
 from ctlabs.workbench.outcomes import Outcome, Plan
 
@@ -15,7 +15,7 @@ def python(name: str, model: str, plan: Plan, found: Outcome) -> str:
     file, design = files(model, plan)
     simulated = plan.data is None
     imports = ["import json", "import numpy as np"]
-    imports += ["from ctlabs.modelfile import loads"]
+    imports += ["from ctlabs.files.modelfile import loads"]
     lines = [f"MODEL = {_literal(file.dumps())}", "model = loads(MODEL)"]
     if design is not None:
         lines += [f"DESIGN = {_literal(design.dumps())}", "design = loads(DESIGN)  # what the filter believes"]
@@ -47,7 +47,7 @@ def python(name: str, model: str, plan: Plan, found: Outcome) -> str:
 
 
 def _simulation(plan: Plan, algorithm: str, *, other: bool, changed: bool) -> tuple[list[str], list[str]]:
-    imports = ["from ctlabs import forms", "from ctlabs.experiment import Experiment"]
+    imports = ["from ctlabs import kalman_filter", "from ctlabs.labs.experiment import Experiment"]
     build = "anomalous({}.discrete(steps=steps), steps)" if changed else "{}.discrete(steps=steps)"
     lines = [f"steps, first = {plan.steps}, {plan.first}", f"truth = {build.format('model')}"]
     lines += [f"experiment = Experiment(runs={plan.runs}, seed={plan.seed})"]
@@ -59,29 +59,24 @@ def _simulation(plan: Plan, algorithm: str, *, other: bool, changed: bool) -> tu
             f"wrong = {build.format('design')}",
             "E = stands_for(truth, wrong)  # which states of the truth the filter estimates",
         ]
-    lines += [f"run = forms.run({design}, some.z[:, :, 0], {algorithm!r}, first)"]
+    lines += [f"run = kalman_filter({design}, some.z[first:, :, 0], first=first, algorithm={algorithm!r})"]
     pair, more = ("truth, wrong", ", compare=E") if other else ("truth", "")
     if algorithm == "steady":
-        imports += ["from ctlabs.kalman import Schedule"]
-        lines += [
-            f"K = np.where(run.used[:, None, :], steady.solve({design}).K, 0)",
-            "schedule = Schedule(run.t, run.P_minus, run.P_plus, K, run.S, run.used)  # the gain, and what the filter claims",
-        ]
-        more += ", schedule=schedule"
+        more += ", gains=run"
     lines += [f"statistics = experiment.statistics({pair}, steps=steps{more}, first=first)"]
     if other or algorithm == "steady":
-        optimal = "E @ some.schedule.P_plus[-1] @ E.T" if other else "some.schedule.P_plus[-1]"
+        optimal = "E @ some.P_plus[-1] @ E.T" if other else "some.P_plus[-1]"
         lines += [
-            f"actual = sensitivity.actual(truth, {design}, steps{more}, first=first)",
+            f"actual = actual_errors(truth, {design}, steps{more}, first=first)",
             "columns = {",
             '    "sd_claimed": actual.claimed.sd_plus[-1],',
             '    "rms_theory": np.sqrt(np.diag(actual.mse_plus[-1]).clip(0)),',
             f'    "sd_optimal": np.sqrt(np.diag({optimal}).clip(0)),',
         ]
     else:
-        lines += ["columns = {", '    "sd_theory": some.schedule.sd_plus[-1],']
-    used = [name for name in ("sensitivity", "steady") if any(f"{name}." in line for line in lines)]
-    imports[0] = f"from ctlabs import {', '.join(['forms', *used])}"
+        lines += ["columns = {", '    "sd_theory": some.sd_plus[-1],']
+    if other or algorithm == "steady":
+        imports[0] = "from ctlabs import actual_errors, kalman_filter"
     lines += [
         '    "rms": statistics.rms[-1],',
         '    "rms_se": statistics.rms_se[-1],',
@@ -100,7 +95,7 @@ def _simulation(plan: Plan, algorithm: str, *, other: bool, changed: bool) -> tu
 
 def _record(plan: Plan, algorithm: str, *, other: bool, changed: bool) -> tuple[list[str], list[str]]:
     assert plan.data is not None
-    imports = ["from ctlabs import datafile, diagnosis, forms", "from ctlabs.studies.clock import timed"]
+    imports = ["from ctlabs import diagnose, kalman_filter", "from ctlabs.files import datafile", "from ctlabs.studies.clock import timed"]
     used = "design" if other else "model"
     lines = [
         f"DATA = {_literal(plan.data.text)}",
@@ -108,7 +103,7 @@ def _record(plan: Plan, algorithm: str, *, other: bool, changed: bool) -> tuple[
         f"record = datafile.parse(DATA.encode(), {used}.measurements, {plan.data.name!r})",
         f"discrete, z, t = timed({used}, record)",
         *(["discrete = anomalous(discrete, len(z) - 1)"] if changed else []),
-        f"found = forms.run(discrete, z, {algorithm!r}, first)",
+        f"found = kalman_filter(discrete, z[first:], first=first, algorithm={algorithm!r})",
         'numbers = {"rows": record.rows, "missing": record.missing}',
         'for name, values in (("estimate", found.x_plus[-1]), ("sd", np.sqrt(np.diag(found.P_plus[-1])))):',
         f"    for state, x in zip({used}.states, values):",
@@ -116,15 +111,15 @@ def _record(plan: Plan, algorithm: str, *, other: bool, changed: bool) -> tuple[
         'numbers["log_likelihood"] = found.log_likelihood',
     ]
     if other:
-        imports.append("from ctlabs import records")
+        imports.append("from ctlabs.filtering import log_likelihood")
         lines += [
             "truth, z_truth, t = timed(model, datafile.parse(DATA.encode(), model.measurements))",
             *(["truth = anomalous(truth, len(z) - 1)"] if changed else []),
-            'numbers["log_likelihood_of_the_other_model"] = records.log_likelihood(truth, z_truth, first)',
+            'numbers["log_likelihood_of_the_other_model"] = log_likelihood(truth, z_truth[first:], first)',
         ]
     lines += [
         "if np.isfinite(found.innovation).any():",
-        "    verdict = diagnosis.diagnose(discrete, found, z, first)",
+        "    verdict = diagnose(discrete, found, first=first)",
         '    numbers |= {"nis_mean": verdict.nis_mean, "nis_expected": verdict.nis_expected}',
         '    numbers |= {"nis_p": verdict.nis_p, "verdict": verdict.verdict}',
     ]

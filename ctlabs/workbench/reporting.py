@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ctlabs import forms, kalman, steady
-from ctlabs.modelfile import ModelFile
-from ctlabs.report import Report
+from ctlabs.files.modelfile import ModelFile
+from ctlabs.filtering import steady
+from ctlabs.filtering.engines import adapter
+from ctlabs.filtering.filter import kalman_filter
+from ctlabs.reporting.report import Report
 from ctlabs.studies import clock, common, second
 from ctlabs.workbench.drawings import drawings
 from ctlabs.workbench.experiments import anomalous
@@ -106,7 +108,7 @@ def _second_route(made: Report, file: ModelFile, plan: Plan, found: Outcome) -> 
         whole, z, _t = clock.timed(file, plan.data.record(file.measurements))
         whole, z = anomalous(whole, plan.anomalies, len(z) - 1), z[: steps + 1]
     if found.algorithm == "steady":
-        again = kalman.update(second.covariance_of_gain(whole, steady.solve(whole)), whole.H, whole.R).P_plus
+        again = adapter.update(second.covariance_of_gain(whole, steady.solve(whole)), whole.H, whole.R).P_plus
         made.check("steady error covariance", found.P_plus[-1], again, ("limit", "errors under its gain, 50 digits"))
         return
     if plan.data is None:  # where the truth is not measured, its filter has nothing
@@ -114,7 +116,7 @@ def _second_route(made: Report, file: ModelFile, plan: Plan, found: Outcome) -> 
         if len(at) != steps + 1 and absent[plan.first :].any():
             return
         z[at] = np.where(absent, np.nan, 0.0)
-    other = forms.run(whole.cut(steps), z, "array", plan.first).P_plus[at]
+    other = kalman_filter(whole.cut(steps), z[plan.first :], first=plan.first, algorithm="array").P_plus[at]
     made.check("error covariances", wanted, other, ("covariance", "square root of it"))
 
 

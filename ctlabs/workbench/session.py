@@ -20,9 +20,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from ctlabs.datafile import Record
-from ctlabs.modelfile import ModelFile, loads, new
-from ctlabs.modelfile.errors import Path
+from ctlabs.files.datafile import Record
+from ctlabs.files.modelfile import ModelFile, loads, new
+from ctlabs.files.modelfile.errors import Path
 from ctlabs.workbench import applying, commands, comparing
 from ctlabs.workbench.commands import Command
 from ctlabs.workbench.comparing import Difference

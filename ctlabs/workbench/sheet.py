@@ -10,11 +10,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from ctlabs.modelfile import ModelFile
-from ctlabs.modelfile.checks import SHAPES, TEXTS
-from ctlabs.modelfile.errors import Path, place
-from ctlabs.modelfile.expressions import Expression, ExpressionError, parse, values
-from ctlabs.modelfile.values import VARYING
+from ctlabs.files.modelfile import ModelFile
+from ctlabs.files.modelfile.checks import SHAPES, TEXTS
+from ctlabs.files.modelfile.errors import Path, place
+from ctlabs.files.modelfile.expressions import Expression, ExpressionError, parse, values
+from ctlabs.files.modelfile.values import VARYING
 from ctlabs.text import latex_number
 from ctlabs.workbench.plain import data
 
@@ -172,7 +172,7 @@ class Sheet:
     @cached_property
     def constants(self) -> tuple[ConstantRow, ...]:
         """The constants in their order."""
-        from ctlabs.modelfile.edits import users
+        from ctlabs.files.modelfile.edits import users
 
         rows = []
         for name, told in self._constants.items():

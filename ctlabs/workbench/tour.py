@@ -182,7 +182,7 @@ _DONE: dict[str, Callable[[Tour], bool]] = {
 
 def begin(session: Session) -> None:
     """Do the first step for somebody who wants to begin at once: the tour's model on the desk."""
-    from ctlabs.modelfile import ready
+    from ctlabs.files.modelfile import ready
 
     session.do(Open(ready(MODEL).dumps(), f"{MODEL}.toml"))
 

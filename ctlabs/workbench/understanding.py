@@ -14,12 +14,15 @@ from typing import Generic, TypeVar
 
 import numpy as np
 
-from ctlabs import bucy, kalman, observability, records, steady
-from ctlabs._check import Array
-from ctlabs.modelfile import Experiment, ModelFile
-from ctlabs.models import ContinuousModel, DiscreteModel
-from ctlabs.observability import Observability, SamplingLoss
-from ctlabs.steady import SteadyState
+from ctlabs.files.modelfile import Experiment, ModelFile
+from ctlabs.filtering import bucy, steady
+from ctlabs.filtering.filter import covariances
+from ctlabs.filtering.settle import settling
+from ctlabs.filtering.steady import SteadyState
+from ctlabs.linalg.checks import Array
+from ctlabs.linalg.covariance import deviations
+from ctlabs.models import ContinuousModel, DiscreteModel, observability
+from ctlabs.models.observability import Observability, SamplingLoss
 from ctlabs.text import latex_number
 
 #: P(t) is computed over so many steps at most (of a model that is integrated between them: fewer), the frequency response at so
@@ -73,12 +76,12 @@ class Limit:
     @property
     def sd_minus(self) -> Array:
         """Standard deviations before an update, (n,)."""
-        return kalman.sd(self.state.P_minus)
+        return deviations(self.state.P_minus)
 
     @property
     def sd_plus(self) -> Array:
         """Standard deviations after an update, (n,)."""
-        return kalman.sd(self.state.P_plus)
+        return deviations(self.state.P_plus)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,12 +134,12 @@ class Transient:
     @property
     def sd_minus(self) -> Array:
         """(steps+1, n)."""
-        return kalman.sd(self.P_minus)
+        return deviations(self.P_minus)
 
     @property
     def sd_plus(self) -> Array:
         """(steps+1, n)."""
-        return kalman.sd(self.P_plus)
+        return deviations(self.P_plus)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -172,7 +175,7 @@ class Understanding:
 
 def warm() -> None:
     """Load what :func:`understand` needs (about a second), so that the first model is understood as quickly as the next ones."""
-    from ctlabs.modelfile import new
+    from ctlabs.files.modelfile import new
 
     understand(new())
 
@@ -257,21 +260,8 @@ def _continuous_poles(model: ContinuousModel) -> Poles:
 def _limit(model: DiscreteModel) -> Limit:
     model = _constant(model)
     found = steady.solve(model)
-    settled = _settled(model, found)
+    settled = settling(model, longest=LONGEST)
     return Limit(found, settled, None if settled is None else settled * model.dt)
-
-
-def _settled(model: DiscreteModel, found: SteadyState) -> int | None:
-    """As :func:`ctlabs.steady.settling` finds it, by the compiled filter, whose covariances need no data."""
-    limit, steps = np.diag(found.P_plus), 64
-    longest = LONGEST if limit.any() and np.diag(model.R).all() else steps
-    while steps <= longest:
-        P = records.filter_record(model, np.zeros((steps + 1, model.m))).P_plus
-        step = steady.settling_step(np.diagonal(P, axis1=1, axis2=2), limit)
-        if step is not None and step <= steps // 2:
-            return max(step, 1)
-        steps *= 4
-    return None
 
 
 def _pairs(model: DiscreteModel) -> list[tuple[int, int]]:
@@ -303,7 +293,7 @@ def _bode(model: DiscreteModel, limit: SteadyState) -> Bode:
 
 
 def _transient(model: DiscreteModel, steps: int, told: Experiment) -> Transient:
-    plan = kalman.schedule(model, steps, told.first)
+    plan = covariances(model, steps, first=told.first)
     return Transient(told.t0 + plan.t, plan.P_minus, plan.P_plus, plan.K, told.first)
 
 

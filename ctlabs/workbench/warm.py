@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ctlabs.modelfile import new
+from ctlabs.files.modelfile import new
 from ctlabs.workbench.experiments import run
 from ctlabs.workbench.outcomes import Data, Plan
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
-from ctlabs.modelfile import gallery, loads
-from ctlabs.modelfile.schema import ALGORITHMS
+from ctlabs.files.modelfile import gallery, loads
+from ctlabs.files.modelfile.schema import ALGORITHMS
 from ctlabs.workbench import applying
 from ctlabs.workbench.bench import said
 from ctlabs.workbench.commands import SetConstant

@@ -228,7 +228,7 @@ class _Labs:
         self._note()
 
     def _open(self, name: str) -> None:
-        from ctlabs.modelfile import ready
+        from ctlabs.files.modelfile import ready
         from ctlabs.workbench.commands import Open
 
         self.shell.saving()

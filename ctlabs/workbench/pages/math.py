@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from nicegui import ui
 
-from ctlabs.mathml import mathml
+from ctlabs.reporting.mathml import mathml
 
 STYLE = """
 .ctl-equations { width: 100%; display: flex; flex-direction: column; gap: .5rem; }

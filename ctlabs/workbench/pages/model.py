@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
-from ctlabs.mathml import mathml
-from ctlabs.modelfile.errors import ModelFileError
-from ctlabs.modelfile.toml import LARGEST, decoded
+from ctlabs.files.modelfile.errors import ModelFileError
+from ctlabs.files.modelfile.toml import LARGEST, decoded
+from ctlabs.reporting.mathml import mathml
 from ctlabs.workbench import commands
 from ctlabs.workbench.pages import grid, math, model_dialogs
 from ctlabs.workbench.pages import model_parts as parts

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from nicegui import ui
 
-from ctlabs.modelfile import gallery
-from ctlabs.modelfile.errors import ModelFileError
-from ctlabs.modelfile.schema import LARGEST
+from ctlabs.files.modelfile import gallery
+from ctlabs.files.modelfile.errors import ModelFileError
+from ctlabs.files.modelfile.schema import LARGEST
 from ctlabs.text import latex_matrix, latex_number
 from ctlabs.workbench import blocks, commands
 from ctlabs.workbench.help import help_for
@@ -19,7 +19,7 @@ from ctlabs.workbench.pages.math import Equations
 from ctlabs.workbench.pages.model_parts import Earlier, earlier_list
 
 if TYPE_CHECKING:
-    from ctlabs.modelfile import Entry
+    from ctlabs.files.modelfile import Entry
     from ctlabs.workbench.session import Session
 
 EXAMPLES = {

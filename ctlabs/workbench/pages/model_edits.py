@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
-from ctlabs.modelfile.errors import Path
+from ctlabs.files.modelfile.errors import Path
 from ctlabs.workbench import commands
 from ctlabs.workbench.pages.cells import placed
 

@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from nicegui import app, ui
 
-from ctlabs import mathml
+from ctlabs.reporting import mathml
 
 if TYPE_CHECKING:
     from nicegui import Client

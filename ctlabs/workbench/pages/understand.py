@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from nicegui import background_tasks, ui
 
-from ctlabs.mathml import mathml
-from ctlabs.modelfile import loads
+from ctlabs.files.modelfile import loads
+from ctlabs.reporting.mathml import mathml
 from ctlabs.text import number
 from ctlabs.workbench import commands, figures
 from ctlabs.workbench.pages.cells import POSITIONS, Slider, slider
@@ -304,7 +304,7 @@ class _Understand:
             )
         if bucy := found.continuous_limit.found:
             content.append('<p>Of the continuous measurement (the Kalman–Bucy filter):</p><div class="show-side">')
-            content.append(matrix("P", bucy.P, names, names) + matrix("Gain Kc", bucy.Kc, names, sensors) + "</div>")
+            content.append(matrix("P", bucy.P, names, names) + matrix("Gain Kc", bucy.K, names, sensors) + "</div>")
         self.steady.content("".join(content))
 
     def _steady_text(self) -> str:

@@ -1,0 +1,22 @@
+"""People's files: models, records, exports."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from ctlabs._front import front
+
+if TYPE_CHECKING:
+    from ctlabs.files.reading import read_model, read_record
+
+_HOME = {
+    "read_model": "reading",
+    "read_record": "reading",
+}
+
+__all__ = [
+    "read_model",
+    "read_record",
+]
+
+__getattr__ = front(__name__, _HOME)

@@ -1,0 +1,155 @@
+"""The forms of the filter side by side: what each costs, and what rounding does to it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ctlabs.filtering.algorithms import contract
+from ctlabs.filtering.algorithms.catalogue import FORMS
+from ctlabs.filtering.algorithms.catalogue import form as named
+from ctlabs.filtering.algorithms.contract import Counted, Noise, Numbers
+from ctlabs.filtering.engines import driver
+from ctlabs.filtering.engines.driver import Record
+from ctlabs.filtering.problem import Problem, pose
+from ctlabs.filtering.results import Filtered, without_runs
+from ctlabs.linalg.checks import Array
+from ctlabs.models.linear import DiscreteModel
+
+#: Digits of the reference.
+DIGITS = 50
+#: Rows of a record that is timed twice.
+SHORT = 200
+
+
+class Comparison(NamedTuple):
+    """One form on one record, against the filter with 50 digits on the same doubles.
+
+    ``flops`` per step (one prediction and one update, dense matrices; a square root is one operation) · ``error_P``, the
+    largest ‖P⁺ − P_ref‖/‖P_ref‖ (Frobenius) · ``error_variance`` (n,), the largest relative error of each variance of P⁺
+    (of one that should be 0: the standard deviation left, as a fraction of the largest) · ``error_x`` (n,), the largest
+    error of each estimate · ``seconds`` per step of prediction and update, as measured: never the same twice ·
+    ``failed``: why the form refused or gave up, its numbers being ``None`` then; otherwise empty
+    """
+
+    name: str
+    flops: int | None
+    error_P: float | None
+    error_variance: Array | None
+    error_x: Array | None
+    seconds: float | None
+    failed: str
+
+
+def reference(model: DiscreteModel, z: ArrayLike, first: int | None = None) -> Filtered:
+    """What :func:`ctlabs.kalman_filter` gives, computed with 50 digits from the same doubles, and rounded once at the end."""
+    import mpmath
+
+    problem = pose(model, z, first=first)
+    with mpmath.workdps(DIGITS):
+        found = driver.run(problem, "joseph", mpmath.mpf, own_start=True)[0]
+    return without_runs(found) if problem.single else found
+
+
+def flops(model: DiscreteModel, form: str) -> int:
+    """Additions, multiplications, divisions and square roots of one step, counted while it is done.
+
+    A step is one prediction and one update with all measured elements. What depends on no data and is the same at
+    every step of a constant model (factors of Qd and R, the matrices with N) is not counted.
+
+    >>> m = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]])
+    >>> flops(m, "conventional") < flops(m, "joseph")
+    True
+    """
+    how = named(form)
+    z = np.zeros((2, model.m, 1))
+    if model.N is None:  # otherwise what a measurement tells of the next disturbance belongs to a step
+        z[0] = np.nan
+    record = Record(model, z, Counted, driver.entering(Problem(model, z, np.arange(2.0), 0, single=True)))
+    known = np.isfinite(model.P0).all()
+    P0 = np.eye(model.n) + 0.1 if not known or contract.definite(model.P0) else model.P0
+    state = how.start(model, contract.numbers(P0, Counted))
+    if record.used[0].any():
+        state = how.update(state, *_tame(record, 0, P0))[0]
+    Phi, c, Q = record.motion(0)
+    ahead = contract.doubles(Phi) @ P0 @ contract.doubles(Phi).T + contract.doubles(Q.matrix)
+    measured = _tame(record, 1, ahead) if record.used[1].any() else None
+    Counted.total = 0
+    state = how.predict(state, Phi, c, Q)
+    if measured is not None:
+        how.update(state, *measured)
+    return Counted.total
+
+
+def _tame(record: Record, k: int, P: Array) -> tuple[Numbers, Numbers, Noise]:
+    """A measurement of the same shape, without the rounding that makes a form give up: a regular R of the size of HPHᵀ.
+
+    What is counted are dense matrices, not their values; whether R is singular or correlated stays as it is.
+    """
+    z, H, R = record.measurement(k)
+    if R.singular:
+        return z, H, R
+    rows = contract.doubles(H)
+    sd = np.sqrt(np.diag(rows @ P @ rows.T) + np.diag(contract.doubles(R.matrix)))
+    correlations = np.where(contract.doubles(R.matrix) != 0, 0.5 / len(sd), 0.0)
+    np.fill_diagonal(correlations, 1.0)
+    return z, H, Noise(contract.numbers(correlations * np.outer(sd, sd), Counted))
+
+
+def compare(
+    model: DiscreteModel,
+    z: ArrayLike,
+    forms: Sequence[str] | None = None,
+    first: int | None = None,
+    *,
+    exact: Filtered | None = None,
+) -> tuple[Comparison, ...]:
+    """Several forms (all by default) on one record: errors by rounding, and cost.
+
+    Each starts from P0 itself, if that is finite. A form that refuses the model, or gives up on the way, stays in the list and
+    says why. ``exact`` is the record's
+    :func:`reference`, where it is at hand already: it takes most of the time.
+
+    >>> m = DiscreteModel([[1]], [[1]], [[1]], [[1e-14]], x0=[0], P0=[[1]])
+    >>> [c.error_P > 1e-4 for c in compare(m, [[1.0]], ["conventional", "joseph", "potter", "ud"])]
+    [True, False, False, False]
+    >>> compare(m, [[np.nan], [1.0]], ["steady"])[0].failed[:12]
+    'form steady:'
+    """
+    names = list(FORMS) if forms is None else list(forms)
+    for name in names:
+        named(name)
+    known, problem = reference(model, z, first) if exact is None else exact, pose(model, z, first=first)
+    return tuple(_compared(problem, name, known) for name in names)
+
+
+def _compared(problem: Problem, name: str, exact: Filtered) -> Comparison:
+    try:
+        own, seconds = driver.run(problem, name, own_start=True)
+        if len(own.t) <= SHORT:  # the first step of a process takes longer than all others: once more
+            seconds = min(seconds, driver.run(problem, name, own_start=True)[1])
+        count = flops(problem.model, name)
+    except (ValueError, FloatingPointError) as error:
+        return Comparison(name, None, None, None, None, None, str(error))
+    difference, size = (np.linalg.norm(P, axis=(1, 2)) for P in (own.P_plus - exact.P_plus, exact.P_plus))
+    variances, wanted = (np.diagonal(P, axis1=1, axis2=2) for P in (own.P_plus, exact.P_plus))
+    return Comparison(
+        name,
+        count,
+        float(_relative(difference, size).max()),
+        _relative(np.abs(variances - wanted), wanted).max(axis=0),
+        np.abs(own.x_plus - exact.x_plus.reshape(own.x_plus.shape)).max(axis=(0, 2)),
+        seconds,
+        "",
+    )
+
+
+def _relative(difference: Array, size: Array) -> Array:
+    """difference/size; where the size is 0 the standard deviation left, as a fraction of the largest one."""
+    left = np.sqrt(difference / (size.max() or np.finfo(float).tiny))
+    return np.where(size > 0, difference / np.where(size > 0, size, 1.0), left)
+
+

@@ -1,0 +1,160 @@
+"""What the compiled loops share: a model's arrays, factors of covariances, and the motion where w and v correlate."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba.extending import register_jitable
+
+from ctlabs.linalg.checks import Array
+from ctlabs.linalg.rounding import CANCELLED as CANCELLED
+
+#: A helper that plain Python and the compiler both understand. Sums keep their order: the result is the same to the bit
+#: in every process, and short vectors gain nothing from another order.
+helper = register_jitable
+
+EPS = float(np.finfo(float).eps)
+
+
+class System(NamedTuple):
+    """The arrays of a discrete model: Phi, Q (steps or 1, n, n), c (steps or 1, n), H, R (steps+1 or 1, …), N (n, m).
+
+    c and N are empty where there are none.
+    """
+
+    Phi: Array
+    Q: Array
+    c: Array
+    H: Array
+    R: Array
+    N: Array
+
+
+@helper
+def entry(stack: Array, k: int) -> Array:
+    """Entry k of a matrix that may be constant (a stack of one)."""
+    return stack[k] if stack.shape[0] > 1 else stack[0]
+
+
+@helper
+def alike(a: Array, b: Array) -> bool:
+    """Whether the same elements are used."""
+    for i in range(a.shape[0]):  # noqa: SIM110  # numba knows no all()
+        if a[i] != b[i]:
+            return False
+    return True
+
+
+@helper
+def picked(used: Array, pick: Array) -> int:
+    """The indices of the elements used, at the beginning of ``pick``; their number."""
+    count = 0
+    for i in range(used.shape[0]):
+        if used[i]:
+            pick[count] = i
+            count += 1
+    return count
+
+
+@helper
+def triangle(M: Array, L: Array, d: Array, pick: Array, count: int) -> bool:
+    """L, d of the ``count`` rows and columns ``pick`` of M = L diag(d) Lᵀ; whether all d > 0.
+
+    As :func:`ctlabs.linalg.factors.ldl`: what is left of a variance below its rounding is zero.
+    """
+    regular = True
+    for a in range(count):
+        for b in range(count):
+            L[a, b] = M[pick[a], pick[b]]
+    for j in range(count):
+        if L[j, j] <= 4 * count * EPS * M[pick[j], pick[j]]:
+            regular = False
+            d[j] = 0.0
+            for a in range(j + 1, count):
+                L[a, j] = 0.0
+        else:
+            d[j] = L[j, j]
+            for a in range(j + 1, count):
+                factor = L[a, j] / d[j]
+                for b in range(j + 1, a + 1):
+                    L[a, b] -= factor * L[b, j]
+            for a in range(j + 1, count):
+                L[a, j] /= d[j]
+        L[j, j] = 1.0
+    return regular
+
+
+@helper
+def root(M: Array, L: Array, d: Array, everything: Array) -> None:
+    """L lower triangular with M = LLᵀ; columns of a singular M are zero."""
+    n = M.shape[0]
+    triangle(M, L, d, everything, n)
+    for j in range(n):
+        scale = np.sqrt(d[j])
+        for i in range(n):
+            L[i, j] = L[i, j] * scale if i >= j else 0.0
+
+
+@helper
+def motion(system: System, k: int, pick: Array, count: int, Phi: Array, Q: Array, M: Array, L: Array, d: Array) -> None:
+    """Φ − NR⁻¹H, Qd − NR⁻¹Nᵀ and M = NR⁻¹ for the step after k, given which elements were used at k; their R is regular."""
+    n = system.N.shape[0]
+    A, W, H, R = entry(system.Phi, k), entry(system.Q, k), entry(system.H, k), entry(system.R, k)
+    triangle(R, L, d, pick, count)
+    M[:] = 0.0
+    for i in range(n):
+        for j in range(n):
+            Phi[i, j], Q[i, j] = A[i, j], W[i, j]
+        for a in range(count):  # L diag(d) Lᵀ Mᵀ = Nᵀ, column i
+            M[i, a] = system.N[i, pick[a]]
+            for b in range(a):
+                M[i, a] -= L[a, b] * M[i, b]
+        for a in range(count - 1, -1, -1):
+            M[i, a] /= d[a]
+            for b in range(a + 1, count):
+                M[i, a] -= L[b, a] * M[i, b]
+    for a in range(count):
+        for i in range(n):
+            for j in range(n):
+                Phi[i, j] -= M[i, a] * H[pick[a], j]
+            for j in range(i + 1):
+                Q[i, j] -= M[i, a] * system.N[j, pick[a]]
+    for i in range(n):
+        for j in range(i):
+            Q[j, i] = Q[i, j]
+    if count > 0:  # exact zeros for a disturbance that the measurement gives away: rounding.difference
+        for i in range(n):
+            if Q[i, i] <= 16 * n * EPS * W[i, i]:
+                Q[i, :] = 0.0
+                Q[:, i] = 0.0
+    for a in range(count - 1, -1, -1):  # from the elements used to all of them
+        if pick[a] != a:
+            for i in range(n):
+                M[i, pick[a]] = M[i, a]
+                M[i, a] = 0.0
+
+
+@helper
+def similarity(A: Array, P: Array, out: Array, work: Array) -> None:
+    """out += A P Aᵀ for a symmetric P, its lower triangle."""
+    n = A.shape[0]
+    for i in range(n):
+        for j in range(n):
+            s = 0.0
+            for h in range(n):
+                s += A[i, h] * P[h, j]
+            work[i, j] = s
+        for j in range(i + 1):
+            s = 0.0
+            for h in range(n):
+                s += work[i, h] * A[j, h]
+            out[i, j] += s
+
+
+@helper
+def mirror(P: Array) -> None:
+    """The upper triangle from the lower."""
+    for i in range(P.shape[0]):
+        for j in range(i):
+            P[j, i] = P[i, j]

@@ -1,0 +1,180 @@
+r"""One long record through the Kalman filter, compiled: Joseph's form.
+
+.. math:: S = HP^-H^T + R = CC^T, \quad K = P^-H^TC^{-T}C^{-1}, \quad
+          P^+ = (I-KH)P^-(I-KH)^T + KRK^T
+
+.. math:: \ln p(z) = -\tfrac12\sum_k\left(\nu_k^TS_k^{-1}\nu_k + \ln\det S_k + m_k\ln 2\pi\right)
+
+(Maybeck vol. 1, section 5.6; the likelihood by prediction errors, Schweppe, IEEE Trans. IT-11, 1965.) Where only the data
+vary and P has come to its fixed point, the covariances are not computed again as long as the same elements are
+measured. What is left of P's way there is summed to its end before it is left out, and lies below 1e-13 of the standard
+deviations (:func:`ctlabs.filtering.engines.forward.settled`). A record with a perfect measurement of what is known already goes
+through the form ``joseph`` of :mod:`ctlabs.filtering.algorithms`, which is slower.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ctlabs.filtering import contradictions
+from ctlabs.filtering.algorithms.beginning import Beginning, begin
+from ctlabs.filtering.algorithms.vague import needed
+from ctlabs.filtering.engines import driver
+from ctlabs.filtering.problem import Problem
+from ctlabs.filtering.results import Covariances, Filtered, Mask, gains
+from ctlabs.linalg.checks import Array
+from ctlabs.models.linear import DiscreteModel
+from ctlabs.text import moment
+
+if TYPE_CHECKING:
+    from ctlabs.filtering.engines.common import System
+    from ctlabs.filtering.engines.forward import Histories
+
+
+def record(problem: Problem) -> Filtered:
+    """One record (a problem of one run), equal to that of the form ``joseph`` but for rounding.
+
+    Raises
+    ------
+    FloatingPointError
+        The covariance overflows, or rounding makes S indefinite: the step and the time are in the message.
+    """
+    model, data, used = problem.model, problem.z[:, :, 0], _entering(problem)
+    begun = _begin(problem, used)
+    rows = 0 if begun is None else begun.rows
+    out = _histories(len(data), model.n, model.m)
+    total = 0.0 if rows == len(data) else _forward(problem, used, out, begun)
+    if total is None:
+        return _perfect(problem)
+    both = (total, total)
+    if begun is not None:
+        both = (total + float(begun.ordinary[0]), total + float(begun.diffuse[0]))
+        for name, whole in out._asdict().items():
+            part = getattr(begun, name)
+            whole[:rows] = part[..., 0] if name in ("x_minus", "x_plus", "innovation", "nis") else part
+    K = gains(out.P_minus, model.H, out.S, used)
+    if begun is not None:
+        K[:rows] = begun.K
+    found = Filtered(
+        problem.t, out.P_minus, out.P_plus, K, out.S, used, "joseph",
+        x_minus=out.x_minus[..., None], x_plus=out.x_plus[..., None], innovation=out.innovation[..., None],
+        nis=out.nis[:, None], z=problem.z, model=model, log_likelihood=np.array(both[:1]), log_likelihood_diffuse=np.array(both[1:]),
+        start=None if begun is None else begun.start,
+    )  # fmt: skip
+    return contradictions.judged(model, found, problem.first)
+
+
+def covariances(model: DiscreteModel, absent: Mask, t: Array) -> Covariances:
+    """The same without data; ``absent`` (steps+1, m), the elements that are not measured."""
+    found = record(Problem(model, np.where(absent, np.nan, 0.0)[:, :, None], t, 0, single=True))
+    return Covariances(found.t, found.P_minus, found.P_plus, found.K, found.S, found.used, found.algorithm)
+
+
+def log_likelihood(problem: Problem) -> float:
+    """``log_likelihood_diffuse`` of :func:`record`, without histories: for fitting."""
+    model, rows = problem.model, len(problem.z)
+    used = _entering(problem)
+    begun = _begin(problem, used)
+    if begun is not None and np.isfinite(begun.start.excess).any():  # a perfect measurement of what was known: is it true?
+        return float(record(problem).log_likelihood_diffuse[0])
+    if begun is not None and begun.rows == rows:
+        return float(begun.diffuse[0])
+    total = _forward(problem, used, _histories(0, model.n, model.m), begun)
+    if total is None:
+        return float(_perfect(problem).log_likelihood_diffuse[0])
+    return total if begun is None else total + float(begun.diffuse[0])
+
+
+def system(model: DiscreteModel) -> System:
+    """The arrays of a model for the compiled loops."""
+    from ctlabs.filtering.engines.common import System
+
+    nothing = np.empty((0, model.n))
+    c = nothing if model.offset is None else np.atleast_2d(model.offset)
+    N = nothing if model.N is None else model.N
+    return System(_stack(model.Phi), _stack(model.Qd), fixed(c), _stack(model.H), _stack(model.R), fixed(N))
+
+
+def _histories(rows: int, n: int, m: int) -> Histories:
+    from ctlabs.filtering.engines.forward import Histories
+
+    return Histories(
+        np.empty((rows, n)),
+        np.empty((rows, n)),
+        np.empty((rows, n, n)),
+        np.empty((rows, n, n)),
+        np.empty((rows, m)),
+        np.empty((rows, m, m)),
+        np.empty(rows),
+    )
+
+
+def _entering(problem: Problem) -> Mask:
+    """The elements that are measured, (steps+1, m)."""
+    model, rows = problem.model, len(problem.z)
+    variances = np.diagonal(model.R, axis1=-2, axis2=-1)
+    return ~problem.absent & np.isfinite(variances if variances.ndim == 1 else variances[:rows])
+
+
+def _begin(problem: Problem, used: Mask) -> Beginning | None:
+    """The first instants from a vague start; ``used`` is corrected there."""
+    model = problem.model
+    return begin(driver.Record(model, problem.z, float, used), model.P0) if needed(model, model.P0) else None
+
+
+def _forward(problem: Problem, used: Mask, out: Histories, begun: Beginning | None) -> float | None:
+    """The log-likelihood of what follows the beginning, the histories in ``out``; None where nothing is left to learn.
+
+    That is where a perfect measurement is of what is known already.
+    """
+    from ctlabs.filtering.engines import forward  # numba costs 0.3 s to import
+
+    model, k = problem.model, 0
+    x, P = model.x0, model.P0
+    if begun is not None:
+        assert begun.x is not None
+        assert begun.P is not None
+        k, x, P = begun.rows, begun.x[:, 0], begun.P
+    data = fixed(problem.z[:, :, 0])
+    end, k, total = forward.forward(system(model), fixed(x), fixed(P), data, fixed(used), k, out)
+    if end == forward.OVERFLOW:
+        msg = f"P_minus: expected finite covariances, received an overflow {_when(problem, k)}"
+        raise FloatingPointError(msg)
+    if end == forward.INDEFINITE:
+        raise FloatingPointError(_indefinite(_when(problem, k)))
+    return None if end == forward.PERFECT else float(total)
+
+
+def _perfect(problem: Problem) -> Filtered:
+    """The record of a model with perfect measurements, by filterpy."""
+    found = driver.run(problem, "joseph")[0]
+    begun = 0 if found.start is None else len(found.start.P)  # before, something unknown may be measured
+    wrong = np.isnan(found.nis[:, 0]) & found.used.any(axis=1) & (np.arange(len(problem.z)) >= begun)
+    if wrong.any():
+        raise FloatingPointError(_indefinite(_when(problem, int(np.argmax(wrong)))))
+    return found
+
+
+def _when(problem: Problem, k: int) -> str:
+    return f"at step {k} (t = {moment(problem.t[k])} s)"
+
+
+def _indefinite(where: str) -> str:
+    return (
+        f"S: expected a positive definite covariance, received one indefinite by rounding {where}; "
+        "a factorised form (ud, array, srif) keeps its digits"
+    )
+
+
+def _stack(matrix: Array) -> Array:
+    """A constant matrix as a stack of one."""
+    return fixed(matrix if matrix.ndim == 3 else matrix[None])
+
+
+def fixed(array: Array) -> Array:
+    """A contiguous view that cannot be written: one type for the compiler, whoever made the array."""
+    view = np.ascontiguousarray(array).view()
+    view.setflags(write=False)
+    return view

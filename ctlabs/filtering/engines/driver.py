@@ -1,0 +1,210 @@
+"""One record through any form of the filter, in any kind of number, instant by instant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ctlabs.filtering import contradictions, motion
+from ctlabs.filtering.algorithms import beginning, contract
+from ctlabs.filtering.algorithms.beginning import Beginning
+from ctlabs.filtering.algorithms.catalogue import form as named
+from ctlabs.filtering.algorithms.contract import Counted, Form, Noise, Numbers
+from ctlabs.filtering.engines import adapter
+from ctlabs.filtering.measured import perfect
+from ctlabs.filtering.problem import Problem
+from ctlabs.filtering.results import Filtered, Mask, gains
+from ctlabs.linalg.checks import Array
+from ctlabs.linalg.covariance import symmetric
+from ctlabs.models.linear import DiscreteModel, at
+from ctlabs.text import moment
+
+
+def run(problem: Problem, form: str, kind: Any = float, *, own_start: bool = False) -> tuple[Filtered, float]:
+    """The record by one form in one kind of number, rounded to doubles; and the seconds per step of prediction and update.
+
+    From a P0 of which a part is unknown, or very large beside the noises, the form takes over when that part is known about as
+    well as the noises allow (:mod:`ctlabs.filtering.algorithms.vague`): from such a P0 itself most forms lose digits. With
+    ``own_start`` it starts from a finite P0 itself, to see what it loses.
+    """
+    how, model, data = named(form), problem.model, problem.z
+    given = model.P0
+    record = Record(model, data, kind, entering(problem))
+    steps, runs = len(data) - 1, data.shape[2]
+    begun = None if form == "steady" else beginning.begin(record, contract.numbers(given, kind))
+    own = None if own_start and np.isfinite(given).all() else begun
+    out = _Histories(steps, model.n, model.m, runs)
+    seconds, begin, k = 0.0, 0, 0
+    if own is not None:
+        begin = out.begin(own)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # overflows are reported below, with their time
+        try:
+            if own is None:
+                state = how.start(model, contract.numbers(given, kind))
+            elif own.x is not None and own.P is not None:
+                state = taken_over(how, model, own.x, own.P)
+            for k in range(begin, steps + 1):
+                if k > begin:
+                    step, before = record.motion(k - 1), perf_counter()
+                    state = how.predict(state, *step)
+                    seconds += perf_counter() - before
+                x, P = how.mean(state), how.covariance(state)
+                out.x_minus[k], out.P_minus[k] = contract.doubles(x), contract.doubles(P)
+                if not (used := record.used[k]).any():
+                    out.x_plus[k], out.P_plus[k] = out.x_minus[k], out.P_minus[k]
+                    continue
+                measured, before = record.measurement(k), perf_counter()
+                state, told = how.update(state, *measured)
+                seconds += perf_counter() - before
+                out.innovation[k, used], out.S[k][np.ix_(used, used)] = innovation(x, P, *measured)
+                out.x_plus[k], out.P_plus[k] = contract.doubles(how.mean(state)), contract.doubles(how.covariance(state))
+                if np.isfinite(out.S[k, used, used]).all():
+                    out.nis[k] = contract.doubles(told.nis)
+                    out.log_likelihood += contract.doubles(told.log_likelihood)
+        except np.linalg.LinAlgError as error:
+            _finite(form, given, model.dt, out.x_minus[: k + 1], out.P_minus[: k + 1])
+            msg = f"form {form}: expected matrices with an inverse, received one singular by rounding at step {k}"
+            raise FloatingPointError(msg) from error
+    _finite(form, given, model.dt, out.x_minus, out.P_minus)
+    _finite(form, given, model.dt, out.x_plus, out.P_plus)
+    P_minus, P_plus = symmetric(out.P_minus), symmetric(out.P_plus)
+    K = gains(P_minus, model.H, out.S, record.used)
+    if own is not None:
+        K[:begin] = own.K
+    found = Filtered(
+        problem.t, P_minus, P_plus, K, out.S, record.used, form,
+        x_minus=out.x_minus, x_plus=out.x_plus, innovation=out.innovation, nis=out.nis, z=data, model=model,
+        log_likelihood=out.log_likelihood + (0.0 if own is None else own.ordinary),
+        log_likelihood_diffuse=out.log_likelihood + (0.0 if own is None else own.diffuse),
+        start=None if begun is None else begun.start,
+    )  # fmt: skip
+    return contradictions.judged(model, found, problem.first), seconds / max(steps, 1)
+
+
+def entering(problem: Problem) -> Mask:
+    """Which elements enter the updates, (steps+1, m)."""
+    model, rows = problem.model, len(problem.z)
+    matrices = model.R[:rows] if model.R.ndim == 3 else model.R[None]
+    if any(perfect(R).any() for R in matrices):
+        return adapter.covariances(model, problem.absent).used
+    return np.isfinite(np.diagonal(matrices, axis1=1, axis2=2)) & ~problem.absent
+
+
+
+
+class Record:
+    """A model with data, instant by instant, as the forms take it: in one kind of number, only what is measured.
+
+    ``used`` (steps+1, m): which elements enter the updates (:func:`entering`).
+    """
+
+    def __init__(self, model: DiscreteModel, z: Array, kind: Any, used: NDArray[np.bool_]) -> None:
+        self.model, self.z, self.kind, self.used = model, z, kind, used
+        self._kept: dict[Any, Any] = {}
+
+    def motion(self, k: int) -> tuple[Numbers, Numbers | None, Noise]:
+        """Φ, c and Q from k to k+1; with N ≠ 0 what z_k tells of w_k is in them: Φ−NR⁺H, Qd−NR⁺Nᵀ, c + NR⁺z."""
+        model, used = self.model, self.used[k]
+        coupled = model.N is not None and bool(used.any())
+        matrices = (model.Phi, model.Qd, model.H, model.R) if coupled else (model.Phi, model.Qd)
+        key = ("motion", used.tobytes() if coupled else b"")
+        Phi, Q, M = self._keep(key, matrices, lambda: self._motion(k, coupled))
+        c = None
+        if model.offset is not None:
+            offset = model.offset[..., None]
+            c = self._keep(("offset",), (offset,), lambda: contract.numbers(at(offset, k, 2), self.kind))
+        if M is not None:
+            told = M @ contract.numbers(self.z[k, used], self.kind)
+            c = told if c is None else c + told
+        return Phi, c, Q
+
+    def measurement(self, k: int) -> tuple[Numbers, Numbers, Noise]:
+        """z, H and R of the elements used at k."""
+        model, used = self.model, self.used[k]
+        place = used.tobytes()
+        H = self._keep(("H", place), (model.H,), lambda: contract.numbers(at(model.H, k, 2)[used], self.kind))
+        R = self._keep(("R", place), (model.R,), lambda: self._noise(at(model.R, k, 2)[np.ix_(used, used)]))
+        return contract.numbers(self.z[k, used], self.kind), H, R
+
+    def _keep(self, key: Any, matrices: tuple[Array, ...], make: Callable[[], Any]) -> Any:
+        """What is made of constant matrices is made once."""
+        if any(matrix.ndim == 3 for matrix in matrices):
+            return make()
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]
+
+    def _noise(self, matrix: Array) -> Noise:
+        return Noise(contract.numbers(matrix, self.kind))
+
+    def _motion(self, k: int, coupled: bool) -> tuple[Numbers, Noise, Numbers | None]:
+        model, used = self.model, self.used[k]
+        if not coupled or self.kind in (float, Counted):
+            Phi, Qd, M = motion.motion(model, k, used)
+            own = None if M is None else contract.numbers(M, self.kind)
+            return contract.numbers(Phi, self.kind), self._noise(Qd), own
+        # The same in this kind of number; any generalised inverse of R serves, as N has nothing outside R's range.
+        rounded = motion.motion(model, k, used)[1]
+        assert model.N is not None
+        Phi, Qd, H, N, R = (
+            contract.numbers(part, self.kind)
+            for part in (
+                at(model.Phi, k, 2),
+                at(model.Qd, k, 2),
+                at(model.H, k, 2)[used],
+                model.N[:, used],
+                at(model.R, k, 2)[np.ix_(used, used)],
+            )
+        )
+        noise = Noise(R)
+        inverse = np.array([1 / d if d else d for d in noise.d], dtype=object)
+        rows = contract.substituted(noise.L, N.T) * inverse[:, None]
+        M = contract.substituted_back(noise.L.T, rows).T
+        left = Qd - M @ N.T
+        left[rounded == 0] = contract.like(0.0, left)
+        return Phi - M @ H, Noise(left), M
+
+
+class _Histories:
+    """What a run leaves, to be filled."""
+
+    def __init__(self, steps: int, n: int, m: int, runs: int) -> None:
+        self.x_minus, self.x_plus = np.empty((2, steps + 1, n, runs))
+        self.P_minus, self.P_plus = np.empty((2, steps + 1, n, n))
+        self.innovation, self.S = np.full((steps + 1, m, runs), np.nan), np.zeros((steps + 1, m, m))
+        self.S[:, range(m), range(m)] = np.inf
+        self.nis, self.log_likelihood = np.full((steps + 1, runs), np.nan), np.zeros(runs)
+
+    def begin(self, own: Beginning) -> int:
+        """Fill in the first instants; their number."""
+        for name in ("x_minus", "x_plus", "P_minus", "P_plus", "innovation", "S", "nis"):
+            getattr(self, name)[: own.rows] = getattr(own, name)
+        return own.rows
+
+
+def taken_over(how: Form, model: DiscreteModel, x: Numbers, P: Numbers) -> Any:
+    """The form's state of an estimate x (n, runs) with the covariance P."""
+    there = replace(model, x0=np.zeros(model.n), P0=contract.doubles(P))
+    nothing = Noise(contract.zeros(P.shape, P))
+    return how.predict(how.start(there, P), contract.identity(model.n, P), x, nothing)
+
+
+def innovation(x: Numbers, P: Numbers, z: Numbers, H: Numbers, R: Noise) -> tuple[Array, Array]:
+    """ν and S in doubles."""
+    return contract.doubles(z - H @ x), contract.doubles(H @ P @ H.T + R.matrix)
+
+
+def _finite(form: str, P0: Array, dt: float, x: Array, P: Array) -> None:
+    """An overflow is refused at its first step; after a start from zero information NaN and inf have their meaning."""
+    free = np.isposinf(np.diagonal(P, axis1=1, axis2=2)) & (not np.isfinite(P0).all())
+    own = free[:, :, None] & np.eye(len(P0), dtype=bool)
+    wrong = ~((np.isfinite(P) | own).all(axis=(1, 2)) & (np.isfinite(x) | free[:, :, None]).all(axis=(1, 2)))
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        msg = f"form {form}: expected finite covariances, received an overflow at step {k} (t = {moment(k * dt)} s)"
+        raise FloatingPointError(msg)

@@ -1,0 +1,403 @@
+r"""The filter over one record, in Joseph's form.
+
+Of the elements that are measured at k (their rows of H, their part of R):
+
+.. math:: S = HP^-H^T + R = CC^T,\ K = P^-H^TC^{-T}C^{-1},\
+          P^+ = (I-KH)P^-(I-KH)^T + KRK^T,\ P^-_{k+1} = \Phi P^+\Phi^T + Q
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from ctlabs.filtering.engines.common import (
+    CANCELLED,
+    EPS,
+    System,
+    alike,
+    entry,
+    helper,
+    mirror,
+    motion,
+    picked,
+    similarity,
+    triangle,
+)
+from ctlabs.linalg import compiled, rounding
+from ctlabs.linalg.checks import Array
+
+#: As in :mod:`ctlabs.linalg.rounding`.
+MARGIN = rounding.MARGIN
+LOG_2PI = float(np.log(2 * np.pi))
+#: P is at its fixed point when what is left of its way there is below this fraction of the standard deviations.
+SETTLED = 1e-13
+#: The longest wait, in steps, from one look at the fixed point to the next.
+PATIENCE = 4096
+
+#: How a record ended: at its last row, or before, with the reason. PERFECT: where a perfect measurement is of what is known, or
+#: N ≠ 0 beside a singular R.
+DONE, PERFECT, OVERFLOW, INDEFINITE = 0, 1, 2, 3
+
+
+class Histories(NamedTuple):
+    """What the filter leaves: one entry for each instant, or no entry at all where only the likelihood is asked for."""
+
+    x_minus: Array
+    x_plus: Array
+    P_minus: Array
+    P_plus: Array
+    innovation: Array
+    S: Array
+    nis: Array
+
+
+@helper
+def predict(P: Array, Phi: Array, Q: Array, ahead: Array, work: Array, size: Array) -> bool:
+    """ahead = ΦPΦᵀ + Q, with exact zeros where terms cancelled; whether it is finite."""
+    n, suspect, finite = P.shape[0], False, True
+    for i in range(n):
+        for j in range(i + 1):
+            ahead[i, j] = Q[i, j]
+    similarity(Phi, P, ahead, work)
+    mirror(ahead)
+    for i in range(n):
+        work[0, i] = np.sqrt(abs(P[i, i]))
+    for i in range(n):
+        s = np.sqrt(Q[i, i])
+        for j in range(n):
+            s += abs(Phi[i, j]) * work[0, j]
+        size[i] = s
+        suspect |= not ahead[i, i] > CANCELLED * s * s
+        finite &= np.isfinite(ahead[i, i])
+    if suspect and finite:
+        for i in range(n):
+            known = True
+            for j in range(n):
+                known &= abs(ahead[i, j]) <= CANCELLED * size[i] * size[j]
+            work[0, i] = known
+        for i in range(n):
+            if work[0, i] > 0:
+                ahead[i, :] = 0.0
+                ahead[:, i] = 0.0
+    return finite
+
+
+@helper
+def terms(P: Array, H: Array, R: Array, pick: Array, a: int, C: Array, size: Array) -> float:
+    """The size of the terms of the variance that element a has when those before it are known; ``size`` (2, m) is filled."""
+    for b in range(a + 1):
+        s = 0.0
+        for j in range(P.shape[0]):
+            s += abs(H[pick[b], j]) * np.sqrt(max(P[j, j], 0.0))
+        size[0, b] = np.sqrt(s * s + R[pick[b], pick[b]])
+    total = size[0, a]
+    for b in range(a - 1, -1, -1):  # the weights of those before it
+        s = C[a, b]
+        for c in range(b + 1, a):
+            s -= C[c, b] * size[1, c]
+        size[1, b] = s / C[b, b]
+        total += abs(size[1, b]) * size[0, b]
+    return total * total
+
+
+@helper
+def gain(
+    P: Array, H: Array, R: Array, pick: Array, count: int, d: Array, S: Array, C: Array, Kt: Array, size: Array
+) -> int:
+    """S and its factor C of the elements picked (in the leading rows), Kᵀ (m, n); how it ended.
+
+    INDEFINITE: S is not, or as far as rounding tells; PERFECT: an element without a noise of its own (d = 0) is known from
+    what was before it, its variance being rounding of its own terms, as in :mod:`ctlabs.filtering.kalman`.
+    """
+    n = P.shape[0]
+    for a in range(count):
+        for j in range(n):
+            s = 0.0
+            for h in range(n):
+                s += H[pick[a], h] * P[h, j]
+            Kt[a, j] = s
+        for b in range(a + 1):
+            s = R[pick[a], pick[b]]
+            for j in range(n):
+                s += Kt[a, j] * H[pick[b], j]
+            S[a, b], S[b, a] = s, s
+    for a in range(count):
+        for b in range(a + 1):
+            s = S[a, b]
+            for c in range(b):
+                s -= C[a, c] * C[b, c]
+            if a > b:
+                C[a, b] = s / C[b, b]
+            else:
+                lost = MARGIN * n * EPS * terms(P, H, R, pick, a, C, size)
+                if d[a] == 0.0 and s <= 4 * lost:
+                    return PERFECT
+                if not s > lost:
+                    return INDEFINITE
+                C[a, a] = np.sqrt(s)
+    for a in range(count):
+        for b in range(a):
+            for j in range(n):
+                Kt[a, j] -= C[a, b] * Kt[b, j]
+        for j in range(n):
+            Kt[a, j] /= C[a, a]
+    for a in range(count - 1, -1, -1):
+        for b in range(a + 1, count):
+            for j in range(n):
+                Kt[a, j] -= C[b, a] * Kt[b, j]
+        for j in range(n):
+            Kt[a, j] /= C[a, a]
+    return DONE
+
+
+@helper
+def closed(Kt: Array, H: Array, pick: Array, count: int, B: Array) -> None:
+    """B = I − KH."""
+    for i in range(B.shape[0]):
+        for j in range(B.shape[0]):
+            B[i, j] = 1.0 if i == j else 0.0
+        for a in range(count):
+            for j in range(B.shape[0]):
+                B[i, j] -= Kt[a, i] * H[pick[a], j]
+
+
+@helper
+def joseph(
+    P: Array, R: Array, Kt: Array, B: Array, pick: Array, count: int, after: Array, work: Array, RKt: Array
+) -> None:
+    """after = (I−KH)P(I−KH)ᵀ + KRKᵀ."""
+    n = P.shape[0]
+    for a in range(count):
+        for j in range(n):
+            s = 0.0
+            for b in range(count):
+                s += R[pick[a], pick[b]] * Kt[b, j]
+            RKt[a, j] = s
+    for i in range(n):
+        for j in range(i + 1):
+            s = 0.0
+            for a in range(count):
+                s += Kt[a, i] * RKt[a, j]
+            after[i, j] = s
+    similarity(B, P, after, work)
+    mirror(after)
+
+
+@helper
+def determined(
+    P: Array, P_minus: Array, Kt: Array, H: Array, R: Array, pick: Array, count: int, B: Array, S: Array, C: Array,
+    work: Array
+) -> None:  # fmt: skip
+    """Exact zeros in P for states that perfect measurements determined: :func:`ctlabs.linalg.rounding.corrected`."""
+    n = P.shape[0]
+    inverse, size = np.zeros((count, count)), np.zeros((count, count))
+    for c in range(count):  # S⁻¹ = C⁻ᵀC⁻¹
+        for a in range(count):
+            s = 1.0 if a == c else 0.0
+            for b in range(a):
+                s -= C[a, b] * inverse[b, c]
+            inverse[a, c] = s / C[a, a]
+        for a in range(count - 1, -1, -1):
+            s = inverse[a, c]
+            for b in range(a + 1, count):
+                s -= C[b, a] * inverse[b, c]
+            inverse[a, c] = s / C[a, a]
+    for a in range(count):
+        for b in range(count):
+            for c in range(count):
+                size[a, b] += abs(S[a, c]) * abs(inverse[c, b])
+    for i in range(n):
+        for a in range(count):
+            s = 0.0
+            for b in range(count):
+                s += abs(Kt[b, i]) * size[b, a]
+            inverse[a, 0] = s
+        left, whole = 0.0, 0.0
+        for j in range(n):
+            sd = np.sqrt(max(P_minus[j, j], 0.0))
+            s = 1.0 if i == j else 0.0
+            for a in range(count):
+                s += inverse[a, 0] * abs(H[pick[a], j])
+            left += abs(B[i, j]) * sd
+            whole += s * sd
+        noise, level = 0.0, MARGIN * n * EPS
+        for a in range(count):
+            for b in range(count):
+                noise += abs(Kt[a, i] * R[pick[a], pick[b]] * Kt[b, i])
+        work[0, i] = P[i, i] <= level * (left * left + noise) + (level * whole) ** 2
+    for i in range(n):
+        if work[0, i] > 0:
+            P[i, :] = 0.0
+            P[:, i] = 0.0
+
+
+@helper
+def near(P: Array, before: Array) -> bool:
+    """Whether one step changed P by less than the tolerance."""
+    for i in range(P.shape[0]):
+        for j in range(i + 1):
+            if not abs(P[i, j] - before[i, j]) <= SETTLED * np.sqrt(P[i, i]) * np.sqrt(P[j, j]):
+                return False
+    return True
+
+
+@helper
+def settled(P: Array, before: Array, Phi: Array, B: Array, A: Array, X: Array, Y: Array, work: Array) -> bool:
+    r"""Whether P is as near to its fixed point as :data:`SETTLED` says, in units of its standard deviations.
+
+    A change Δ of P becomes AΔAᵀ in the next step, A = Φ(I−KH), up to terms in Δ². All that is still to come is the
+    sum of AʲΔAʲᵀ from j = 1, here by doubling: X ← X + AXAᵀ, A ← A². Near the fixed point a small Δ alone says little:
+    where A is near the unit circle the steps are many.
+    """
+    n = P.shape[0]
+    for i in range(n):
+        for j in range(n):
+            s = 0.0
+            for h in range(n):
+                s += Phi[i, h] * B[h, j]
+            both = np.sqrt(P[i, i]) * np.sqrt(P[j, j])
+            A[i, j] = s * (np.sqrt(P[j, j]) / np.sqrt(P[i, i])) if both > 0 else 0.0
+            Y[i, j] = (P[i, j] - before[i, j]) / both if both > 0 else 0.0
+            X[i, j] = 0.0
+    similarity(A, Y, X, work)
+    mirror(X)
+    for _ in range(60):
+        size, left = np.abs(A).max(), np.abs(X).max()
+        if not (size < 1e100 and left <= SETTLED):
+            return False
+        if left == 0.0 or size < 1e-4:
+            return True
+        Y[:] = X
+        similarity(A, Y, X, work)
+        mirror(X)
+        for i in range(n):
+            for j in range(n):
+                s = 0.0
+                for h in range(n):
+                    s += A[i, h] * A[h, j]
+                Y[i, j] = s
+        A[:] = Y
+    return False
+
+
+@helper
+def put(
+    k: int,
+    x_minus: Array,
+    x: Array,
+    P_minus: Array,
+    P: Array,
+    nu: Array,
+    S: Array,
+    nis: float,
+    pick: Array,
+    count: int,
+    out: Histories,
+) -> None:
+    """Store an instant."""
+    m = nu.shape[0]
+    for i in range(x.shape[0]):
+        out.x_minus[k, i], out.x_plus[k, i] = x_minus[i], x[i]
+        for j in range(x.shape[0]):
+            out.P_minus[k, i, j], out.P_plus[k, i, j] = P_minus[i, j], P[i, j]
+    if count < m:
+        for a in range(m):
+            out.innovation[k, a] = np.nan
+            for b in range(m):
+                out.S[k, a, b] = np.inf if a == b else 0.0
+    for a in range(count):
+        out.innovation[k, pick[a]] = nu[a]
+        for b in range(count):
+            out.S[k, pick[a], pick[b]] = S[a, b]
+    out.nis[k] = nis if count > 0 else np.nan
+
+
+@numba.njit(nogil=True, error_model="numpy")
+def forward(
+    system: System, x0: Array, P0: Array, z: Array, used: Array, begin: int, out: Histories
+) -> tuple[int, int, float]:
+    """Filter a record from the instant ``begin``, predicted as x0 and P0; how it ended, at which step, the log-likelihood.
+
+    Where nothing but z and c varies, and P has come to its fixed point, the covariances are not computed again until
+    other elements are measured than at the step before.
+    """
+    n, m, rows = x0.shape[0], z.shape[1], z.shape[0]
+    keep, correlated = out.nis.shape[0] > 0, system.N.size > 0
+    constant = max(system.Phi.shape[0], system.Q.shape[0], system.H.shape[0], system.R.shape[0]) == 1
+    x, x_minus, nu, e = x0.copy(), x0.copy(), np.empty(m), np.empty(m)
+    P, P_minus, before, ahead = P0.copy(), P0.copy(), P0.copy(), P0.copy()
+    S, C, Kt, RKt, B = np.empty((m, m)), np.empty((m, m)), np.empty((m, n)), np.empty((m, n)), np.empty((n, n))
+    A, X, Y, work, size = np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty(n)
+    Phi_N, Q_N, M = np.empty((n, n)), np.empty((n, n)), np.zeros((n, m))
+    L, d, pick, sizes = np.empty((m, m)), np.empty(m), np.empty(m, dtype=np.int64), np.empty((2, m))
+    fixed, wait, look, half, total, count, perfect = False, 1, 0, 0.0, 0.0, 0, False
+    for k in range(begin, rows):
+        same = k > begin and alike(used[k], used[k - 1])
+        if k > begin:
+            if correlated and not (constant and k > begin + 1 and alike(used[k - 1], used[k - 2])):
+                count = picked(used[k - 1], pick)
+                motion(system, k - 1, pick, count, Phi_N, Q_N, M, L, d)
+            Phi = Phi_N if correlated else entry(system.Phi, k - 1)
+            if not fixed:
+                if not predict(P, Phi, Q_N if correlated else entry(system.Q, k - 1), ahead, work, size):
+                    return OVERFLOW, k, np.nan
+                before, P_minus, ahead = P_minus, ahead, before
+            for i in range(n):
+                s = system.c[(k - 1) % system.c.shape[0], i] if system.c.shape[0] > 0 else 0.0
+                for j in range(n):
+                    s += Phi[i, j] * x[j]
+                x_minus[i] = s
+            if correlated:
+                for a in range(m):
+                    if used[k - 1, a]:
+                        for i in range(n):
+                            x_minus[i] += M[i, a] * z[k - 1, a]
+        H, R = entry(system.H, k), entry(system.R, k)
+        if not fixed or not same:
+            count = picked(used[k], pick)
+            if correlated or not constant or not same:
+                perfect = not triangle(R, L, d, pick, count)
+                if perfect and correlated:
+                    return PERFECT, k, np.nan
+            end = gain(P_minus, H, R, pick, count, d, S, C, Kt, sizes)
+            if end != DONE:
+                return end, k, np.nan
+            closed(Kt, H, pick, count, B)
+            joseph(P_minus, R, Kt, B, pick, count, P, work, RKt)
+            if perfect:
+                determined(P, P_minus, Kt, H, R, pick, count, B, S, C, work)
+            half = 0.5 * count * LOG_2PI
+            for a in range(count):
+                half += np.log(C[a, a])
+            if constant and same:
+                if k >= look and near(P_minus, before):
+                    fixed = settled(P_minus, before, Phi_N if correlated else system.Phi[0], B, A, X, Y, work)
+                    wait = min(2 * wait, PATIENCE)
+                    look = k + wait
+            else:
+                fixed, wait, look = False, 1, 0
+        nis = 0.0
+        for a in range(count):
+            s = z[k, pick[a]]
+            for j in range(n):
+                s -= H[pick[a], j] * x_minus[j]
+            nu[a] = s
+            for b in range(a):
+                s -= C[a, b] * e[b]
+            e[a] = s / C[a, a]
+            nis += e[a] * e[a]
+        total -= 0.5 * nis + half
+        for i in range(n):
+            s = x_minus[i]
+            for a in range(count):
+                s += Kt[a, i] * nu[a]
+            x[i] = s
+        if keep:
+            put(k, x_minus, x, P_minus, P, nu, S, nis, pick, count, out)
+    return DONE, rows, total
+
+
+compiled.enable(forward)

@@ -1,0 +1,199 @@
+"""The filter of a record, and what it will do before there is one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ctlabs.filtering import measured
+from ctlabs.filtering.algorithms import beginning, catalogue
+from ctlabs.filtering.algorithms.vague import needed
+from ctlabs.filtering.engines import adapter, compiled, driver, gains
+from ctlabs.filtering.problem import Problem, pose
+from ctlabs.filtering.results import Covariances, Filtered, Mask, without_runs
+from ctlabs.linalg.checks import Array
+from ctlabs.models.linear import DiscreteModel
+
+
+def kalman_filter(
+    model: Any,
+    z: ArrayLike,
+    *,
+    first: int | None = None,
+    t: ArrayLike | None = None,
+    H: ArrayLike | None = None,
+    R: ArrayLike | None = None,
+    u: ArrayLike | None = None,
+    u0: ArrayLike | None = None,
+    algorithm: str = "auto",
+    gains: Covariances | None = None,
+    P0: ArrayLike | None = None,
+) -> Filtered:
+    r"""The optimal estimates of a record, or of an ensemble of records.
+
+    .. math:: \hat x_k^- = \Phi\hat x_{k-1}^+ + Bu_{k-1} + c, \quad P_k^- = \Phi P_{k-1}^+\Phi^T + Q_d, \quad
+              S = HP^-H^T + R, \quad K = P^-H^TS^{-1}
+
+    .. math:: \nu = z - H\hat x^- - Du - d, \quad \hat x^+ = \hat x^- + K\nu, \quad P^+ = (I-KH)P^-(I-KH)^T + KRK^T
+
+    Parameters
+    ----------
+    model : a DiscreteModel, constant or given for as many steps as z has; a ContinuousModel, measured at the times ``t`` with
+        noises of the covariance ``R``; a NonlinearModel (by an extended filter); or any object of the protocol
+        :class:`ctlabs.filtering.Model`
+    z : (rows, m), or (rows, m, runs) for records of one kind, which share their gains; (rows,) where m = 1. One row for each
+        instant at which something is measured, in order; NaN = not measured, in all runs alike
+    first : 1, z[0] is measured a period after t0; 0, at t0; by default as the model says
+    t : (rows,), s since t0 = 0, increasing, of a ContinuousModel
+    H, R : in place of the model's: (m, n), (m, m), or with an axis of rows before these
+    u : (rows, r), or (r,) if it is constant: the known input of a model with B or D. u[i] enters the measurement z[i] (D) and
+        acts from its instant until the next (B)
+    u0 : (r,), the input from t0 to the first measurement, where that comes later and the model has B
+    algorithm : ``"auto"``, ``"filterpy"``, or a form of :mod:`ctlabs.filtering.algorithms` by name. All are the same filter, and
+        differ by rounding; the result says which was used
+    gains : apply these gains (of :func:`covariances`, or another filter's) instead of the optimal ones
+    P0 : (n, n), in place of the model's; ``inf`` on its diagonal means that nothing is known of that state
+
+    Returns
+    -------
+    Filtered, over the instants k = 0 … steps: row 0 is t0, which is measured only with ``first=0``
+
+    Raises
+    ------
+    TypeError
+        Something that is no model.
+    ValueError
+        A shape that does not fit the model; an infinite value; NaN in some runs only; more rows than a time-varying model is given
+        for; an input missing or superfluous; what a form cannot do.
+    FloatingPointError
+        The covariance overflows, or rounding makes S indefinite: the step and the time are in the message.
+
+    Source: Maybeck vol. 1, eq. 5-36 to 5-42, with Joseph's form.
+
+    >>> walk = DiscreteModel(Phi=[[1]], Qd=[[1]], H=[[1]], R=[[1]], P0=[[10]])
+    >>> found = kalman_filter(walk, [5, 5, 5])
+    >>> found.x_plus[1:, 0].round(4), found.algorithm
+    (array([4.5833, 4.8571, 4.9462]), 'joseph')
+    """
+    if not isinstance(model, DiscreteModel) and callable(getattr(model, "f", None)):
+        from ctlabs.filtering import extended
+
+        return extended.filtered(model, z, first=first, R=R, H=H, t=t, u=u, u0=u0, algorithm=algorithm, gains=gains, P0=P0)
+    problem = pose(model, z, first=first, t=t, H=H, R=R, u=u, u0=u0, P0=P0)
+    found = _filtered(problem, algorithm, gains)
+    return without_runs(found) if problem.single else found
+
+
+def covariances(model: DiscreteModel, steps: int, *, first: int | None = None, algorithm: str = "auto") -> Covariances:
+    """The covariances and gains of the optimal filter of ``model`` over ``steps`` steps; no data are needed.
+
+    Parameters
+    ----------
+    model : discrete, constant or given for at least ``steps`` steps
+    steps : number of periods
+    first : 1 (first measurement at t1), 0 (at t0), or as the model says
+    algorithm : as for :func:`kalman_filter`
+
+    Raises
+    ------
+    TypeError
+        A continuous model: discretise it first.
+    ValueError
+        steps < 1, or more steps than a time-varying model is given for.
+    FloatingPointError
+        The covariance overflows, or that of the innovation is singular by rounding: the step and the time are in the message.
+
+    >>> m = DiscreteModel([[1]], [[1]], [[1]], [[1]], P0=[[10]])
+    >>> covariances(m, 2).P_plus[1:, 0, 0].round(6)
+    array([0.916667, 0.657143])
+    """
+    steps = measured.horizon(model, steps)
+    return planned(model, np.zeros((steps + 1, model.m), dtype=bool), measured.begins(model, first), algorithm)
+
+
+def planned(model: DiscreteModel, absent: Mask, first: int, algorithm: str = "auto") -> Covariances:
+    """:func:`covariances` where the elements ``absent`` (steps+1, m) are not measured."""
+    absent = np.array(absent)
+    absent[:first] = True
+    t = np.arange(len(absent)) * model.dt
+    if algorithm == "filterpy":
+        return adapter.covariances(model, absent)
+    z = np.where(absent, np.nan, 0.0)[:, :, None]
+    found = _filtered(Problem(model, z, t, first, single=True), algorithm, None)
+    return Covariances(found.t, found.P_minus, found.P_plus, found.K, found.S, found.used, found.algorithm)
+
+
+def log_likelihood(model: DiscreteModel, z: ArrayLike, first: int | None = None) -> float:
+    """The logarithm of the probability density of the elements measured, without histories: for fitting.
+
+    Where nothing is known of a state (``inf`` in P0) it is ``log_likelihood_diffuse`` of :class:`ctlabs.filtering.Filtered`.
+    Parameters, and what is raised, as for :func:`kalman_filter`; one record.
+
+    >>> m = DiscreteModel([[1]], [[1]], [[1]], [[1]], P0=[[10]])
+    >>> round(log_likelihood(m, [1.0, np.nan]), 6)
+    -2.203059
+    """
+    problem = pose(model, z, first=first)
+    if not problem.single:
+        msg = f"z: expected one record, (rows, {model.m}), received an ensemble"
+        raise ValueError(msg)
+    return compiled.log_likelihood(problem)
+
+
+def _filtered(problem: Problem, algorithm: str, given: Covariances | None) -> Filtered:
+    """The one place where an algorithm is chosen."""
+    if given is not None:
+        return _with_gains(problem, given)
+    if algorithm == "filterpy":
+        plan = adapter.covariances(problem.model, problem.absent)
+        return gains.apply(problem, plan, "filterpy", _begun(problem))
+    if algorithm == "auto":
+        return _best(problem)
+    if algorithm == "joseph":
+        return _joseph(problem)
+    catalogue.form(algorithm)
+    return driver.run(problem, algorithm)[0]
+
+
+def _best(problem: Problem) -> Filtered:
+    """Joseph's form, and where rounding makes its S indefinite the factors UDUᵀ, which keep their digits."""
+    try:
+        return _joseph(problem)
+    except FloatingPointError as error:
+        if not str(error).startswith("S:"):
+            raise
+        return driver.run(problem, "ud")[0]
+
+
+def _joseph(problem: Problem) -> Filtered:
+    """Compiled: a record in one pass; of an ensemble the gains, and one matrix product for all runs at every step."""
+    if problem.z.shape[2] == 1:
+        return compiled.record(problem)
+    if problem.model.R.ndim == 2 and not measured.perfect(problem.model.R).any() and not needed(problem.model, problem.model.P0):
+        plan = compiled.covariances(problem.model, problem.absent, problem.t)
+        return gains.apply(problem, plan, "joseph")
+    return driver.run(problem, "joseph")[0]
+
+
+def _with_gains(problem: Problem, given: Covariances) -> Filtered:
+    shape = (len(problem.z), problem.model.n, problem.model.m)
+    if given.K.shape != shape:
+        msg = f"gains: expected gains of shape {shape}, received {given.K.shape}"
+        raise ValueError(msg)
+    return gains.apply(problem, _at(given, problem.t), given.algorithm)
+
+
+def _at(given: Covariances, t: Array) -> Covariances:
+    """Gains at the instants of a record."""
+    return given if np.array_equal(given.t, t) else replace(given, t=t)
+
+
+def _begun(problem: Problem) -> beginning.Beginning | None:
+    """The first instants of a record from a vague start."""
+    if not needed(problem.model, problem.model.P0):
+        return None
+    record = driver.Record(problem.model, problem.z, float, driver.entering(problem))
+    return beginning.begin(record, problem.model.P0)

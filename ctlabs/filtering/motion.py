@@ -1,0 +1,40 @@
+"""What moves a state from one instant to the next, with what the last measurement tells of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ctlabs.filtering.results import Mask
+from ctlabs.linalg import rounding
+from ctlabs.linalg.checks import Array
+from ctlabs.linalg.correlated import regression
+from ctlabs.linalg.rounding import CANCELLED
+from ctlabs.models.linear import DiscreteModel, at
+
+
+def motion(model: DiscreteModel, k: int, used: Mask) -> tuple[Array, Array, Array | None]:
+    """Transition and noise covariance from k to k+1, and the gain M on z_k where w_k correlates with v_k.
+
+    What a measurement tells of the next disturbance is used: Φ − NR⁺H, Qd − NR⁺Nᵀ and the known input NR⁺z
+    (Kailath, Sayed & Hassibi, *Linear Estimation*, section 9.5).
+    """
+    Phi, Qd = at(model.Phi, k, 2), at(model.Qd, k, 2)
+    if model.N is None or not used.any():
+        return Phi, Qd, None
+    N = model.N[:, used]
+    M = regression(N, at(model.R, k, 2)[np.ix_(used, used)])
+    taken = M @ N.T
+    return Phi - M @ at(model.H, k, 2)[used], rounding.difference(Qd - taken, Qd, taken), M
+
+
+def without_cancelled(P: Array, Phi: Array, before: Array, Q: Array) -> Array:
+    """Exact zeros for a predicted state whose row of P is the rounding of the terms that cancelled in it.
+
+    A known combination of states that Φ turns into a state of its own is known, not of a variance ±1e-17.
+    """
+    size = np.abs(Phi) @ np.sqrt(np.abs(np.diag(before))) + np.sqrt(np.diag(Q))
+    lost = CANCELLED * size
+    if (np.diag(P) > lost * size).all():
+        return P
+    known = (np.abs(P) <= lost[:, None] * size).all(axis=1) & np.isfinite(np.diag(P))
+    return np.where(known[:, None] | known, 0.0, P)

@@ -1,0 +1,1 @@
+"""The labs: the catalogue, the standard experiment, the portrait of a filter."""

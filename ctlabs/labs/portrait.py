@@ -1,0 +1,203 @@
+"""The standard experiment of a lab: one filter shown and tested.
+
+Every lab compares an ensemble with the covariance theory in the same way (bias, RMS, NEES, NIS) and shows one run with its
+band, the variances before and after each update, the gain, and the errors; so it is written once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ctlabs.filtering.measured import begins
+from ctlabs.filtering.results import Covariances
+from ctlabs.labs.experiment import covariances
+from ctlabs.montecarlo import chance
+from ctlabs.reporting import plots
+from ctlabs.text import _, fill
+
+if TYPE_CHECKING:
+    from ctlabs.labs.experiment import Experiment
+    from ctlabs.models import DiscreteModel
+    from ctlabs.montecarlo import Statistics
+    from ctlabs.reporting.report import Report
+
+
+#: Measurements shown in the sawtooth of variances: the transient and a few steady teeth.
+SHOWN = 15
+#: Instants that are tested together, and how far the random numbers of that ensemble are from the others'.
+TOGETHER, APART = 150, 1000
+
+
+def agreement(
+    report: Report,
+    name: str,
+    stats: Statistics,
+    P: ArrayLike,
+    bias: ArrayLike | None = None,
+    *,
+    consistent: bool = True,
+) -> float:
+    """Put the ensemble's exact tests against theory into the report; returns the largest deviation, in sigmas.
+
+    ``P`` (steps+1, n, n) and ``bias`` (steps+1, n; zero by default) are the theory's; a filter that is not
+    ``consistent`` (its own P is not the truth) is tested in bias and variance only.
+    """
+    tests = [
+        (_("mean error"), chance.bias(stats, P, bias)),
+        (_("error variance"), chance.variance(stats, P, bias)),
+    ]
+    if consistent:
+        tests += [
+            ("NEES", chance.nees(stats)),
+            ("NIS", chance.nis(stats)),
+            (_("NIS of all instants together"), chance.pooled_nis(stats)),
+        ]
+    for what, test in tests:
+        report.chance(f"{what}, {name}" if name else what, test)
+    return max(abs(test.value) for _what, test in tests)
+
+
+def portrait(
+    report: Report,
+    experiment: Experiment,
+    model: DiscreteModel,
+    steps: int,
+    *,
+    prefix: str = "",
+    xlabel: str | None = None,
+    state: int = 0,
+    measurement: int = 0,
+    limits: tuple[float, float] | None = None,
+    first: int | None = None,
+    stream: int = 0,
+) -> Statistics:
+    """Five figures of a filter and the tests of its ensemble, into the report's present section.
+
+    ``prefix`` tells the figures of several filters apart; ``state`` is the one shown, ``measurement`` the one that
+    measures it; ``limits`` are its steady variances before and after an update. Returns the statistics.
+    """
+    xlabel = xlabel or _("measurement number i")
+    name, unit = model.states[state], model.units[state]
+    first = begins(model, first)
+    schedule = covariances(model, steps, first)
+    some = experiment.histories(model, steps=steps, stream=stream, first=first)
+    stats = experiment.statistics(model, steps=steps, stream=stream, first=first)
+    labelled = fill("{name}, {unit}", name=name, unit=unit)
+    measured = measurement if model.H[..., measurement, state].any() else None  # another state's is not drawn over it
+    report.figure(
+        f"{prefix}record",
+        plots.record(some, xlabel=xlabel, ylabel=labelled, state=state, measurement=measured),
+        _("One run: truth, measurements, and the estimate of {name} with its ±σ band."),
+        name=name,
+    )
+    report.figure(
+        f"{prefix}sawtooth",
+        plots.sawtooth({"": covariances(model, min(steps, SHOWN), first)}, xlabel=xlabel,
+                       ylabel=fill(_("variance of {name}, {unit}"), name=name, unit=squared(unit)),
+                       state=state, limits=None if limits is None else [limits]),
+        _("Error variance of {name} before and after each update.") + (_(" Dotted: the limits.") if limits else ""),
+        name=name,
+    )  # fmt: skip
+    report.figure(f"{prefix}gain", _gains(model, schedule, xlabel, first), _("The gain, known before any measurement."))
+    report.figure(
+        f"{prefix}errors",
+        plots.errors(
+            some,
+            xlabel=xlabel,
+            unit=unit,
+            state=state,
+            measurement=measurement,
+            measured_unit=_measured_unit(model, measurement),
+        ),
+        _("Innovations, prediction and filtering errors of 25 runs inside the bands of the theory."),
+    )
+    report.figure(
+        f"{prefix}ensemble",
+        plots.ensemble_against_theory(stats, schedule.P_plus, xlabel=xlabel, units=model.units, names=model.states),
+        _("RMS and mean of the filtering errors of {runs} runs against theory, in the bands of 95 % of ensembles; "
+          "NEES and NIS averaged over the runs."),
+        runs=experiment.runs,
+    )  # fmt: skip
+    worst = agreement(report, prefix.strip("_"), stats, schedule.P_plus)
+    worst = max(worst, together(report, prefix.strip("_"), experiment, model, stream=stream, first=first))
+    report.says(
+        _("The largest deviation of the ensemble from theory, over all tests, is {worst} standard errors."),
+        worst=round(worst, 2),
+    )
+    return stats
+
+
+def together(
+    report: Report, name: str, experiment: Experiment, model: DiscreteModel, *, stream: int = 0, first: int | None = None
+) -> float:
+    """Test a second ensemble of a constant filter over many instants, all of them together; returns the largest deviation.
+
+    It is long enough for a variance that is wrong by a few per cent at every instant to be found.
+    """
+    if model.horizon is not None:
+        return 0.0
+    stats = experiment.statistics(model, steps=TOGETHER, stream=stream + APART, first=first)
+    tests = [(_("NIS of {steps} instants together"), chance.pooled_nis(stats))]
+    if model.N is None:
+        plan = covariances(model, TOGETHER, first)
+        tests.append(
+            (
+                _("error variances of {steps} instants together"),
+                chance.pooled_variance(stats, plan.P_plus, chance.error_correlation(model, plan)),
+            )
+        )
+    for what, test in tests:
+        text = fill(what, steps=TOGETHER)
+        report.chance(f"{text}, {name}" if name else text, test)
+    return max(abs(test.value) for _what, test in tests)
+
+
+def largest(report: Report) -> str:
+    """A conclusion: how far all ensembles of the report are from theory."""
+    chances = [check for check in report.checks if check.kind == "CHANCE" and check.value is not None]
+    if not chances:
+        return _("No ensemble was tested: no filter here has a finite limit to compare with.")
+    worst = max(chances, key=lambda check: abs(check.value or 0.0))
+    text = _(
+        "In {tests} tests of the ensemble the largest deviation from theory is {worst} standard errors ({name}); "
+        "a right filter deviates as much in one of its tests with probability {p}."
+    )
+    p = min(1.0, len(chances) * min(chance.adjusted(check.value or 0.0, check.tolerance) for check in chances))
+    return fill(text, tests=len(chances), worst=round(abs(worst.value or 0.0), 2), name=worst.name, p=float(f"{p:.2g}"))
+
+
+def squared(unit: str) -> str:
+    """The unit of a variance.
+
+    >>> squared("m"), squared("m/s"), squared("1")
+    ('m²', '(m/s)²', '1')
+    """
+    if unit == "1":
+        return unit
+    return f"({unit})²" if {"/", "·", " "} & set(unit) else f"{unit}²"
+
+
+def _measured_unit(model: DiscreteModel, measurement: int) -> str:
+    """The unit of a measurement that reads states of one unit; "units of z" where that cannot be told."""
+    if model.H.ndim == 2:
+        units = {unit for unit, h in zip(model.units, model.H[measurement], strict=True) if h}
+        if len(units) == 1 and units != {""}:
+            return units.pop()
+    return _("units of z")
+
+
+def _gains(model: DiscreteModel, schedule: Covariances, xlabel: str, first: int) -> plots.Figure:
+    names: Sequence[str] = model.states
+    many = model.m > 1
+    curves = {
+        f"{name}" + (f" ← {model.measurements[j]}" if many else ""): schedule.K[first:, i, j]
+        for i, name in enumerate(names)
+        for j in range(model.m)
+    }
+    return plots.lines(
+        schedule.t[first:], {k: np.asarray(v) for k, v in curves.items()}, xlabel=xlabel, ylabel=_("gain K"), marker="."
+    )

@@ -1,0 +1,65 @@
+"""Where the compiled kernels are kept: the user's cache folder, so that a second start does not compile.
+
+numba would write beside the source file, or where its process-wide setting points; a library changes neither.
+``NUMBA_CACHE_DIR``, if the user has set it, is respected.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+from typing import Any
+
+
+def folder() -> Path:
+    """The folder of the compiled kernels; each version has its own, as what is kept names modules of that version."""
+    import platformdirs
+
+    from ctlabs import __version__
+
+    return Path(platformdirs.user_cache_dir("ctlabs", appauthor=False)) / "kernels" / __version__
+
+
+def cold() -> bool:
+    """Whether nothing has been compiled on this machine yet, so that the next call takes some 20 s."""
+    return not any(folder().glob("*.nbi"))
+
+
+def enable(dispatcher: Any) -> None:
+    """Keep what ``dispatcher`` compiles in :func:`folder`; where that cannot be written it compiles anew each time."""
+    from numba.core import caching
+
+    class Locator(caching._SourceFileBackedLocatorMixin, caching._CacheLocator):
+        """numba's index of one source file, in our folder."""
+
+        def __init__(self, py_func: Any, py_file: str) -> None:
+            self._py_file = py_file
+            self._lineno = py_func.__code__.co_firstlineno
+
+        def get_cache_path(self) -> str:
+            return str(folder())
+
+        def get_source_stamp(self) -> str:
+            """A kernel is compiled anew when its file or one beside it changes: its helpers may stand there."""
+            files = [*sorted(Path(self._py_file).parent.glob("*.py")), Path(__file__).with_name("rounding.py")]
+            return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()
+
+    class Implementation(caching.CompileResultCacheImpl):
+        """numba's file format."""
+
+    Implementation._locator_classes = [Locator]
+
+    class Cache(caching.FunctionCache):
+        """The cache of one function."""
+
+        _impl_class = Implementation
+
+    try:
+        if os.environ.get("NUMBA_CACHE_DIR"):
+            dispatcher.enable_caching()
+        else:
+            kind: Any = Cache
+            dispatcher._cache = kind(dispatcher.py_func)
+    except (OSError, RuntimeError):  # a read-only home: numba raises when no locator fits
+        return

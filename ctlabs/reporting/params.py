@@ -1,0 +1,218 @@
+"""Types for the parameters of labs: what a person may type, checked once, with one style of message.
+
+A lab declares ``class Parameters(LabParameters)`` with fields such as
+``Q: Variance = given(0.39, unit="m²", meaning="…")``.
+The command line and the workbench read the same schema (default, unit, meaning, range).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from ctlabs.linalg import checks
+
+INFINITE = ("inf", "+inf", "infinity", "∞")
+
+
+def given(default: Any, *, unit: str, meaning: str) -> Any:
+    """A parameter's default value, unit and meaning."""
+    return Field(default=default, description=meaning, json_schema_extra={"unit": unit}, validate_default=True)
+
+
+class LabParameters(BaseModel):
+    """Base of a lab's parameters: unknown names and values out of range are refused."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, arbitrary_types_allowed=True)
+
+    @classmethod
+    def parse(cls, lab: str, values: Mapping[str, object]) -> Any:
+        """Parameters from raw values; a ``ValueError`` of one line says which one, expected and received."""
+        try:
+            return cls(**values)
+        except ValidationError as error:
+            first = error.errors()[0]
+            name = ".".join(str(part) for part in first["loc"]) or "parameters"
+            what = first["msg"].removeprefix("Value error, ")
+            if first["type"] == "extra_forbidden":
+                what = f"expected one of {', '.join(cls.model_fields)}, received an unknown name"
+            msg = f"{lab}: {name}: {what}"
+            raise ValueError(msg) from None
+
+    def plain(self) -> dict[str, Any]:
+        """The values as JSON holds them (infinity as "inf")."""
+        return {name: plain(getattr(self, name)) for name in type(self).model_fields}
+
+    def described(self) -> list[tuple[str, str, str]]:
+        """Name, unit and meaning of each."""
+        extras = (
+            (name, info.json_schema_extra, info.description or "") for name, info in type(self).model_fields.items()
+        )
+        return [
+            (name, str(extra.get("unit", "")) if isinstance(extra, dict) else "", meaning)
+            for name, extra, meaning in extras
+        ]
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON holds it: lists, floats, "inf" and "-inf"; complex numbers as [re, im]. NaN is refused."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, list | tuple):
+        return [plain(item) for item in value]
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, int | np.integer):
+        return int(value)
+    if isinstance(value, complex | np.complexfloating):
+        return [plain(value.real), plain(value.imag)]
+    if isinstance(value, float | np.floating):
+        if math.isnan(value):
+            msg = "value: expected a number, received NaN"
+            raise ValueError(msg)
+        return float(value) if math.isfinite(value) else ("inf" if value > 0 else "-inf")
+    if value is None or isinstance(value, str):
+        return value
+    msg = f"value: expected numbers, words, lists of them or None, received a {type(value).__name__}"
+    raise TypeError(msg)
+
+
+def typed(text: str) -> Any:
+    """What a person typed after NAME=: JSON where it is JSON (numbers, lists, true), the text itself elsewhere."""
+    try:
+        return json.loads(text, parse_constant=lambda name: name)
+    except (ValueError, RecursionError):  # no JSON, or more than Python reads: 5000 digits, 100 000 brackets
+        return text
+
+
+def _received(value: Any) -> str:
+    return (
+        json.dumps(value, ensure_ascii=False, default=repr)
+        if isinstance(value, str | list | dict | bool | int | float)
+        else repr(value)
+    )
+
+
+def _float(value: Any) -> float:
+    """The number that ``value`` is (True and "2" are none); NaN where it is none or no double holds it."""
+    if isinstance(value, bool) or not isinstance(value, int | float | np.integer | np.floating):
+        return math.nan
+    try:
+        return float(value)
+    except OverflowError:
+        return math.nan
+
+
+def _number(expected: str, holds: Callable[[float], bool], *, infinite: bool = False) -> Callable[[Any], float]:
+    """A validator: a number for which ``holds``; ``expected`` says so in words."""
+
+    def check(value: Any) -> float:
+        if isinstance(value, str) and infinite and value.strip().lower() in INFINITE:
+            return math.inf
+        number = _float(value)
+        if math.isnan(number) or (math.isinf(number) and not infinite) or not holds(number):
+            msg = f"expected {expected}, received {_received(value)}"
+            raise ValueError(msg)
+        return number
+
+    return check
+
+
+def _whole(expected: str, least: int) -> Callable[[Any], int]:
+    def check(value: Any) -> int:
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
+            msg = f"expected {expected}, received {_received(value)}"
+            raise ValueError(msg)
+        return int(value)
+
+    return check
+
+
+def _flag(value: Any) -> bool:
+    if not isinstance(value, bool):
+        msg = f"expected true or false, received {_received(value)}"
+        raise ValueError(msg)
+    return value
+
+
+def _list(item: Callable[[Any], float], size: int | None = None) -> Callable[[Any], tuple[float, ...]]:
+    def check(value: Any) -> tuple[float, ...]:
+        if isinstance(value, np.ndarray):
+            value = value.tolist()
+        if not isinstance(value, list | tuple) or not value or (size is not None and len(value) != size):
+            wanted = f"a list of {size} numbers" if size else "a list of numbers"
+            msg = f"expected {wanted}, received {_received(value)}"
+            raise ValueError(msg)
+        return tuple(item(element) for element in value)
+
+    return check
+
+
+def _matrix(n: int) -> Callable[[Any], tuple[tuple[float, ...], ...]]:
+    def check(value: Any) -> tuple[tuple[float, ...], ...]:
+        try:
+            numbers = [[_float(element) for element in row] for row in value]
+            matrix = checks.covariance("the matrix", numbers, (n, n))
+        except (TypeError, ValueError) as error:
+            msg = f"expected a {n}×{n} covariance (symmetric, nonnegative definite), received {_received(value)}"
+            detail = str(error).split(", received ")[-1]
+            raise ValueError(
+                msg + (f" ({detail})" if "eigenvalue" in detail or "asymmetry" in detail else "")
+            ) from None
+        return tuple(tuple(row) for row in matrix.tolist())
+
+    return check
+
+
+def _or_null(item: Callable[[Any], float]) -> Callable[[Any], float | None]:
+    """A validator that lets null through: a value that follows others unless it is given."""
+
+    def check(value: Any) -> float | None:
+        try:
+            return None if value is None else item(value)
+        except ValueError as error:
+            raise ValueError(str(error).replace(", received", " or null, received", 1)) from None
+
+    return check
+
+
+_any = _number("a number", math.isfinite)
+_positive = _number("a number > 0", lambda x: x > 0)
+_nonnegative = _number("a number >= 0", lambda x: x >= 0)
+_fraction = _number("a number from 0 to 1", lambda x: 0 <= x <= 1)
+_variance_or_inf = _number('a variance >= 0 or "inf"', lambda x: x >= 0, infinite=True)
+
+_variance_list = _list(_variance_or_inf)
+
+Real = Annotated[float, BeforeValidator(_any)]
+Positive = Annotated[float, BeforeValidator(_positive), Field(json_schema_extra={"exclusiveMinimum": 0})]
+PositiveOrNull = Annotated[
+    float | None, BeforeValidator(_or_null(_positive)), Field(json_schema_extra={"exclusiveMinimum": 0})
+]
+Variance = Annotated[float, BeforeValidator(_nonnegative), Field(json_schema_extra={"minimum": 0})]
+Fraction = Annotated[float, BeforeValidator(_fraction), Field(json_schema_extra={"minimum": 0, "maximum": 1})]
+VarianceOrInf = Annotated[float, BeforeValidator(_variance_or_inf), Field(json_schema_extra={"minimum": 0})]
+Count = Annotated[int, BeforeValidator(_whole("a whole number >= 1", 1)), Field(json_schema_extra={"minimum": 1})]
+Flag = Annotated[bool, BeforeValidator(_flag)]
+Positives = Annotated[tuple[float, ...], BeforeValidator(_list(_positive))]
+Variances = Annotated[tuple[float, ...], BeforeValidator(_list(_nonnegative))]
+VarianceOrVariances = Annotated[
+    float | tuple[float, ...],
+    BeforeValidator(lambda value: (_variance_list if isinstance(value, list | tuple) else _variance_or_inf)(value)),
+]
+VariancesOrInf = Annotated[tuple[float, ...], BeforeValidator(_variance_list)]
+
+
+def Vector(n: int) -> Any:
+    """A list of ``n`` numbers."""
+    return Annotated[tuple[float, ...], BeforeValidator(_list(_any, n))]
+
+
+def Covariance(n: int) -> Any:
+    """An n×n covariance matrix as nested lists."""
+    return Annotated[tuple[tuple[float, ...], ...], BeforeValidator(_matrix(n))]

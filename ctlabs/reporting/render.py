@@ -1,0 +1,333 @@
+"""From a :class:`~ctlabs.reporting.report.Report` to files: Markdown, HTML, figures, CSV tables, results.json.
+
+A folder is written beside its final place under a temporary name and then renamed, so an interrupted run leaves the
+report that was there. Figures are palette PNGs without dates, so the same numbers give the same bytes.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import csv
+import io
+import json
+import re
+import shutil
+import tempfile
+import textwrap
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from PIL import Image
+
+from ctlabs.reporting.mathml import STYLE, lines, mathml
+from ctlabs.reporting.params import plain
+from ctlabs.reporting.report import Check, Heading, Picture, Report, Table, Text, Value
+from ctlabs.text import _, fill, number
+
+#: Resolution of figures, dots per inch.
+DPI = 130
+#: What tells an index of ours from somebody's README.md or index.html.
+MARK = "<!-- index written by ctlabs -->"
+#: Lists longer than this are shown by their first and last elements (results.json holds all).
+SHOWN = 12
+#: Lists of at most so many elements are short enough for a terminal.
+SHORT = 4
+#: Of sentences on a terminal, in characters.
+WIDTH = 100
+
+
+def write(report: Report, folder: Path) -> None:
+    """Write the report to ``folder`` (``OUT/LAB``), replacing what was there as a whole."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    place = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+    try:
+        place.chmod(0o755)
+        _fill(report, place)
+        _swap(place, folder)
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+
+
+def write_index(out: Path) -> None:
+    """``index.html`` and ``README.md`` in ``out``: every lab there with its checks, pass or fail at a glance."""
+    rows = []
+    for path in sorted(out.glob("*/results.json"), key=lambda p: (not p.parent.name.startswith("task"), p.parent.name)):
+        if not path.parent.name.startswith("."):  # the folder of a report that is being written
+            with contextlib.suppress(ValueError, KeyError, TypeError):  # somebody else's results.json
+                rows.append(_row(json.loads(path.read_text(encoding="utf-8"))))
+    lines = [f"# {_('Reports')}", "", f"| {_('lab')} | {_('title')} | {_('checks')} |", "|---|---|---|"]
+    lines += [
+        f"| [{r['lab']}]({r['lab']}/report.md) | {r['title']} | {_verdict(r['checks'], r['failed'])} |" for r in rows
+    ]
+    _replace(out / "README.md", "\n".join([*lines, "", MARK, ""]))
+    page = _environment().get_template("index.html")
+    _replace(out / "index.html", page.render(rows=rows, verdict=_verdict, mark=MARK, _=_))
+
+
+def _row(result: dict[str, Any]) -> dict[str, Any]:
+    """What the index says of one results.json."""
+    row = {key: result[key] for key in ("lab", "title", "source")}
+    failed = [check["name"] for check in result["checks"] if not check["passed"]]
+    return row | {"checks": len(result["checks"]), "failed": failed}
+
+
+def markdown(report: Report) -> str:
+    """The report as Markdown, with LaTeX between dollar signs."""
+    checks = report.checks
+    failed = [check.name for check in checks if not check.passed]
+    lines = [
+        f"# {report.meta['title']}",
+        fill(_head(report), source=report.meta["source"], runs=report.runs, seed=report.seed,
+             verdict=_verdict(len(checks), failed)),
+        _parameters(report),
+    ]  # fmt: skip
+    pending: list[Value | Check] = []
+    for block in [*report.blocks, Heading("", 2)]:
+        if isinstance(block, Value | Check):
+            pending.append(block)
+            continue
+        if isinstance(block, Heading):
+            lines += _numbers(pending)
+            pending = []
+            if block.text:
+                lines.append("#" * block.level + " " + (f"({block.part}) " if block.part else "") + block.text)
+        elif isinstance(block, Text):
+            lines.append(block.text)
+        elif isinstance(block, Table):
+            lines.append(fill(_("**Table {n}.** {caption}"), n=block.number, caption=block.caption))
+            lines.append(_grid(block.columns, ([_cell(cell) for cell in row] for row in block.rows)))
+        else:
+            lines.append(f"![{_plain(block.caption)}](figures/{block.name}.png)")
+            lines.append(fill(_("**Figure {n}.** {caption}"), n=block.number, caption=block.caption))
+    return "\n\n".join(lines) + "\n"
+
+
+def _head(report: Report) -> str:
+    """The line below the title: a study without an experiment, or without a check, does not speak of it."""
+    if report.runs:
+        return _("*{source}.* Experiment: {runs} runs, seed {seed}. Checks: {verdict}.")
+    return _("*{source}.* Checks: {verdict}.") if report.checks else "*{source}.*"
+
+
+def html(report: Report, pictures: dict[str, bytes]) -> str:
+    """The report as one self-contained page: equations as MathML, figures inside, no request to any server."""
+    body = _markdown_it().render(markdown(report))
+    for name, data in pictures.items():
+        body = body.replace(
+            f'src="figures/{name}.png"', f'src="data:image/png;base64,{base64.b64encode(data).decode()}"'
+        )
+    sections = [(block.part, block.text) for block in report.blocks if isinstance(block, Heading)]
+    template = _environment().get_template("report.html")
+    return template.render(title=report.meta["title"], body=body, passed=report.passed, sections=sections, matrices=STYLE, _=_)
+
+
+def summary(report: Report, tables: Sequence[str] = ()) -> list[str]:
+    """The report's short values, and the ``tables`` of these names, as aligned lines for a terminal."""
+    lines = [report.meta["title"]]
+    values = [
+        value
+        for value in report.values.values()
+        if not isinstance(value.value, list) or (len(value.value) <= SHORT and not any(map(_nested, value.value)))
+    ]
+    sentences = [value.value for value in values if isinstance(value.value, str) and " " in value.value]
+    rows = [
+        [value.name, number(_single(value.value)), "" if value.unit == "1" else value.unit, value.reason]
+        for value in values
+        if value.value not in sentences
+    ]
+    lines += ["", *_columns(rows)]
+    for block in report.blocks:
+        if isinstance(block, Table) and block.name in tables:
+            cells = [
+                [_plain(column) for column in block.columns],
+                *([number(cell, 3) for cell in row] for row in block.rows),
+            ]
+            lines += ["", *_columns(cells)]
+    return lines + [line for sentence in sentences for line in ("", *textwrap.wrap(sentence, WIDTH))]
+
+
+def png(figure: Figure) -> bytes:
+    """A figure as a palette PNG; the same figure gives the same bytes."""
+    FigureCanvasAgg(figure)
+    raw = io.BytesIO()
+    figure.savefig(raw, format="png", facecolor="white", dpi=DPI)
+    image = Image.open(raw).convert("RGB").quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    packed = io.BytesIO()
+    image.save(packed, format="png", optimize=True)
+    return packed.getvalue()
+
+
+def _fill(report: Report, place: Path) -> None:
+    (place / "figures").mkdir()
+    (place / "tables").mkdir()
+    pictures = {block.name: png(block.figure) for block in report.blocks if isinstance(block, Picture)}
+    for name, data in pictures.items():
+        (place / "figures" / f"{name}.png").write_bytes(data)
+    for block in report.blocks:
+        if isinstance(block, Table):
+            with (place / "tables" / f"{block.name}.csv").open("w", newline="", encoding="utf-8") as file:
+                csv.writer(file).writerows(
+                    [[_plain(c) for c in block.columns], *([_csv(cell) for cell in row] for row in block.rows)]
+                )
+    for name, content in report.files.items():
+        (place / name).write_bytes(content)
+    (place / "report.md").write_text(markdown(report), encoding="utf-8")
+    (place / "report.html").write_text(html(report, pictures), encoding="utf-8")
+    (place / "results.json").write_text(_json(report.results()), encoding="utf-8")
+
+
+def _swap(place: Path, folder: Path) -> None:
+    """Rename ``place`` to ``folder``; what stood there goes only when the new one is in its place."""
+    old = place.with_name(place.name + "-old")
+    try:
+        if folder.exists():
+            folder.rename(old)
+        place.rename(folder)
+    except BaseException:
+        if old.exists() and not folder.exists():
+            old.rename(folder)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _replace(path: Path, text: str) -> None:
+    """Write an index, but never over a file that is not one (``--out .`` in somebody's project)."""
+    if path.exists() and MARK not in path.read_text(encoding="utf-8", errors="replace"):
+        return
+    temporary = path.with_name(f".{path.name}.tmp")
+    temporary.write_text(text, encoding="utf-8")
+    temporary.replace(path)
+
+
+def _json(results: dict[str, Any]) -> str:
+    """JSON with one value and one check a line: readable, and small differences give small diffs."""
+    lines = []
+    for key, value in results.items():
+        if isinstance(value, dict) and value:
+            inner = ",\n".join(
+                f"  {json.dumps(k)}: {json.dumps(v, ensure_ascii=False, allow_nan=False)}" for k, v in value.items()
+            )
+            lines.append(f" {json.dumps(key)}: {{\n{inner}\n }}")
+        elif isinstance(value, list) and value:
+            inner = ",\n".join(f"  {json.dumps(v, ensure_ascii=False, allow_nan=False)}" for v in value)
+            lines.append(f" {json.dumps(key)}: [\n{inner}\n ]")
+        else:
+            lines.append(f" {json.dumps(key)}: {json.dumps(value, ensure_ascii=False)}")
+    return "{\n" + ",\n".join(lines) + "\n}\n"
+
+
+def _nested(value: Any) -> bool:
+    """Whether a value is a list: of a matrix, a complex number, a polynomial."""
+    return isinstance(value, list)
+
+
+def _single(value: Any) -> Any:
+    """The element of a list that has one."""
+    return value[0] if isinstance(value, list) and len(value) == 1 else value
+
+
+def _columns(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Rows of words with their columns one below the other."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def _verdict(checks: int, failed: list[str]) -> str:
+    if failed:
+        return fill(
+            _("**{count} of {checks} failed**: {names}"), count=len(failed), checks=checks, names="; ".join(failed)
+        )
+    if checks == 1:
+        return _("1 passed")
+    return fill(_("all {checks} passed"), checks=checks) if checks else _("**no checks**")
+
+
+def _parameters(report: Report) -> str:
+    values = report.parameters.plain()
+    rows = [[f"`{name}`", _cell(values[name]), unit, meaning] for name, unit, meaning in report.parameters.described()]
+    return _grid([_("parameter"), _("value"), _("unit"), _("meaning")], rows)
+
+
+def _numbers(pending: list[Value | Check]) -> list[str]:
+    """The values and checks of a section, as two small tables at its end."""
+    values = [block for block in pending if isinstance(block, Value)]
+    checks = [block for block in pending if isinstance(block, Check)]
+    lines = []
+    if values:
+        rows = ([f"`{v.name}`", _cell(v.value) + (f" ({v.reason})" if v.reason else ""), v.unit] for v in values)
+        lines.append(_grid([_("result"), _("value"), _("unit")], rows))
+    if checks:
+        rows = (
+            [
+                c.name,
+                f"{c.route[0]} – {c.route[1]}",
+                number(c.value),
+                number(c.expected),
+                _residual(c),
+                f"{c.kind} {number(c.tolerance, 2)}",
+                "✓" if c.passed else _("**failed**"),
+            ]
+            for c in checks
+        )
+        lines.append(
+            _grid([_("check"), _("routes"), _("value"), _("expected"), _("residual"), _("tolerance"), ""], rows)
+        )
+    return lines
+
+
+def _residual(check: Check) -> str:
+    if check.value is None or check.expected is None:
+        return "—"
+    return number(0.0 if check.value == check.expected else abs(check.value - check.expected), 2)
+
+
+def _grid(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    heads, *body = [[cell.replace("|", "\\|") for cell in row] for row in [columns, *rows]]
+    numeric = [
+        bool(body) and heads[i] != _("unit") and all(re.match(r"^[−-]?[\d.e+-]+$|^[—∞]$", row[i]) for row in body)
+        for i in range(len(heads))
+    ]
+    rule = ["---:" if right else "---" for right in numeric]
+    return "\n".join("| " + " | ".join(line) + " |" for line in [heads, rule, *body])
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, list | tuple) and len(value) > SHOWN:
+        return f"[{', '.join(number(v) for v in value[:4])}, …, {number(value[-1])}]"
+    return number(value)
+
+
+def _csv(value: Any) -> Any:
+    return "" if value is None else json.dumps(plain(value)) if isinstance(value, list | tuple | np.ndarray) else value
+
+
+def _plain(text: str) -> str:
+    """Markdown and LaTeX out of a caption, for alternative texts and CSV headers."""
+    text = re.sub(r"\\(?:bar|hat|tilde|mathrm)\b|\*\*|[`$\\{}]", "", text)
+    return text.replace("[", "(").replace("]", ")")
+
+
+def _environment() -> Environment:
+    return Environment(loader=PackageLoader("ctlabs.reporting"), autoescape=True, trim_blocks=True, lstrip_blocks=True)
+
+
+def _markdown_it() -> Any:
+    from markdown_it import MarkdownIt
+    from mdit_py_plugins.anchors import anchors_plugin
+    from mdit_py_plugins.dollarmath import dollarmath_plugin
+
+    def shown(latex: str, options: dict[str, Any]) -> str:
+        if not options["display_mode"]:
+            return mathml(latex)
+        return "".join(mathml(line, block=True) for line in lines(latex))
+
+    parser = MarkdownIt("commonmark", {"html": False}).enable("table")
+    # Words of a model file may not make the page ask another machine for anything.
+    parser.validateLink = lambda url: ":" not in url and "//" not in url  # type: ignore[method-assign]
+    return parser.use(dollarmath_plugin, renderer=shown, allow_digits=True).use(anchors_plugin, max_level=3)
