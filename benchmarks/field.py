@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from timing import REPEATS, median
 
-from ctlabs.filtering import kalman
+from ctlabs import covariances
 from ctlabs.filtering.fields import RandomField, filter_dense, filter_exact, filter_local, measure
 
 STEPS, TOLERANCE = 100, 1e-8
@@ -51,9 +51,9 @@ def accuracy() -> None:
     for variant, (alpha, sigma_n) in VARIANTS.items():
         field = replace(PAPER, alpha=alpha, beta=alpha, N1=500)
         data = measure(field.simulate(STEPS, seed=1), sigma_n, seed=1)
-        exact = filter_exact(field, data, sigma_n=sigma_n).z_hat
+        exact = filter_exact(field, data[1:], sigma_n=sigma_n).z_hat
         for tolerance in (1e-3, 1e-5, 1e-8, 1e-11):
-            found = filter_local(field, data, sigma_n=sigma_n, tolerance=tolerance)
+            found = filter_local(field, data[1:], sigma_n=sigma_n, tolerance=tolerance)
             error = np.abs(found.z_hat - exact).max()
             print(f"{variant:>8}{tolerance:>11.0e}{found.half_width:>12}{found.truncation:>12.1e}{error:>15.1e}")
             if error > tolerance * np.abs(exact).max():
@@ -65,12 +65,12 @@ def structured() -> tuple[float, float]:
     field = replace(PAPER, N1=300)
     data = measure(field.simulate(STEPS, seed=1), 1.0, seed=1)
     start = time.perf_counter()
-    dense = filter_dense(field, data, sigma_n=1.0).z_hat
+    dense = filter_dense(field, data[1:], sigma_n=1.0).z_hat
     seconds = time.perf_counter() - start
-    worst = np.abs(dense - filter_exact(field, data, sigma_n=1.0).z_hat).max() / np.abs(dense).max()
+    worst = np.abs(dense - filter_exact(field, data[1:], sigma_n=1.0).z_hat).max() / np.abs(dense).max()
     if worst > 1e-10:
         sys.exit(f"structure and dense matrices differ by {worst:.1e}")
-    exact = median(lambda: filter_exact(field, data, sigma_n=1.0))
+    exact = median(lambda: filter_exact(field, data[1:], sigma_n=1.0))
     print(f"N1 = 300, {STEPS} steps: dense {seconds:.3g} s, structure {exact:.3g} s, difference {worst:.1e}")
     return seconds, exact
 
@@ -79,14 +79,14 @@ def local(N1: int) -> tuple[int, float, float]:
     """Half-width, seconds, and peak memory in records of the convolution at N1."""
     field = replace(PAPER, N1=N1)
     data = measure(field.simulate(STEPS, seed=1), 1.0, seed=1)
-    found = filter_local(field, data, sigma_n=1.0, tolerance=TOLERANCE)
+    found = filter_local(field, data[1:], sigma_n=1.0, tolerance=TOLERANCE)
     if found.truncation > TOLERANCE or found.half_width >= N1:
         sys.exit(f"N1 = {N1}: the convolution was not used or misses its tolerance: {found.truncation:.1e}")
     tracemalloc.start()
-    filter_local(field, data, sigma_n=1.0, tolerance=TOLERANCE)
+    filter_local(field, data[1:], sigma_n=1.0, tolerance=TOLERANCE)
     peak = tracemalloc.get_traced_memory()[1] / data.nbytes
     tracemalloc.stop()
-    return found.half_width, median(lambda: filter_local(field, data, sigma_n=1.0, tolerance=TOLERANCE)), peak
+    return found.half_width, median(lambda: filter_local(field, data[1:], sigma_n=1.0, tolerance=TOLERANCE)), peak
 
 
 def ensemble() -> float:
@@ -95,7 +95,7 @@ def ensemble() -> float:
     data, model = measure(z, 1.0, seed=1), PAPER.model(1.0)
 
     def action() -> np.ndarray:
-        return filter_dense(PAPER, data, sigma_n=1.0, schedule=kalman.schedule(model, STEPS)).z_hat
+        return filter_dense(PAPER, data[1:], sigma_n=1.0, gains=covariances(model, STEPS)).z_hat
 
     sigma = np.sqrt(np.mean((action() - z) ** 2))
     if abs(sigma - 0.36828) > 0.005:

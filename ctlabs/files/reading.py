@@ -21,7 +21,7 @@ def read_model(path: str | Path) -> ModelFile:
 
 
 def read_record(path: str | Path, model: ModelFile | Sequence[str]) -> Record:
-    """The record in a table, as a model file's measurements (or names) ask for it: :func:`ctlabs.files.datafile.read`.
+    r"""The record in a table, as a model file's measurements (or names) ask for it: :func:`ctlabs.files.datafile.read`.
 
     Returns
     -------

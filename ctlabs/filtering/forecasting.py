@@ -15,6 +15,7 @@ from ctlabs.filtering.smoothing import smooth
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import deviations, symmetric
+from ctlabs.linalg.factors import root
 from ctlabs.models.linear import DiscreteModel, at
 
 
@@ -55,7 +56,7 @@ def forecast(model: DiscreteModel, filtered: Filtered, steps: int, u: ArrayLike 
     >>> walk = DiscreteModel([[1]], [[1]], [[1]], [[1]], P0=[[10]])
     >>> ahead = forecast(walk, kalman_filter(walk, [5, 5, 5]), 2)
     >>> ahead.z.ravel().round(4), ahead.sd.ravel().round(4)
-    (array([4.9462, 4.9462]), array([1.2734, 1.6191]))
+    (array([4.9462, 4.9462]), array([1.2742, 1.6198]))
     """
     checks.instance("model", model, DiscreteModel)
     steps, last = checks.count("steps", steps), len(filtered.t) - 1
@@ -116,9 +117,28 @@ def draws(model: Any, filtered: Filtered, number: int, seed: int) -> Array:
     if filtered.z.ndim != 2 or not isinstance(own, DiscreteModel):
         msg = f"filtered: expected one record of a linear model, received shape {filtered.z.shape} of a {type(own).__name__}"
         raise ValueError(msg)
-    from ctlabs.montecarlo.simulation import simulate
+    x, z = _drawn(own, np.isnan(filtered.z), checks.count("number", number), np.random.default_rng(seed))
+    return np.asarray(smooth(model, filtered).x[:, :, None] + x - smooth(own, z, first=0).x)
 
-    steps = len(filtered.t) - 1
-    made = simulate(own, steps, checks.count("number", number), seed, first=0)
-    z = np.where(np.isnan(filtered.z)[:, :, None], np.nan, made.z)
-    return np.asarray(smooth(model, filtered).x[:, :, None] + made.x - smooth(own, z, first=0).x)
+
+def _drawn(model: DiscreteModel, absent: Array, number: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    """States (steps+1, n, number) and measurements (steps+1, m, number) of the model, NaN where ``absent``."""
+    checks.finite_start("draws", model.P0)
+    n, m, steps = model.n, model.m, len(absent) - 1
+    x, z = np.empty((steps + 1, n, number)), np.empty((steps + 1, m, number))
+    x[0] = model.x0[:, None] + root(model.P0) @ rng.normal(size=(n, number))
+    for k in range(steps + 1):
+        R, there = at(model.R, k, 2), ~absent[k]
+        joint = np.zeros((m + n, m + n))  # of v and w; nothing leaves the last instant
+        joint[:m, :m] = np.where(there[:, None] & there, R, 0.0)
+        if k < steps:
+            joint[m:, m:] = at(model.Qd, k, 2)
+            if model.N is not None:
+                joint[m:, :m] = np.where(there, model.N, 0.0)
+                joint[:m, m:] = joint[m:, :m].T
+        noise = root(joint) @ rng.normal(size=(m + n, number))
+        z[k] = np.where(there[:, None], at(model.H, k, 2) @ x[k] + noise[:m], np.nan)
+        if k < steps:
+            c = 0.0 if model.offset is None else at(model.offset, k, 1)[:, None]
+            x[k + 1] = at(model.Phi, k, 2) @ x[k] + c + noise[m:]
+    return x, z

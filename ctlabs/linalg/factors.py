@@ -53,5 +53,10 @@ def factor(Q: ArrayLike) -> Array:
     array([[1., 0.],
            [1., 0.]])
     """
-    L, d = unit_triangular(Q)
+    return root(checks.covariance("Q", Q, ("n", "n")))
+
+
+def root(Q: Array) -> Array:
+    """:func:`factor` of a matrix that is known to be a covariance."""
+    L, d = ldl(Q)
     return L * np.sqrt(d)

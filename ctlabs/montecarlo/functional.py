@@ -13,6 +13,7 @@ from ctlabs.filtering.extended import Extended
 from ctlabs.filtering.results import Covariances, Mask
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
+from ctlabs.linalg.factors import root
 from ctlabs.models import DiscreteModel
 from ctlabs.models.nonlinear import NonlinearModel
 from ctlabs.montecarlo import identity, streams
@@ -27,7 +28,6 @@ from ctlabs.montecarlo.plan import (
     gains,
     layout,
     missing,
-    noise_factor,
     truth_arrays,
 )
 from ctlabs.montecarlo.statistics import Claims
@@ -256,11 +256,11 @@ def _function_world(truth: NonlinearModel, steps: int, first: int) -> FunctionWo
     finite = np.where(np.isfinite(truth.R), truth.R, 0.0)
     Q = truth.Qd if truth.Qd.ndim == 3 else truth.Qd[None]
     R = finite if finite.ndim == 3 else finite[None]
-    F0 = noise_factor(truth.P0)
+    F0 = root(truth.P0)
     return FunctionWorld(
         truth,
         F0[:, F0.any(axis=0)],
-        np.array([noise_factor(each) for each in Q]),
-        np.array([noise_factor(each) for each in R]),
+        np.array([root(each) for each in Q]),
+        np.array([root(each) for each in R]),
         absent,
     )

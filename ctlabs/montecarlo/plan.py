@@ -25,7 +25,7 @@ from ctlabs.filtering.filter import planned
 from ctlabs.filtering.results import Covariances, Mask
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
-from ctlabs.linalg.factors import ldl
+from ctlabs.linalg.factors import root
 from ctlabs.models import DiscreteModel, at
 from ctlabs.text import moment
 
@@ -114,7 +114,7 @@ def truth_arrays(model: DiscreteModel, steps: int) -> Truth:
     v = joint[:, :, :m].any(axis=(0, 1))
     w = joint[:, m:, m:].any(axis=(0, 1))
     C = joint[:, m:, :m][:, :, v] if model.N is not None else np.zeros((0, n, 0))
-    F0 = noise_factor(model.P0)
+    F0 = root(model.P0)
     return Truth(
         x0=np.array(model.x0),
         F0=np.ascontiguousarray(F0[:, F0.any(axis=0)]),
@@ -218,12 +218,6 @@ def check_finite(name: str, value: Array, dt: float) -> None:
         raise FloatingPointError(msg)
 
 
-def noise_factor(Q: Array) -> Array:
-    """The lower triangular factor of a covariance, which may be singular."""
-    L, d = ldl(Q)
-    return L * np.sqrt(d)
-
-
 def _noise(model: DiscreteModel, k: int) -> Array:
     """The lower triangular factor of the joint covariance of (v_k, w_k); absent elements have no noise."""
     n, m = model.n, model.m
@@ -235,7 +229,7 @@ def _noise(model: DiscreteModel, k: int) -> Array:
         joint[m:, m:] = at(model.Qd, k, 2)
         if model.N is not None:
             joint[m:, :m], joint[:m, m:] = model.N, model.N.T
-    return noise_factor(joint)
+    return root(joint)
 
 
 def _stack(matrix: Array, ndim: int) -> Array:

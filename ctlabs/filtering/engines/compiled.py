@@ -23,7 +23,7 @@ from ctlabs.filtering.algorithms.beginning import Beginning, begin
 from ctlabs.filtering.algorithms.vague import needed
 from ctlabs.filtering.engines import driver
 from ctlabs.filtering.problem import Problem
-from ctlabs.filtering.results import Covariances, Filtered, Mask, gains
+from ctlabs.filtering.results import Covariances, Filtered, Mask
 from ctlabs.linalg.checks import Array
 from ctlabs.models.linear import DiscreteModel
 from ctlabs.text import moment
@@ -54,11 +54,8 @@ def record(problem: Problem) -> Filtered:
         for name, whole in out._asdict().items():
             part = getattr(begun, name)
             whole[:rows] = part[..., 0] if name in ("x_minus", "x_plus", "innovation", "nis") else part
-    K = gains(out.P_minus, model.H, out.S, used)
-    if begun is not None:
-        K[:rows] = begun.K
     found = Filtered(
-        problem.t, out.P_minus, out.P_plus, K, out.S, used, "joseph",
+        problem.t, out.P_minus, out.P_plus, out.K, out.S, used, "joseph",
         x_minus=out.x_minus[..., None], x_plus=out.x_plus[..., None], innovation=out.innovation[..., None],
         nis=out.nis[:, None], z=problem.z, model=model, log_likelihood=np.array(both[:1]), log_likelihood_diffuse=np.array(both[1:]),
         start=None if begun is None else begun.start,
@@ -105,6 +102,7 @@ def _histories(rows: int, n: int, m: int) -> Histories:
         np.empty((rows, n)),
         np.empty((rows, n, n)),
         np.empty((rows, n, n)),
+        np.empty((rows, n, m)),
         np.empty((rows, m)),
         np.empty((rows, m, m)),
         np.empty(rows),

@@ -49,6 +49,7 @@ class Histories(NamedTuple):
     x_plus: Array
     P_minus: Array
     P_plus: Array
+    K: Array
     innovation: Array
     S: Array
     nis: Array
@@ -290,6 +291,7 @@ def put(
     x: Array,
     P_minus: Array,
     P: Array,
+    Kt: Array,
     nu: Array,
     S: Array,
     nis: float,
@@ -298,18 +300,22 @@ def put(
     out: Histories,
 ) -> None:
     """Store an instant."""
-    m = nu.shape[0]
+    m, n = nu.shape[0], x.shape[0]
     for i in range(x.shape[0]):
         out.x_minus[k, i], out.x_plus[k, i] = x_minus[i], x[i]
         for j in range(x.shape[0]):
             out.P_minus[k, i, j], out.P_plus[k, i, j] = P_minus[i, j], P[i, j]
     if count < m:
         for a in range(m):
+            for i in range(n):
+                out.K[k, i, a] = 0.0
             out.innovation[k, a] = np.nan
             for b in range(m):
                 out.S[k, a, b] = np.inf if a == b else 0.0
     for a in range(count):
         out.innovation[k, pick[a]] = nu[a]
+        for i in range(n):
+            out.K[k, i, pick[a]] = Kt[a, i]
         for b in range(count):
             out.S[k, pick[a], pick[b]] = S[a, b]
     out.nis[k] = nis if count > 0 else np.nan
@@ -396,7 +402,7 @@ def forward(
                 s += Kt[a, i] * nu[a]
             x[i] = s
         if keep:
-            put(k, x_minus, x, P_minus, P, nu, S, nis, pick, count, out)
+            put(k, x_minus, x, P_minus, P, Kt, nu, S, nis, pick, count, out)
     return DONE, rows, total
 
 
