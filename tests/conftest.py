@@ -1,6 +1,7 @@
 """What all tests share: reproducible hypothesis runs, English texts, one thread per worker."""
 
 import os
+import sys
 
 os.environ["LANGUAGE"] = "en"  # read by gettext when ctlabs.text is imported
 for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -9,9 +10,40 @@ for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 import pytest  # noqa: E402  # after the environment is set
 from hypothesis import is_hypothesis_test, settings  # noqa: E402
 
+from tests.untraced import untraced  # noqa: E402
+
 # Derandomised: the same examples on every machine; the seeds of a failing run are those of the next one.
 settings.register_profile("ctlabs", deadline=None, derandomize=True, max_examples=50, print_blob=True)
 settings.load_profile("ctlabs")
+
+
+@untraced
+def _others() -> None:
+    """What costs most of the code of others is loaded, and marked."""
+    import matplotlib.figure
+    import mpmath
+    import numba.core.dispatcher
+    import scipy.stats  # noqa: F401  # most of scipy
+    import sympy
+    from matplotlib.backend_bases import FigureCanvasBase
+
+    for place, names in (
+        (numba.core.dispatcher.Dispatcher, ["compile"]),
+        (FigureCanvasBase, ["print_figure"]),
+        (matplotlib.figure.FigureBase, ["subplots", "legend"]),
+        (matplotlib.axes.Axes, ["plot", "fill_between", "step", "hist"]),
+        (mpmath.matrix, ["__add__", "__sub__", "__mul__", "__pow__"]),
+        (mpmath.mp, ["lu_solve", "inverse", "expm", "cholesky", "eigsy", "quad"]),
+        (sympy, ["simplify"]),
+    ):
+        for name in names:
+            setattr(place, name, untraced(getattr(place, name)))
+
+
+def pytest_configure() -> None:
+    """Coverage looks away from the code of others that takes long (the pieces of ctlabs that are called back there are tiny)."""
+    if sys.gettrace() is not None:
+        _others()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

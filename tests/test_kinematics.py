@@ -20,8 +20,8 @@ from hypothesis import strategies as st
 
 from ctlabs.filtering import kalman, steady
 from ctlabs.labs import catalogue as labs
-from ctlabs.models import ContinuousModel, kinematics, observability
 from ctlabs.linalg.factors import factor, unit_triangular
+from ctlabs.models import ContinuousModel, kinematics, observability
 from ctlabs.models.discretisation import discretise
 from ctlabs.models.kinematics import Unit
 from tests.reference import EXACT, SOLVER, broken, close, recursion

@@ -13,7 +13,7 @@ import scipy.linalg
 from hypothesis import given, settings
 
 from ctlabs.filtering import bucy, steady
-from ctlabs.linalg import riccati, undriven
+from ctlabs.linalg import loops, manyfold, riccati, undriven
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.lyapunov import Operator, prove
 from ctlabs.linalg.manyfold import Manyfold, solve
@@ -60,6 +60,38 @@ def agrees(found: dict[str, Any], right: dict[str, Any], tolerance: dict[str, st
             value, wanted = (rows[np.lexsort(rows.T[::-1])] for rows in (value, np.array(wanted)))
             wanted = wanted.tolist()
         cases.near(value, wanted, tolerance[name])
+
+
+@pytest.mark.parametrize("fold", [2, 4])
+def test_compiled_arithmetic_is_the_same_to_the_bit(fold: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Products, sums and elimination by loops, compiled or not, and by numpy: of many magnitudes, with zeros, of other folds, singular."""
+    rng = np.random.default_rng(8)
+
+    def random(rows: int, columns: int, fold: int) -> Manyfold:
+        M = Manyfold.of(rng.standard_normal((rows, columns)) * np.exp2(rng.integers(-30, 30, (rows, 1))), fold)
+        for k in range(1, fold):
+            M = M + rng.standard_normal((rows, columns)) * 2.0 ** (-53 * k)
+        return M * 0.75 - np.eye(rows, columns)
+
+    some = [(random(r, k, fold), random(k, c, other)) for r, k, c in ((1, 1, 3), (4, 3, 2), (2, 4, 4)) for other in (1, fold)]
+    square = [(random(n, n, fold), random(n, m, other)) for n, m in ((1, 2), (4, 3)) for other in (1, fold)]
+    some += [(A * 0.0, B) for A, B in some[:1]]
+
+    def answers() -> list[bytes]:
+        found = [X for A, B in some for X in (A @ B, B.T @ A.T, A + A * 0.3, 1.0 - A)] + [solve(A, B) for A, B in square]
+        with pytest.raises(np.linalg.LinAlgError, match="Singular"):
+            solve(Manyfold.of(np.zeros((2, 2)), fold), Manyfold.of(np.eye(2), fold))
+        return [np.array(X.parts).tobytes() for X in found]
+
+    compiled = answers()
+    with monkeypatch.context() as patch:
+        for kernel in ("distilled", "slices", "product", "increased", "collected", "eliminated"):
+            patch.setattr(loops, kernel, getattr(loops, kernel).py_func)
+        assert answers() == compiled
+        patch.setattr(manyfold, "_compiled", lambda: None)
+        assert answers() == compiled
+        patch.setattr(manyfold, "_sum", lambda a, b: (a + b, 0 * a))
+        assert answers() != compiled
 
 
 @pytest.mark.parametrize("case", CASES)

@@ -12,6 +12,7 @@ import numpy as np
 
 from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel, at
+from tests.untraced import untraced
 
 DIGITS = 400
 #: The variance of what is not known, and a variance that only an unknown state has.
@@ -27,6 +28,7 @@ class Twin(NamedTuple):
     log_likelihood: float
 
 
+@untraced
 def conditioned(model: DiscreteModel, z: Array, first: int = 1, end: int | None = None) -> Twin:
     """All states of rows 0…end given the measurements up to ``end`` (the last row)."""
     with mpmath.workdps(DIGITS):

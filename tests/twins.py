@@ -11,6 +11,7 @@ import mpmath
 import numpy as np
 
 from ctlabs.linalg.checks import Array
+from tests.untraced import untraced
 
 #: Decimal digits: those of an answer, and what a loop within 1e-20 of its boundary and elements over 40 decades cost.
 DIGITS = 120
@@ -39,6 +40,7 @@ def solve(A: Array, B: Array) -> Array:
     return M[:, n:]
 
 
+@untraced
 def riccati(A: Any, H: Any, Q: Any, R: Any, N: Any = None, *, continuous: bool, digits: int = DIGITS) -> Array:
     """The limit from P = 0 of the filter's Riccati equation, by doubling the number of steps until nothing changes."""
     with mpmath.workdps(digits):
@@ -71,6 +73,7 @@ def _cayley(F: Array, G: Array, Q: Array) -> tuple[Array, Array, Array]:
     return one + 2 * tau * W.T, 2 * tau * B @ G @ W, 2 * tau * W @ Q @ B
 
 
+@untraced
 def update(P: Array, H: Any, R: Any) -> tuple[Array, Array]:
     """(P⁺, K) from P⁻, in Joseph's form."""
     H, R = exact(H), exact(R)
@@ -79,6 +82,7 @@ def update(P: Array, H: Any, R: Any) -> tuple[Array, Array]:
     return left @ P @ left.T + K @ R @ K.T, K
 
 
+@untraced
 def filtered(model: Any, z: Array, first: int = 1, digits: int = DIGITS) -> dict[str, list[Array]]:
     """x and P after each update of a constant model, and the log-likelihood; NaN is not measured."""
     with mpmath.workdps(digits):

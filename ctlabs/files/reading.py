@@ -30,7 +30,7 @@ def read_record(path: str | Path, model: ModelFile | Sequence[str]) -> Record:
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder) / "river.csv"
-    ...     _ = file.write_text("t;flow\\n0,5;1120\\n1;\\n1,5;963,5\\n", encoding="utf-8")
+    ...     _ = file.write_text("t;flow\n0,5;1120\n1;\n1,5;963,5\n", encoding="utf-8")
     ...     read_record(file, ["flow"]).z.ravel()
     array([1120. ,    nan,  963.5])
     """

@@ -81,6 +81,9 @@ def covariance(name: str, value: ArrayLike, *expected: tuple[int | str, ...]) ->
         none = diagonal < 0
         result = np.where(none[..., :, None] | none[..., None, :], 0.0, result)
         diagonal = np.diagonal(result, axis1=-2, axis2=-1)
+    if result.shape[-1] == 1:
+        result.setflags(write=False)
+        return result
     scale = np.sqrt(np.where(diagonal > 0, diagonal, size[..., None]))
     lowest = np.linalg.eigvalsh(result / (scale[..., :, None] * scale[..., None, :])).min(initial=0.0)
     if lowest < -ROUNDING:
@@ -94,6 +97,8 @@ def covariance(name: str, value: ArrayLike, *expected: tuple[int | str, ...]) ->
 def measurement_covariance(name: str, value: ArrayLike, *expected: tuple[int | str, ...]) -> Array:
     """Like ``covariance``, but ``inf`` on the diagonal is allowed: an element not measured, or a state not known."""
     result = np.array(shaped(name, value, *expected, finite=False))
+    if np.isfinite(result).all():
+        return covariance(name, result, *expected)
     missing = np.isinf(np.diagonal(result, axis1=-2, axis2=-1))
     if (np.diagonal(result, axis1=-2, axis2=-1) == -np.inf).any():
         msg = f"{name}: expected variances >= 0 on the diagonal, received -inf"

@@ -11,9 +11,12 @@ that the sums of their products are whole numbers below 2⁵³, which any order 
 
 from __future__ import annotations
 
+import importlib
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -22,6 +25,11 @@ from ctlabs.linalg.checks import Array
 
 #: Systems of equations up to this size are solved by elimination.
 ELIMINATED = 60
+#: Multiplications and numbers up to which a compiled loop beats numpy.
+SMALL = 40**3, 40**2
+#: Operations after which loading the compiler pays, where nothing else has loaded it.
+PATIENCE = 2000
+SINGULAR = "Singular matrix"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,6 +154,11 @@ def solve(A: Manyfold, B: Manyfold) -> Manyfold:
     fold = max(A.fold, B.fold)
     both = zip(Manyfold.of(A, fold).parts, Manyfold.of(B, fold).parts, strict=True)
     M = Manyfold(tuple(np.hstack(pair) for pair in both))
+    if (loops := _compiled()) is not None:
+        found, regular = loops.eliminated(np.array(M.parts), *_width(fold, 1))
+        if not regular:
+            raise np.linalg.LinAlgError(SINGULAR)
+        return Manyfold(tuple(found[:, :, n:]))
     for j in range(n):
         order = np.arange(n)
         pivot = j + int(np.abs(M.high[j:, j]).argmax())
@@ -159,12 +172,25 @@ def solve(A: Manyfold, B: Manyfold) -> Manyfold:
 def _reciprocal(a: Manyfold) -> Manyfold:
     """1/a of one number."""
     if a.high[0, 0] == 0:
-        msg = "Singular matrix"
-        raise np.linalg.LinAlgError(msg)
+        raise np.linalg.LinAlgError(SINGULAR)
     x = Manyfold.of(1 / a.high, a.fold)
     for _ in range(1 + a.fold // 2):
         x = x + x @ (np.ones((1, 1)) - a @ x)
     return x
+
+
+_loops: Any = None
+_operations = 0
+
+
+def _compiled() -> Any:
+    """:mod:`ctlabs.linalg.loops` if the compiler is there or pays by now, else None; the numbers are the same."""
+    global _loops, _operations
+    if _loops is None:
+        _operations += 1
+        if _operations > PATIENCE or "numba" in sys.modules:
+            _loops = importlib.import_module("ctlabs.linalg.loops")
+    return _loops
 
 
 def _sum(a: Array, b: Array) -> tuple[Array, Array]:
@@ -177,6 +203,9 @@ def _sum(a: Array, b: Array) -> tuple[Array, Array]:
 def _collected(terms: Sequence[Array], fold: int) -> Manyfold:
     """The sum of terms, the largest first, in so many parts."""
     found = list(terms)
+    if found[0].size <= SMALL[1] and (loops := _compiled()) is not None:
+        alike = all(term.shape == found[0].shape for term in found)
+        return Manyfold(tuple(loops.collected(np.array(found if alike else np.broadcast_arrays(*found)), fold)))
     for done in range(fold):
         for i in range(len(found) - 1, done, -1):
             found[i - 1], found[i] = _sum(found[i - 1], found[i])
@@ -188,12 +217,9 @@ def _collected(terms: Sequence[Array], fold: int) -> Manyfold:
 
 def _product(A: Manyfold, B: Manyfold) -> Manyfold:
     fold, terms = max(A.fold, B.fold), A.high.shape[1]
-    # So many slices of so many bits that a sum of all products of one weight stays below 2⁵³.
-    bits = count = 1
-    for count in range(1, 99):
-        bits = int((55 - math.log2(max(count * terms, 1))) // 2)
-        if bits * count >= 53 * fold:
-            break
+    bits, count = _width(fold, terms)
+    if len(A.high) * B.high.size <= SMALL[0] and (loops := _compiled()) is not None:
+        return Manyfold(tuple(loops.product(np.array(A.parts), np.array(B.T.parts), fold, bits, count)))
     left, rows = _slices(A, bits, count)
     right, columns = _slices(B.T, bits, count)
     found = [np.zeros((len(rows), len(columns)))] * (fold + 1)
@@ -205,6 +231,17 @@ def _product(A: Manyfold, B: Manyfold) -> Manyfold:
             found[i], rest = _sum(found[i], rest)
         found[fold] = found[fold] + rest
     return _collected(found, fold).scaled(rows, columns)
+
+
+@lru_cache
+def _width(fold: int, terms: int) -> tuple[int, int]:
+    """So many bits of so many slices that a sum of all products of one weight stays below 2⁵³."""
+    bits = count = 1
+    for count in range(1, 99):
+        bits = int((55 - math.log2(max(count * terms, 1))) // 2)
+        if bits * count >= 53 * fold:
+            break
+    return bits, count
 
 
 def _slices(M: Manyfold, bits: int, count: int) -> tuple[list[Array], Array]:

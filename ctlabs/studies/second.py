@@ -93,7 +93,8 @@ def smoothed(model: DiscreteModel, z: Array, first: int) -> tuple[Array, Array]:
     """
     with digits(3 * DIGITS):
         mean, C, H, R, used = _joint(model, z, first)
-        Czx, Czz = H @ C, H @ C @ H.T + R
+        Czx = _rows(H, C)
+        Czz = _rows(H, Czx.T).T + R
         rows, d = _eliminated(np.hstack([Czz, Czx, (_numbers(z.reshape(-1))[used] - H @ mean)[:, None]]))
         count, n = len(Czz), model.n
         G, e = rows[:, count:-1], rows[:, -1]
@@ -103,6 +104,15 @@ def smoothed(model: DiscreteModel, z: Array, first: int) -> tuple[Array, Array]:
             for i in range(0, len(C), n)
         ]
         return x.astype(np.float64).reshape(-1, n), np.array([part.astype(np.float64) for part in P])
+
+
+def _rows(H: Any, C: Any) -> Any:
+    """H C, where a row of H sees the states of one or two instants only."""
+    found = np.full((len(H), C.shape[1]), Decimal(0), dtype=object)
+    for i, row in enumerate(H):
+        for j in np.flatnonzero(row != 0):
+            found[i] = found[i] + row[j] * C[j]
+    return found
 
 
 def _joint(model: DiscreteModel, z: Array, first: int) -> tuple[Any, Any, Any, Any, Array]:
@@ -142,6 +152,6 @@ def _eliminated(M: Any) -> tuple[Any, Any]:
             continue
         kept.append(j)
         for i in range(j + 1, len(M)):
-            if M[i, j]:
-                M[i, j:] = M[i, j:] - M[j, j:] * (M[i, j] / M[j, j])
+            if M[j, i]:  # what stands below the diagonal is what stands beside it
+                M[i, i:] = M[i, i:] - M[j, i:] * (M[j, i] / M[j, j])
     return M[kept], np.array([M[j, j] for j in kept], dtype=object)
