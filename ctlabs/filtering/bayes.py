@@ -30,6 +30,7 @@ from ctlabs.filtering.problem import rows_of
 from ctlabs.filtering.results import Covariances, Filtered, consistency
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
+from ctlabs.linalg.compiled import kernel
 from ctlabs.linalg.factors import factor
 from ctlabs.models import DiscreteModel, at
 from ctlabs.models.linear import DEFAULT
@@ -702,11 +703,5 @@ def _potter(rows: Array, r: Array, y: Array, x0: Array, S: Array, keep: Array, x
 @cache
 def _compiled() -> Callable[..., None]:
     """:func:`_potter` compiled once, and kept on disk."""
-    import numba
-
-    from ctlabs.linalg import compiled as kernels
-
-    dispatcher: Any = numba.njit(nogil=True)(_potter)
-    kernels.enable(dispatcher)
-    compiled: Callable[..., None] = dispatcher
-    return compiled
+    quick: Callable[..., None] = kernel(_potter)
+    return quick

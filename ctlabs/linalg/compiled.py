@@ -1,15 +1,26 @@
-"""Where the compiled kernels are kept: the user's cache folder, so that a second start does not compile.
+"""Loops that are compiled where numba is there, and run as plain Python where it is not.
 
-numba would write beside the source file, or where its process-wide setting points; a library changes neither.
-``NUMBA_CACHE_DIR``, if the user has set it, is respected.
+What is compiled is kept in the user's cache folder, so that a second start does not compile. numba would write beside the source
+file, or where its process-wide setting points; a library changes neither. ``NUMBA_CACHE_DIR``, if the user has set it, is
+respected, and ``NUMBA_DISABLE_JIT=1`` means plain Python.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
+from collections.abc import Callable
+from functools import wraps
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+#: Whether there is a compiler.
+COMPILED = find_spec("numba") is not None and os.environ.get("NUMBA_DISABLE_JIT", "0") in ("", "0")
 
 
 def folder() -> Path:
@@ -26,7 +37,40 @@ def cold() -> bool:
     return not any(folder().glob("*.nbi"))
 
 
-def enable(dispatcher: Any) -> None:
+def helper(function: F, **options: Any) -> F:
+    """A function that compiled loops may call, and plain Python too.
+
+    Sums keep their order: the result is the same to the bit in every process, and short vectors gain nothing from another order.
+    """
+    if not COMPILED:
+        return function
+    from numba.extending import register_jitable
+
+    marked: F = register_jitable(**options)(function) if options else register_jitable(function)
+    return marked
+
+
+def kernel(function: F | None = None, **options: Any) -> Any:
+    """A decorator for a loop over arrays: compiled, without the interpreter's lock, and kept; or as it stands, without warnings."""
+    if function is None:
+        return lambda own: kernel(own, **options)
+    if not COMPILED:
+
+        @wraps(function)
+        def plain(*arguments: Any) -> Any:
+            with np.errstate(all="ignore"):  # as numba's error model has it: infinities and NaN are looked for by the callers
+                return function(*arguments)
+
+        return plain
+    import numba
+
+    settings: dict[str, Any] = {"nogil": True, "error_model": "numpy"} | options
+    dispatcher = numba.njit(**settings)(function)
+    _keep(dispatcher)
+    return dispatcher
+
+
+def _keep(dispatcher: Any) -> None:
     """Keep what ``dispatcher`` compiles in :func:`folder`; where that cannot be written it compiles anew each time."""
     from numba.core import caching
 

@@ -8,16 +8,10 @@ from __future__ import annotations
 
 import math
 
-import numba
 import numpy as np
-from numba.extending import register_jitable
 
-from ctlabs.linalg import compiled
 from ctlabs.linalg.checks import Array
-
-#: Plain Python and the compiler understand what it marks.
-helper = register_jitable
-kernel = numba.njit(nogil=True, error_model="numpy")
+from ctlabs.linalg.compiled import helper, kernel
 
 
 @helper
@@ -157,7 +151,3 @@ def eliminated(M: Array, bits: int, count: int) -> tuple[Array, bool]:
             unit[0, i, 0] = 1.0 if i == j else 0.0
         M = increased(M, product(increased(column, unit, -1.0), row, fold, bits, count), -1.0)
     return M, True
-
-
-for _kernel in (product, collected, eliminated):
-    compiled.enable(_kernel)

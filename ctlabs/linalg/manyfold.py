@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from ctlabs.linalg import compiled
 from ctlabs.linalg.checks import Array
 
 #: Systems of equations up to this size are solved by elimination.
@@ -186,7 +187,7 @@ _operations = 0
 def _compiled() -> Any:
     """:mod:`ctlabs.linalg.loops` if the compiler is there or pays by now, else None; the numbers are the same."""
     global _loops, _operations
-    if _loops is None:
+    if _loops is None and compiled.COMPILED:
         _operations += 1
         if _operations > PATIENCE or "numba" in sys.modules:
             _loops = importlib.import_module("ctlabs.linalg.loops")

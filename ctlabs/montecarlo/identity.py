@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from ctlabs.linalg.compiled import COMPILED
+
 #: Changed with every change of the random numbers, of the grouping of runs or of the sums.
 FORMAT = "1"
 
@@ -23,7 +25,7 @@ def versions() -> dict[str, str]:
         "format": FORMAT,
         "python": platform.python_version(),
         "numpy": version("numpy"),
-        "numba": version("numba"),
+        "numba": version("numba") if COMPILED else "none",
         "machine": platform.machine(),
     }
 

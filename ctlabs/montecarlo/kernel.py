@@ -16,11 +16,10 @@ The columns of the sums, with d compared states, about the expected mean error (
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
-import numba
 import numpy as np
-from numba.extending import register_jitable
 
 from ctlabs.linalg import compiled
 from ctlabs.linalg.checks import Array
@@ -33,10 +32,10 @@ FAST = {"reassoc", "contract", "nsz", "arcp"}
 LARGE = 256
 #: A helper becomes part of the kernel, at LLVM's level. As a function of its own it would exist twice in a process that
 #: compiles, with sums in another order, and such a process would not give the bytes of one that loads the cache.
-inlined = register_jitable(fastmath=FAST, forceinline=True)
+inlined = partial(compiled.helper, fastmath=FAST, forceinline=True)
 
 
-@register_jitable
+@compiled.helper
 def blas(A: Array, x: Array, out: Array) -> None:
     """out = A x by BLAS; no arithmetic of its own, so that it may stay a function and costs its compilation once."""
     np.dot(A, x, out)
@@ -216,7 +215,7 @@ def error(estimate: Array, x: Array, design: Design, shift: Array, count: int, e
         e[:, count:] = 0.0
 
 
-@numba.njit(nogil=True, fastmath=FAST)
+@partial(compiled.kernel, fastmath=FAST, error_model="python")
 def block(
     states: Any,
     measurements: Any,
@@ -286,5 +285,3 @@ def block(
                 add_product(design.E, x, predicted, work)
                 add_squares(predicted, count, row[5 * d : 6 * d])
 
-
-compiled.enable(block)

@@ -23,12 +23,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from ctlabs.filtering.engines.common import EPS, System, alike, entry, helper, picked, root, triangle
-from ctlabs.linalg import compiled
 from ctlabs.linalg.checks import Array
+from ctlabs.linalg.compiled import kernel
 
 #: Rows of an array: none, one with unit noise, one without noise.
 NONE, NOISY, EXACT = 0, 1, 2
@@ -425,7 +424,7 @@ def units(P: Array, A: Array, k: int, sd: Array) -> None:
         sd[i] = np.sqrt(s)
 
 
-@numba.njit(nogil=True, error_model="numpy")
+@kernel
 def prepare(system: System, used: Array, innovation: Array, Q: Array, out: Backward) -> None:
     """Fill ``out`` but for its Phi and shift; Q (steps or 1, n, n)."""
     n, m, runs, rows = system.Phi.shape[1], used.shape[1], innovation.shape[2], used.shape[0]
@@ -460,7 +459,7 @@ def prepare(system: System, used: Array, innovation: Array, Q: Array, out: Backw
             out.G[k] = wide
 
 
-@numba.njit(nogil=True, error_model="numpy")
+@kernel
 def smooth(b: Backward, prior: Prior, x: Array, P: Array, lag_one: Array) -> bool:
     """From x = x̂⁺ to the estimates given the whole record, P, and cov(x_{k+1}, x_k) at k+1; False: overflow."""
     n, m, runs, last = x.shape[1], b.rows.shape[1], x.shape[2], x.shape[0] - 1
@@ -490,7 +489,7 @@ def smooth(b: Backward, prior: Prior, x: Array, P: Array, lag_one: Array) -> boo
     return finite
 
 
-@numba.njit(nogil=True, error_model="numpy")
+@kernel
 def windows(b: Backward, prior: Prior, lag: int, width: int, x: Array, P: Array) -> bool:
     """From x = x̂⁺ to the estimates of x_k given the record up to k + lag ≤ the last, and P; False: overflow.
 
@@ -525,7 +524,3 @@ def windows(b: Backward, prior: Prior, lag: int, width: int, x: Array, P: Array)
             hide(x[k + c], P[k + c], lost)
         k += count
     return finite
-
-
-for _kernel in (prepare, smooth, windows):
-    compiled.enable(_kernel)

@@ -5,14 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba.extending import register_jitable
 
 from ctlabs.linalg.checks import Array
+from ctlabs.linalg.compiled import helper as helper
 from ctlabs.linalg.rounding import CANCELLED as CANCELLED
-
-#: A helper that plain Python and the compiler both understand. Sums keep their order: the result is the same to the bit
-#: in every process, and short vectors gain nothing from another order.
-helper = register_jitable
 
 EPS = float(np.finfo(float).eps)
 

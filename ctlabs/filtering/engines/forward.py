@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from ctlabs.filtering.engines.common import (
@@ -26,8 +25,9 @@ from ctlabs.filtering.engines.common import (
     similarity,
     triangle,
 )
-from ctlabs.linalg import compiled, rounding
+from ctlabs.linalg import rounding
 from ctlabs.linalg.checks import Array
+from ctlabs.linalg.compiled import kernel
 
 #: As in :mod:`ctlabs.linalg.rounding`.
 MARGIN = rounding.MARGIN
@@ -321,7 +321,7 @@ def put(
     out.nis[k] = nis if count > 0 else np.nan
 
 
-@numba.njit(nogil=True, error_model="numpy")
+@kernel
 def forward(
     system: System, x0: Array, P0: Array, z: Array, used: Array, begin: int, out: Histories
 ) -> tuple[int, int, float]:
@@ -404,6 +404,3 @@ def forward(
         if keep:
             put(k, x_minus, x, P_minus, P, Kt, nu, S, nis, pick, count, out)
     return DONE, rows, total
-
-
-compiled.enable(forward)

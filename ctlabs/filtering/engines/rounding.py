@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numba
 import numpy as np
 
 from ctlabs.filtering.engines.common import EPS, System, entry, helper, picked
-from ctlabs.linalg import compiled
 from ctlabs.linalg.checks import Array
+from ctlabs.linalg.compiled import kernel
 
 #: The rounding of numbers so small that they have no digits left.
 LEAST = float(np.finfo(float).smallest_subnormal)
@@ -137,7 +136,7 @@ def own(V: Array, nu: Array, pick: Array, count: int, scale: Array) -> float:
     return most
 
 
-@numba.njit(nogil=True, error_model="numpy")
+@kernel
 def bounds(system: System, M: Array, w: Rounding, size: Array, begun: int, seen: Passed, e: Array, allowed: Array) -> None:
     """Innovations ``e`` (rows, m, runs) of the elements asked for, given those before them, and what rounding may leave of them.
 
@@ -262,6 +261,3 @@ def bounds(system: System, M: Array, w: Rounding, size: Array, begun: int, seen:
                     for a in range(count):
                         A[i, j] -= K[i, a] * H[pick[a], j]
             moved(w, A, t, B, W)
-
-
-compiled.enable(bounds)

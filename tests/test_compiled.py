@@ -1,0 +1,44 @@
+"""Loops run without a compiler, and give the same numbers."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+#: A filter with a gap and correlated noises, a perfect measurement, a vague start, a smoother and an experiment.
+PROGRAM = """
+import json, sys
+if "without" in sys.argv:
+    sys.modules["numba"] = None
+    import importlib.util
+    find = importlib.util.find_spec
+    importlib.util.find_spec = lambda name, *rest: None if name == "numba" else find(name, *rest)
+import numpy as np
+from ctlabs import DiscreteModel, kalman_filter, monte_carlo, smooth, steady_state
+m = DiscreteModel([[1, .1], [0, 1]], [[.01, 0], [0, .1]], [[1, 0]], [[1]], P0=10 * np.eye(2), N=[[.05], [0]])
+found = kalman_filter(m, [5, 5, np.nan, 5, 4])
+whole = smooth(m, found)
+perfect = DiscreteModel([[0.5, 1], [0, 1]], [[0, 0], [0, 1]], [[1, 0]], [[0]], x0=[1, 0], P0=[[0, 0], [0, 1]])
+vague = DiscreteModel([[1, 1], [0, 1]], [[.1, 0], [0, .1]], [[1, 0]], [[1]], P0=[[np.inf, 0], [0, np.inf]])
+stats = monte_carlo(m, steps=5, runs=50, seed=1, progress=False)
+parts = [found.x_plus, found.P_plus, found.K, [found.log_likelihood], whole.x, whole.P, smooth(perfect, [1, 2, 4]).x,
+         smooth(vague, [1, 2, 4]).x, smooth(m, [5, 5, 5, 4], lag=1).x, steady_state(m).P_plus, stats.rms, stats.nees]
+print(json.dumps([float(x) for part in parts for x in np.ravel(part)]))
+"""
+
+
+def numbers(*arguments, **environment):
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, *arguments], capture_output=True, text=True, check=True, env={**os.environ, **environment}
+    )
+    return np.array(json.loads(done.stdout))
+
+
+@pytest.mark.parametrize("how", ["without numba", "compiler switched off"])
+def test_the_numbers_need_no_compiler(how):
+    """Without numba, or with NUMBA_DISABLE_JIT=1, every loop runs as plain Python and gives the same numbers to 1e-12."""
+    plain = numbers("without") if how == "without numba" else numbers(NUMBA_DISABLE_JIT="1")
+    assert np.allclose(plain, numbers(), rtol=1e-12, atol=1e-13)
