@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ctlabs import _check, contradictions, forms, kalman
 from ctlabs._check import Array
-from ctlabs.forms import Filtered
+from ctlabs.forms import Filtered, contract
 from ctlabs.forms.beginning import Beginning, begin
 from ctlabs.forms.vague import needed
 from ctlabs.models import DiscreteModel
@@ -151,19 +151,25 @@ def _forward(
 
     That is where a perfect measurement is of what is known already.
     """
-    from ctlabs.recursions import forward  # numba costs 0.3 s to import
+    from ctlabs.recursions import forward, roots  # numba costs 0.3 s to import
 
     k, x, P = 0, model.x0, model.P0
     if begun is not None:
         assert begun.x is not None
         assert begun.P is not None
         k, x, P = begun.rows, begun.x[:, 0], begun.P
-    end, k, total = forward.forward(system(model), fixed(x), fixed(P), fixed(z), fixed(used), k, out)
+    begun_at, own = k, system(model)
+    end, k, total = forward.forward(own, fixed(x), fixed(P), fixed(z), fixed(used), begun_at, out)
+    if end in (forward.LOSING, forward.INDEFINITE):
+        L = np.zeros((model.n, model.n))
+        columns = contract.rooted(P) if begun is None or begun.L is None else begun.L
+        L[:, : columns.shape[1]] = columns
+        end, k, total = roots.forward(own, fixed(x), fixed(L), fixed(z), fixed(used), begun_at, out)
     if end == forward.OVERFLOW:
         msg = f"P_minus: expected finite covariances, received an overflow {_when(model, k)}"
         raise FloatingPointError(msg)
     if end == forward.INDEFINITE:
-        raise FloatingPointError(_indefinite(_when(model, k)))
+        raise FloatingPointError(_beyond(_when(model, k)))
     return None if end == forward.PERFECT else float(total)
 
 
@@ -179,6 +185,13 @@ def _perfect(model: DiscreteModel, z: Array, first: int) -> Filtered:
 
 def _when(model: DiscreteModel, k: int) -> str:
     return f"at step {k} (t = {moment(k * model.dt)} s)"
+
+
+def _beyond(where: str) -> str:
+    return (
+        f"S: expected a covariance with digits left in double precision, received one {where} of a measurement, or of a difference of "
+        "some, whose noise is near the rounding of its prediction: a larger R, or fewer such elements at once, leaves some"
+    )
 
 
 def _indefinite(where: str) -> str:

@@ -299,8 +299,12 @@ class System(NamedTuple):
     units: Array
 
 
-def system(seed: Any, most: int = 8) -> System:
-    """Chains, oscillators, stiff and full systems; noise over 12 decades, time scales from 1e-6 to 1e6 s, a unit for each state."""
+def system(seed: Any, most: int = 8, *, sampled_well: bool = False) -> System:
+    """Chains, oscillators, stiff and full systems; noise over 12 decades, time scales from 1e-6 to 1e6 s, a unit for each state.
+
+    No mode grows by more than e⁹ within dt. ``sampled_well``: by no more than e, and dt between 1/1000 and 10 times the time scale: a
+    record of a chain over 1e10 of its times needs more digits than a double has.
+    """
     rng = np.random.default_rng(seed)
     n, m, kind = int(rng.integers(1, most + 1)), int(rng.integers(1, 4)), rng.integers(5)
     time = 10.0 ** rng.uniform(-6, 6)
@@ -320,23 +324,24 @@ def system(seed: Any, most: int = 8) -> System:
     if kind == 1 and rng.integers(2):
         W = np.diag(np.r_[np.zeros(n - 1), 10.0 ** rng.uniform(-6, 6)])
     x = 10.0 ** rng.uniform(-6, 6, n) if rng.integers(2) else np.ones(n)
-    dt = 10.0 ** rng.uniform(-6, 6) if rng.integers(2) else time * 10.0 ** rng.uniform(-3, 1)
-    growth = np.linalg.eigvals(F).real.max() / time
-    dt = min(dt, 9 / growth) if growth > 0 else dt
+    free, near = 10.0 ** rng.uniform(-6, 6), time * 10.0 ** rng.uniform(-3, 1)
+    dt = near if sampled_well or rng.integers(2) else free
+    fastest = np.linalg.eigvals(F).real.max() / time
+    dt = min(dt, (1.0 if sampled_well else 9.0) / fastest) if fastest > 0 else dt
     return System(F * x[:, None] / x / time, W * np.outer(x, x) / time, H / x, R, dt, x)
 
 
 def continuous(seed: Any) -> ContinuousModel:
-    """One with measurements in continuous time; every fourth correlated with the disturbance."""
-    own, rng = system(seed), np.random.default_rng([*np.atleast_1d(seed), 1])
+    """One with measurements in continuous time."""
+    own = system(seed)
     return ContinuousModel(
         own.F, np.diag(own.units), own.W / np.outer(own.units, own.units), own.H, Rc=own.R * own.dt, P0=np.diag(own.units**2)
     )
 
 
-def discrete(seed: Any, *, unknown: bool = True) -> DiscreteModel:
+def discrete(seed: Any, *, unknown: bool = True, sampled_well: bool = True) -> DiscreteModel:
     """A sampled one, with a P0 over 12 decades; in every tenth something is not known at all, if ``unknown``."""
-    own, rng = system(seed), np.random.default_rng([*np.atleast_1d(seed), 2])
+    own, rng = system(seed, sampled_well=sampled_well), np.random.default_rng([*np.atleast_1d(seed), 2])
     Phi, Qd, _ = interval(own.F, own.W, own.dt)
     P0 = covariance(rng, len(Phi), 12) * np.outer(own.units, own.units)
     N, m = None, len(own.R)
@@ -350,7 +355,8 @@ def discrete(seed: Any, *, unknown: bool = True) -> DiscreteModel:
         if np.linalg.eigvalsh(C / np.outer(unit, unit))[0] > 1e-3:
             n = len(Phi)
             Qd, own, N = both[:n, :n], own._replace(R=both[n:, n:]), both[:n, n:]
-    if unknown and rng.integers(10) == 0:
+    lasting = np.abs(np.linalg.eigvals(Phi)).min() > 1e-9  # what is not known stays so for a step
+    if unknown and rng.integers(10) == 0 and lasting:
         free = rng.random(len(Phi)) < 0.5
         P0 = np.where(free[:, None] | free, 0.0, P0) + np.diag(np.where(free, np.inf, 0.0))
     return DiscreteModel(Phi, Qd, own.H, own.R, x0=np.zeros(len(Phi)), P0=P0, dt=own.dt, N=N)
@@ -406,7 +412,7 @@ Refusals = (ValueError, ArithmeticError, np.linalg.LinAlgError)
 
 def steady_discrete(seed: Any) -> Outcome:
     """:func:`ctlabs.steady.solve`."""
-    model = discrete(seed, unknown=False)
+    model = discrete(seed, unknown=False, sampled_well=False)
     try:
         found = steady.solve(model)
     except Refusals as error:

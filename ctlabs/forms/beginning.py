@@ -44,7 +44,7 @@ class Beginning:
     """The first instants as the filter gives them, and what it goes on from.
 
     ``x_minus`` … ``nis`` as in :class:`ctlabs.forms.Filtered`, with runs · ``known`` (rows,), whether something was known of every
-    state before the update · ``log_likelihood`` (rows, runs) · ``x`` (n, runs), ``P`` (n, n): the prediction of the next
+    state before the update · ``log_likelihood`` (rows, runs) · ``x`` (n, runs), ``P`` = LLᵀ (n, n): the prediction of the next
     instant; ``None`` where the record ends before
     """
 
@@ -61,6 +61,7 @@ class Beginning:
     log_likelihood: Array
     x: Numbers | None
     P: Numbers | None
+    L: Numbers | None
 
     @property
     def rows(self) -> int:
@@ -104,7 +105,8 @@ def begin(record: Record, P0: Numbers) -> Beginning | None:
     later = np.append(found.pop("determined")[:0:-1].cumsum()[::-1], 0)
     nominal = {name: found.pop("nominal_" + name) for name in ("x_minus", "x_plus", "innovation", "P", "L", "A", "excess", "terms")}
     start = Start(**nominal, unknown=found.pop("unknown"), determined=later)
-    return Beginning(start, **found, x=state.x if state.settled else None, P=state.P if state.settled else None)
+    ahead = {name: getattr(state, name) if state.settled else None for name in ("x", "P", "L")}
+    return Beginning(start, **found, **ahead)
 
 
 def _finite(state: vague.State, k: int, dt: float) -> None:
