@@ -21,8 +21,8 @@ class Start:
     """What a smoother needs of the first instants: x = x̂ + e + Aδ after each update, and how it came about.
 
     ``x_minus``, ``x_plus`` (rows, n, runs), with any number where a state is not known · ``innovation`` (rows, m, runs) of x_minus,
-    NaN where an element does not enter the update · ``P`` (rows, n, n), the covariance of e, and its root ``L`` · ``A`` (rows, n, n), first the
-    ``unknown`` (rows,) columns, then vague ones with δ ~ N(0, I), then zeros · ``determined`` (rows,), how many of the
+    NaN where an element does not enter the update · ``P`` (rows, n, n), the covariance of e, and its root ``L`` ·
+    ``A`` (rows, n, n), first the ``unknown`` (rows,) columns, then vague ones with δ ~ N(0, I), then zeros · ``determined`` (rows,), how many of the
     unknown columns later measurements determine · ``excess`` (rows, m, runs), the innovations of perfect elements that were
     known already, and the ``terms`` (rows, m) whose rounding may be in them; NaN for all others
     """
@@ -105,8 +105,8 @@ def begin(record: Record, P0: Numbers) -> Beginning | None:
     later = np.append(found.pop("determined")[:0:-1].cumsum()[::-1], 0)
     nominal = {name: found.pop("nominal_" + name) for name in ("x_minus", "x_plus", "innovation", "P", "L", "A", "excess", "terms")}
     start = Start(**nominal, unknown=found.pop("unknown"), determined=later)
-    ahead = {name: getattr(state, name) if state.settled else None for name in ("x", "P", "L")}
-    return Beginning(start, **found, **ahead)
+    x, P, L = (state.x, state.P, state.L) if state.settled else (None, None, None)
+    return Beginning(start, **found, x=x, P=P, L=L)
 
 
 def _finite(state: vague.State, k: int, dt: float) -> None:

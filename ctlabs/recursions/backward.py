@@ -55,8 +55,8 @@ class Backward(NamedTuple):
 class Prior(NamedTuple):
     """What was measured up to each instant: P (steps+1, n, n), and of the first instants its root and columns of x = x̂ + e + Aδ.
 
-    ``L`` (rows, n, n) · ``A`` (rows, n, n) first the ``unknown`` (rows,) columns, then those with δ ~ N(0, I), then zeros; ``later`` (steps+1,), how many
-    unknown columns are determined after each instant.
+    ``L`` (rows, n, n) · ``A`` (rows, n, n) first the ``unknown`` (rows,) columns, then those with δ ~ N(0, I), then zeros;
+    ``later`` (steps+1,), how many unknown columns are determined after each instant.
     """
 
     P: Array

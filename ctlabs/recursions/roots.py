@@ -200,7 +200,7 @@ def forward(
                 nu[a] = s
                 for b in range(a):
                     s -= W[a, b] * e[b]
-                if not W[a, a] != 0.0:
+                if W[a, a] == 0.0:
                     return INDEFINITE, k, np.nan
                 e[a] = s / W[a, a]
                 nis += e[a] * e[a]
