@@ -337,6 +337,8 @@ def _log(values: Numbers) -> Numbers:
 def triangular(A: Numbers) -> Numbers:
     """The lower triangular L (p, p) with LLᵀ = AAᵀ and no negative diagonal, for A (p, q)."""
     p, q = A.shape
+    if not q:
+        return zeros((p, p), A)
     L = triangularised(A, p)
     return L[:, :p].copy() if q >= p else np.hstack([L, zeros((p, p - q), A)])
 
