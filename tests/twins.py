@@ -25,8 +25,6 @@ from ctlabs.models import ContinuousModel, DiscreteModel
 
 #: Bits that an answer has beyond the standard deviations in which it is compared, and the most that are tried for them.
 BITS, MOST = 100, 200_000
-#: Decimal digits of numbers of mpmath.
-DIGITS = 120
 #: Stands for the variance of what is not known at all, and a variance that only such a state has.
 UNKNOWN, UNSEEN = arb(2) ** 1600, arb(2) ** 800
 #: A verb is right within this part of a standard deviation, or says that it is not.
@@ -200,8 +198,15 @@ class Record(NamedTuple):
 
 def filtered(model: DiscreteModel, z: Array, first: int = 1) -> Record:
     """Filter and smoother (de Jong 1989) of a constant model by one-step predictions; NaN is not measured."""
-    bits = 400 if np.isfinite(model.P0).all() else 8000
-    return precisely(lambda: _filtered(model, np.asarray(z), first), bits)
+    key = b"".join(np.asarray(M).tobytes() for M in (model.Phi, model.Qd, model.H, model.R, model.x0, model.P0, z)), first
+    if key not in _LAST:  # several verbs are asked about one record
+        _LAST.clear()
+        bits = 400 if np.isfinite(model.P0).all() else 8000
+        _LAST[key] = precisely(lambda: _filtered(model, np.asarray(z), first), bits)
+    return _LAST[key]
+
+
+_LAST: dict[Any, Record] = {}
 
 
 def _filtered(model: DiscreteModel, z: Array, first: int) -> tuple[Record, bool]:
