@@ -329,7 +329,7 @@ def system(seed: Any, most: int = 8, *, sampled_well: bool = False) -> System:
     if kind == 1 and rng.integers(2):
         W = np.diag(np.r_[np.zeros(n - 1), 10.0 ** rng.uniform(-6, 6)])
     x = 10.0 ** rng.uniform(-6, 6, n) if rng.integers(2) else np.ones(n)
-    free, near = 10.0 ** rng.uniform(-6, 6), time * 10.0 ** rng.uniform(-3, 1)
+    free, near = time * 10.0 ** rng.uniform(-6, 6), time * 10.0 ** rng.uniform(-3, 1)
     dt = near if sampled_well or rng.integers(2) else free
     fastest = np.linalg.eigvals(F).real.max() / time
     dt = min(dt, (1.0 if sampled_well else 9.0) / fastest) if fastest > 0 else dt

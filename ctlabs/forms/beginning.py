@@ -22,9 +22,10 @@ class Start:
 
     ``x_minus``, ``x_plus`` (rows, n, runs), with any number where a state is not known · ``innovation`` (rows, m, runs) of x_minus,
     NaN where an element does not enter the update · ``P`` (rows, n, n), the covariance of e, and its root ``L`` ·
-    ``A`` (rows, n, n), first the ``unknown`` (rows,) columns, then vague ones with δ ~ N(0, I), then zeros · ``determined`` (rows,), how many of the
-    unknown columns later measurements determine · ``excess`` (rows, m, runs), the innovations of perfect elements that were
-    known already, and the ``terms`` (rows, m) whose rounding may be in them; NaN for all others
+    ``A`` (rows, n, n), first the ``unknown`` (rows,) columns, then vague ones with δ ~ N(0, I), then zeros ·
+    ``determined`` (rows,), how many of the unknown columns later measurements determine · ``excess`` (rows, m, runs), the
+    innovations of perfect elements that were known already, and the ``terms`` (rows, m) whose rounding may be in them; NaN for
+    all others
     """
 
     x_minus: Array

@@ -135,21 +135,20 @@ def reflect(w: Work, j: int, end: int) -> int:
             p, top = i, abs(w.W[i, j])
     if p < 0:
         return p
-    for i in range(w.W.shape[0]):
+    for i in range(w.W.shape[0]):  # in units of the largest: squares of what a mode left after ten steps may underflow
         if w.kind[i] == NOISY and not w.taken[i] and w.W[i, j] != 0.0:
-            square += w.W[i, j] * w.W[i, j]
+            square += (w.W[i, j] / top) ** 2
             count += 1
     if count == 1:
         return p
     norm = np.sqrt(square)
-    pivot = -norm if w.W[p, j] > 0 else norm
-    own = w.W[p, j] - pivot
-    scale = 1 / (norm * (norm + top))
-    w.W[p, j] = pivot
+    own = 1 + norm if w.W[p, j] > 0 else -1 - norm
+    scale = 1 / (norm * (norm + 1))
     for c in range(j + 1, end):
         w.vector[c] = own * w.W[p, c]
     for i in range(w.W.shape[0]):
         if w.kind[i] == NOISY and not w.taken[i] and i != p and w.W[i, j] != 0.0:
+            w.W[i, j] /= top
             for c in range(j + 1, end):
                 w.vector[c] += w.W[i, j] * w.W[i, c]
     for c in range(j + 1, end):
@@ -160,6 +159,7 @@ def reflect(w: Work, j: int, end: int) -> int:
             for c in range(j + 1, end):
                 w.W[i, c] -= w.W[i, j] * w.vector[c]
             w.W[i, j] = 0.0
+    w.W[p, j] = -norm * top if own > 0 else norm * top
     return p
 
 

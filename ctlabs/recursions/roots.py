@@ -41,7 +41,9 @@ def turned(W: Array, first: int, count: int, rows: int, columns: int) -> None:
             continue
         for c in range(i, columns):
             square += (W[i, c] / top) ** 2
-        norm = top * np.sqrt(square)
+        norm = np.sqrt(square)  # in units of the largest: no square underflows
+        for c in range(i, columns):
+            W[i, c] /= top
         pivot = -norm if W[i, i] > 0 else norm
         own = W[i, i] - pivot
         scale = 1 / (norm * (norm + abs(W[i, i])))
@@ -53,7 +55,7 @@ def turned(W: Array, first: int, count: int, rows: int, columns: int) -> None:
             W[r, i] -= s * own
             for c in range(i + 1, columns):
                 W[r, c] -= s * W[i, c]
-        W[i, i] = pivot
+        W[i, i] = pivot * top
         for c in range(i + 1, columns):
             W[i, c] = 0.0
 
