@@ -42,7 +42,7 @@ LOOKED = 20
 
 
 class State(NamedTuple):
-    """``x`` (n, runs) · ``P`` (n, n), without what A holds, and its root ``L`` · ``A`` (n, d), first the ``unknown`` columns.
+    """``x`` (n, runs) · ``P`` (n, n), without what A holds, and its root ``L`` (n, n) · ``A`` (n, d), first the ``unknown`` columns.
 
     ``x`` has any number where a state is not known. ``sight`` (rows, n): in units of the noises, what measurements see
     of the states.
@@ -101,14 +101,19 @@ def start(model: DiscreteModel, P0: Numbers) -> State:
     there = sight(model) if P0.dtype == np.float64 else np.zeros((0, model.n))  # more digits lose none
     x, none = contract.column(model, P0), contract.zeros((len(P0), 0), P0)
     if not _large(there, contract.doubles(P0)):
-        return State(x, P0, contract.rooted(P0), none, 0, there)
+        return State(x, P0, _square(contract.rooted(P0)), none, 0, there)
     unknown = contract.unknown(P0)
     x = np.where(unknown[:, None], contract.zeros((len(P0), 1), P0), x)
     known = np.where(unknown[:, None] | unknown, contract.zeros(P0.shape, P0), P0)
     A, root = contract.identity(len(P0), P0)[:, unknown], contract.rooted(known)
     large = seen(there, root)
-    L = root[:, ~large]
+    L = _square(root[:, ~large])
     return State(x, L @ L.T if large.any() else known, L, np.hstack([A, root[:, large]]), A.shape[1], there)
+
+
+def _square(L: Numbers) -> Numbers:
+    """A root (n, n) of the same covariance: zeros in the columns that it has not."""
+    return np.hstack([L, contract.zeros((len(L), len(L) - L.shape[1]), L)])
 
 
 def sight(model: DiscreteModel) -> Array:
