@@ -47,8 +47,9 @@ def pytest_configure() -> None:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """How many of hypothesis's examples are run, at most."""
+    """How many of hypothesis's examples are run, at most; and how many random models."""
     parser.addoption("--examples", type=int, help="run at most so many examples of each property (tests/kernels.py)")
+    parser.addoption("--twins", type=int, default=8, help="random models of each of four seeds (tests/test_twins.py)")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -234,11 +234,11 @@ def test_an_overflow_names_its_step():
         log_likelihood(growing, z)
 
 
-def test_an_indefinite_innovation_is_refused_with_advice():
-    """Two sensors that are one in double precision: Joseph's form loses S, and says which forms do not."""
+def test_an_innovation_beyond_double_precision_is_refused_with_advice():
+    """Two sensors that are one in double precision: roots have no digits left of their difference either."""
     hard = DiscreteModel([[1, 0], [0, 1]], np.eye(2), [[1, 1], [1, 1]], 1e-18 * np.eye(2), x0=[0, 0], P0=np.zeros((2, 2)))
     z = np.full((6, 2), 0.5)
-    with pytest.raises(FloatingPointError, match=r"S: expected a positive definite .* at step \d+ .*ud, array, srif"):
+    with pytest.raises(FloatingPointError, match=r"S: expected a covariance with digits left .* at step \d+ .*larger R"):
         filter_record(hard, z)
     with pytest.raises(FloatingPointError, match="S: expected"):
         log_likelihood(hard, z)

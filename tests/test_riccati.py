@@ -1,7 +1,8 @@
-"""Riccati and Lyapunov equations: cases with known answers, numbers of others, other units, and twins with a hundred digits."""
+"""Riccati and Lyapunov equations: cases with known answers, numbers of others, other units, and twins with proved digits."""
 
 from __future__ import annotations
 
+import time
 import warnings
 from dataclasses import replace
 from typing import Any
@@ -17,6 +18,7 @@ from ctlabs.linalg import loops, manyfold, riccati, undriven
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.lyapunov import Operator, prove
 from ctlabs.linalg.manyfold import Manyfold, solve
+from ctlabs.linalg.staircase import hidden
 from ctlabs.linalg.updating import updated
 from ctlabs.models import ContinuousModel, DiscreteModel, observability, shaping
 from ctlabs.models.discretisation import discretise, interval
@@ -117,6 +119,28 @@ def test_one_model_in_many_units() -> None:
         assert np.abs(bucy.steady(other).P / np.outer(x, x) / right - 1).max() < 1e-9
 
 
+@pytest.mark.parametrize("continuous", [True, False])
+def test_two_hundred_random_states_within_three_seconds(continuous: bool) -> None:
+    """A full system: processor time of the verb, and a bound of a last digit or two."""
+    rng, n, one = np.random.default_rng(1), 200, np.eye(200)
+    F, H, W = rng.normal(size=(n, n)) / np.sqrt(n), rng.normal(size=(3, n)), rng.normal(size=(n, n))
+    model: Any = DiscreteModel(0.9 * F, W @ W.T / n, H, np.eye(3), x0=np.zeros(n), P0=one)
+    if continuous:
+        model = ContinuousModel(F - 1.05 * one, one, W @ W.T / n, H, Rc=np.eye(3), P0=one)
+    before = time.process_time()
+    assert limit(model)["error"] < 1e-14
+    assert time.process_time() - before < 3
+
+
+def test_a_mode_that_only_one_scaling_hides_is_seen() -> None:
+    """An exchange of 1 and 1, in units in which it is 1e-13 and 1e13: below 1e-12 of A, and above it."""
+    A, H = np.array([[-1.0, 1e-13], [1e13, -2.0]]), np.array([[1.0, 0.0]])
+    assert hidden(A, H, 1e-12, 1e-12).shape == (2, 1)
+    assert observability._hidden(A, H, 1e-12).shape == (2, 0)
+    hidden_mode = np.array([[-1.0, 0.0], [1e13, -2.0]])
+    assert observability._hidden(hidden_mode, H, 1e-12).shape == (2, 1)
+
+
 def test_two_hundred_states() -> None:
     """A ring of 200: the closed form by Fourier's transform, also of the elements that are 1e-35."""
     (case,) = (parameter.values[0] for parameter in cases.numerics("k1_ring_200"))
@@ -152,7 +176,6 @@ def test_numbers_of_others(item: dict[str, Any]) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="the decay of hidden modes is not proved for so many states, and the model is refused", strict=False)
 def test_four_hundred_and_twenty_one_states() -> None:
     """CAREX 4.4, a rotating axle."""
     (item,) = (parameter.values[0] for parameter in cases.peers("carex_4_4"))
@@ -232,7 +255,7 @@ def scaled_covariance(rng: np.random.Generator, n: int, decades: float) -> Array
 
 
 def test_twins_of_random_models() -> None:
-    """Against doubling with 120 digits: never off by more than the bound, the bound below 1e-6, none refused; the median ratio."""
+    """Against doubling in ball arithmetic: never off by more than the bound, the bound below 1e-6, none refused; the median ratio."""
     ratios = []
     for i in range(60):
         A, H, Q, R, continuous = random_equation(np.random.default_rng([17, i]), most=8 if i % 10 == 0 else 3)
@@ -242,9 +265,8 @@ def test_twins_of_random_models() -> None:
         assert off <= found.error < 1e-6, i
         ratios.append(found.error / max(off, 1e-17))
         if not continuous and i % 4 == 0:
-            with mpmath.workdps(twins.DIGITS):
-                after = updated(found, H, R)
-                assert twins.off(after.P, twins.update(right, H, R)[0]) <= after.error
+            after = updated(found, H, R)
+            assert twins.off(after.P, twins.update(right, H, R)) <= after.error
     assert np.median(ratios) < 1e3
 
 

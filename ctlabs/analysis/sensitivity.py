@@ -25,6 +25,7 @@ import scipy.sparse.csgraph
 from numpy.typing import ArrayLike, NDArray
 
 from ctlabs.filtering import steady as steady_state
+from ctlabs.filtering.algorithms import contract
 from ctlabs.filtering.filter import covariances, planned
 from ctlabs.filtering.measured import begins
 from ctlabs.filtering.results import Covariances, Mask
@@ -466,25 +467,46 @@ def _means(truth: DiscreteModel, design: DiscreteModel, C: Array, maps: _Maps) -
 
 
 def _covariances(source: _Source, maps: _Maps, used: Mask) -> tuple[Array, Array]:
-    """Covariance of e before and after each update, as far as ``source`` makes it."""
+    """Covariance of e before and after each update, as far as ``source`` makes it.
+
+    By a root of it: of P0 = 1e14 R no more than the rounding of P0 would be left in the covariance itself.
+    """
     d = maps.d
     checks.finite_start("the actual error", source.P0)
-    start = maps.predict[0].W  # x0 enters (x, e) as w does: with I and −C
-    X = start @ source.P0 @ start.T
+    L = maps.predict[0].W @ contract.rooted(source.P0)  # x0 enters (x, e) as w does: with I and −C
     minus, plus = np.empty((len(maps.update), d, d)), np.empty((len(maps.update), d, d))
+    known: dict[bytes, Array] = {}
+    constant = source.Qd.ndim == source.R.ndim == 2
     for k, update in enumerate(maps.update):
-        if k:
-            before = used[k - 1]
-            R = at(source.R, k - 1, 2)[np.ix_(before, before)]
-            X = _moved(X, maps.update[k - 1], maps.predict[k - 1], at(source.Qd, k - 1, 2), R, source.N[:, before])
-            if not np.isfinite(X).all():
+        key = used[k].tobytes()
+        noises = known[key] if constant and key in known else _noises(source, k, used[k], last=k + 1 == len(maps.update))
+        known[key] = noises
+        v, w = np.split(noises, [int(used[k].sum())])
+        with np.errstate(over="ignore", invalid="ignore"):  # reported below, with its step
+            minus[k], after = _squared(L[-d:]), np.hstack([update.A @ L, update.V @ v])
+            plus[k] = _squared(after[-d:])
+            if not np.isfinite(minus[k]).all():
                 msg = f"sensitivity: expected finite covariances, received an overflow at step {k}"
                 raise FloatingPointError(msg)
-        minus[k] = X[-d:, -d:]
-        R = at(source.R, k, 2)[np.ix_(used[k], used[k])]
-        X = _symmetric(update.A @ X @ update.A.T + update.V @ R @ update.V.T)
-        plus[k] = X[-d:, -d:]
+            if k + 1 < len(maps.update):
+                # v_k sits in e_k⁺ already, and correlates with w_k through N.
+                predict = maps.predict[k]
+                moved = predict.A @ after
+                moved[:, L.shape[1] :] += predict.W @ w + predict.V @ v
+                L = contract.triangular(moved) if np.isfinite(moved).all() else moved
     return minus, plus
+
+
+def _noises(source: _Source, k: int, used: Array, *, last: bool) -> Array:
+    """A root of the joint covariance of v_k, as far as it is used, and w_k; nothing of w after the last instant."""
+    R, N = at(source.R, k, 2)[np.ix_(used, used)], source.N[:, used]
+    Qd = np.zeros((len(N), len(N))) if last and source.Qd.ndim == 3 else at(source.Qd, k, 2)
+    N = N if Qd.any() else 0 * N
+    return contract.rooted(np.block([[R, N.T], [N, Qd]]))
+
+
+def _squared(L: Array) -> Array:
+    return L @ L.T
 
 
 def _moved(X: Array, update: _Map, predict: _Map, Qd: Array, R: Array, N: Array) -> Array:

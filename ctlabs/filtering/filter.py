@@ -150,31 +150,22 @@ def _filtered(problem: Problem, algorithm: str, given: Covariances | None) -> Fi
     if algorithm == "filterpy":
         plan = adapter.covariances(problem.model, problem.absent)
         return gains.apply(problem, plan, "filterpy", _begun(problem))
-    if algorithm == "auto":
-        return _best(problem)
-    if algorithm == "joseph":
-        return _joseph(problem)
+    if algorithm in ("auto", "joseph"):
+        return _compiled(problem)
     catalogue.form(algorithm)
     return driver.run(problem, algorithm)[0]
 
 
-def _best(problem: Problem) -> Filtered:
-    """Joseph's form, and where rounding makes its S indefinite the factors UDUᵀ, which keep their digits."""
-    try:
-        return _joseph(problem)
-    except FloatingPointError as error:
-        if not str(error).startswith("S:"):
-            raise
-        return driver.run(problem, "ud")[0]
+def _compiled(problem: Problem) -> Filtered:
+    """A record in one pass; of an ensemble the gains, and one matrix product for all runs at every step.
 
-
-def _joseph(problem: Problem) -> Filtered:
-    """Compiled: a record in one pass; of an ensemble the gains, and one matrix product for all runs at every step."""
+    Joseph's form, or square roots where that would lose digits.
+    """
     if problem.z.shape[2] == 1:
         return compiled.record(problem)
     if problem.model.R.ndim == 2 and not measured.perfect(problem.model.R).any() and not needed(problem.model, problem.model.P0):
         plan = compiled.covariances(problem.model, problem.absent, problem.t)
-        return gains.apply(problem, plan, "joseph")
+        return gains.apply(problem, plan, plan.algorithm)
     return driver.run(problem, "joseph")[0]
 
 

@@ -157,11 +157,12 @@ def _way(filtered: Filtered) -> tuple[Backward, Prior, Array]:
     rows, n, m, start = len(filtered.t), model.n, model.m, filtered.start
     x_minus, x_plus = (x.reshape(rows, n, -1).copy() for x in (filtered.x_minus, filtered.x_plus))
     innovation, P = filtered.innovation.reshape(rows, m, -1).copy(), filtered.P_plus.copy()
-    A, unknown, later = np.empty((0, n, n)), np.empty(0, dtype=np.int64), np.zeros(rows, dtype=np.int64)
+    L, A = np.empty((2, 0, n, n))
+    unknown, later = np.empty(0, dtype=np.int64), np.zeros(rows, dtype=np.int64)
     if start is not None:
         begin = len(start.P)
         x_minus[:begin], x_plus[:begin], innovation[:begin] = start.x_minus, start.x_plus, start.innovation
-        P[:begin], A, unknown, later[:begin] = start.P, start.A, start.unknown, start.determined
+        P[:begin], L, A, unknown, later[:begin] = start.P, start.L, start.A, start.unknown, start.determined
     Phi, Q = _motions(model, filtered.used)
     system = compiled.system(model)
     way = Backward(
@@ -174,7 +175,7 @@ def _way(filtered: Filtered) -> tuple[Backward, Prior, Array]:
         np.empty(rows, dtype=np.int64),
     )
     _compiled("prepare", system, compiled.fixed(filtered.used), compiled.fixed(innovation), Q, way)
-    return way, Prior(P, A, unknown.astype(np.int64), later), x_plus
+    return way, Prior(P, L, A, unknown.astype(np.int64), later), x_plus
 
 
 def _motions(model: DiscreteModel, used: Array) -> tuple[Array, Array]:

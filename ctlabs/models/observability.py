@@ -23,7 +23,7 @@ import scipy.linalg
 
 from ctlabs.linalg import checks, lyapunov, riccati
 from ctlabs.linalg.checks import Array
-from ctlabs.linalg.staircase import ComplexArray, clusters, eigenvalues, hidden
+from ctlabs.linalg.staircase import ComplexArray, clusters, eigenvalues, growing, hidden
 from ctlabs.linalg.units import balanced
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.models.discretisation import interval
@@ -245,7 +245,7 @@ def undetectable(A: Array, H: Array, continuous: bool) -> list[Mode]:
     """The modes of A that do not decay and are not seen by H, of conjugate pairs the one with Im λ > 0."""
     scaling = _scaling(A, H, continuous)
     scaled, seen = scaling.apply(A, H)
-    modes = _modes(hidden(scaled, seen, UNSEEN, UNSEEN), scaled, scaling, continuous)
+    modes = _modes(_hidden(scaled, seen, UNSEEN), scaled, scaling, continuous)
     return [mode for mode in modes if not mode.decays]
 
 
@@ -330,6 +330,21 @@ def _weights(A: Array, time: float) -> Array:
     return np.where(((relative > 4 * eps) | (loop > 0)) & ~np.eye(len(A), dtype=bool), weights, 0.0)
 
 
+def _hidden(A: Array, H: Array, unseen: float) -> Array:
+    """Orthonormal basis of what H does not see, and A keeps, in these units and in those that balance the rows and columns of A.
+
+    What is hidden is so in all units; what is seen may seem hidden beside elements a million times as large.
+    """
+    found = hidden(A, H, unseen, unseen)
+    if not found.shape[1]:
+        return found
+    balanced_A, (units, _) = scipy.linalg.matrix_balance(A, permute=False, separate=True)
+    rows = H * units
+    size = np.abs(rows).max(axis=1, initial=0.0)
+    other = hidden(balanced_A, rows / np.where(size > 0, size, 1.0)[:, None], unseen, unseen)
+    return found if other.shape[1] >= found.shape[1] else np.linalg.qr(other * units[:, None])[0]
+
+
 def _modes(basis: Array, A: Array, scaling: _Scaling, continuous: bool) -> list[Mode]:
     """The modes of A in an invariant subspace; one of eigenvalues that cannot be told apart, of conjugate pairs that with Im λ > 0."""
     inner = basis.T @ A @ basis
@@ -339,6 +354,8 @@ def _modes(basis: Array, A: Array, scaling: _Scaling, continuous: bool) -> list[
         rounded = 4 * len(A) * np.finfo(float).eps * float(np.abs(A).sum(axis=1).max())
     doubt = doubt + rounded
     stable, found = lyapunov.stable(inner, continuous=continuous), []
+    # Modes of a subspace are modes of A, whose eigenvalues may be known better than those of the product.
+    settled = bool(basis.shape[1]) and bool((growing(A, continuous) < 0).all())
     for group in clusters(values, doubt):
         value = complex(values[group].mean())
         if value.imag < -doubt[group].max():
@@ -350,7 +367,7 @@ def _modes(basis: Array, A: Array, scaling: _Scaling, continuous: bool) -> list[
         share = np.linalg.norm(basis @ Z[:, : max(count, 1)], axis=1)
         distance = value.real if continuous else abs(value) - 1
         # A proof for the product says nothing of a mode that its rounding could have taken over the boundary.
-        decays = distance < -doubt[group].max() or (stable and distance < -rounded)
+        decays = settled or distance < -doubt[group].max() or (stable and distance < -rounded)
         found.append(Mode(value * scaling.time, share, bool(decays)))
     return found
 
@@ -360,12 +377,14 @@ def _analysed(
 ) -> Observability:
     """Evidence for one pair."""
     scaled, seen = scaling.apply(A, H)
-    lost_in = hidden(scaled, seen, unseen, unseen)
+    lost_in = _hidden(scaled, seen, unseen)
     rest = scipy.linalg.null_space(lost_in.T) if lost_in.shape[1] else np.eye(len(A))
     lost = np.linalg.eigvals(lost_in.T @ scaled @ lost_in)
     values = np.concatenate([lost, np.linalg.eigvals(rest.T @ scaled @ rest)]).astype(np.complex128)
     values = values[np.lexsort((values.imag.round(9), values.real.round(9)))]
-    sigma = np.array([_pencil(scaled, seen, value, lost) for value in values]).reshape(len(A), len(A))
+    # Of a conjugate pair the singular values are the same.
+    known = {value: _pencil(scaled, seen, value, lost) for value in values[values.imag >= 0].tolist()}
+    sigma = np.array([known[value if value in known else value.conjugate()] for value in values.tolist()]).reshape(len(A), len(A))
     modes = _modes(lost_in, scaled, scaling, continuous)
     return Observability(
         eigenvalues=values * scaling.time,
@@ -385,7 +404,8 @@ def _pencil(A: Array, H: Array, value: complex, lost: ComplexArray) -> Array:
     """
     if len(lost) and np.abs(lost - value).min() < 1e-6 * max(1.0, abs(value)):
         value = lost[np.abs(lost - value).argmin()]
-    sigma = np.linalg.svd(np.vstack([A - value * np.eye(len(A)), H]), compute_uv=False)
+    at = value if value.imag else value.real
+    sigma = np.linalg.svd(np.vstack([A - at * np.eye(len(A)), H]), compute_uv=False)
     return sigma / max(sigma[0], 1e-300)
 
 

@@ -136,10 +136,10 @@ def summary(report: Report, tables: Sequence[str] = ()) -> list[str]:
         if not isinstance(value.value, list) or (len(value.value) <= SHORT and not any(map(_nested, value.value)))
     ]
     sentences = [value.value for value in values if isinstance(value.value, str) and " " in value.value]
+    short = [value for value in values if value.value not in sentences]
     rows = [
-        [value.name, number(_single(value.value)), "" if value.unit == "1" else value.unit, value.reason]
-        for value in values
-        if value.value not in sentences
+        [value.name, number(_single(value.value)), "" if value.unit == "1" else value.unit, reason]
+        for value, reason in zip(short, _reasons(short), strict=True)
     ]
     lines += ["", *_columns(rows)]
     for block in report.blocks:
@@ -254,13 +254,20 @@ def _parameters(report: Report) -> str:
     return _grid([_("parameter"), _("value"), _("unit"), _("meaning")], rows)
 
 
+def _reasons(values: Sequence[Value]) -> list[str]:
+    """Why values are missing, a reason that several in succession share only once."""
+    before = ["", *(value.reason for value in values)]
+    return [_("as above") if own and own == last else own for own, last in zip(before[1:], before, strict=False)]
+
+
 def _numbers(pending: list[Value | Check]) -> list[str]:
     """The values and checks of a section, as two small tables at its end."""
     values = [block for block in pending if isinstance(block, Value)]
     checks = [block for block in pending if isinstance(block, Check)]
     lines = []
     if values:
-        rows = ([f"`{v.name}`", _cell(v.value) + (f" ({v.reason})" if v.reason else ""), v.unit] for v in values)
+        reasons = zip(values, _reasons(values), strict=True)
+        rows = ([f"`{v.name}`", _cell(v.value) + (f" ({reason})" if reason else ""), v.unit] for v, reason in reasons)
         lines.append(_grid([_("result"), _("value"), _("unit")], rows))
     if checks:
         rows = (

@@ -132,9 +132,10 @@ def _steady(report: Report, model: DiscreteModel) -> steady.SteadyState | None:
     try:
         limit = steady.solve(model)
     except ValueError as error:
+        reason = str(error).removeprefix("steady state: ")
         for name in (*names, "filter_poles", "settling_step"):
-            report.value(name, None, reason=str(error))
-        report.says(_("There is no steady filter: {reason}."), reason=str(error))
+            report.value(name, None, reason=reason)
+        report.says(_("There is no steady filter: {reason}."), reason=reason)
         return None
     report.math(
         r"P^- = {a} \qquad P^+ = {b} \qquad K = {c} \qquad K_{{pred}} = {d}".replace("{{", "{").replace("}}", "}"),
@@ -228,7 +229,9 @@ def _transient(report: Report, model: DiscreteModel, steps: int, first: int, lim
         report.figure(
             f"transient_{i + 1}",
             plots.transient(plan.t, curves, ylabel=ylabel, limits=limits, log=common.wide(*curves.values())),
-            _("Standard deviation of the error of {name} from P0 on; dashed: the steady values."),
+            _("Standard deviation of the error of {name} from P0 on; dashed: the steady values.")
+            if limits
+            else _("Standard deviation of the error of {name} from P0 on."),
             name=name,
         )
     report.value("sd_minus_end", plan.sd_minus[-1], common.units(model))
@@ -254,9 +257,10 @@ def _bucy(report: Report, model: ContinuousModel) -> None:
     try:
         limit = bucy.steady(model)
     except ValueError as error:
+        reason = str(error).removeprefix("steady state: ")
         for name in ("P_steady_continuous", "gain_steady_continuous"):
-            report.value(name, None, reason=str(error))
-        report.says(_("There is no steady continuous filter: {reason}."), reason=str(error))
+            report.value(name, None, reason=reason)
+        report.says(_("There is no steady continuous filter: {reason}."), reason=reason)
         return
     report.value("P_steady_continuous", limit.P)
     report.value("gain_steady_continuous", limit.K)

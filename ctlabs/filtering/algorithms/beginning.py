@@ -21,16 +21,18 @@ class Start:
     """What a smoother needs of the first instants: x = x̂ + e + Aδ after each update, and how it came about.
 
     ``x_minus``, ``x_plus`` (rows, n, runs), with any number where a state is not known · ``innovation`` (rows, m, runs) of x_minus,
-    NaN where an element does not enter the update · ``P`` (rows, n, n), the covariance of e · ``A`` (rows, n, n), first the
-    ``unknown`` (rows,) columns, then vague ones with δ ~ N(0, I), then zeros · ``determined`` (rows,), how many of the
-    unknown columns later measurements determine · ``excess`` (rows, m, runs), the innovations of perfect elements that were
-    known already, and the ``terms`` (rows, m) whose rounding may be in them; NaN for all others
+    NaN where an element does not enter the update · ``P`` (rows, n, n), the covariance of e, and its root ``L`` ·
+    ``A`` (rows, n, n), first the ``unknown`` (rows,) columns, then vague ones with δ ~ N(0, I), then zeros ·
+    ``determined`` (rows,), how many of the unknown columns later measurements determine · ``excess`` (rows, m, runs), the
+    innovations of perfect elements that were known already, and the ``terms`` (rows, m) whose rounding may be in them; NaN for
+    all others
     """
 
     x_minus: Array
     x_plus: Array
     innovation: Array
     P: Array
+    L: Array
     A: Array
     unknown: NDArray[np.intp]
     determined: NDArray[np.intp]
@@ -42,8 +44,8 @@ class Start:
 class Beginning:
     """The first instants as the filter gives them, and what it goes on from.
 
-    ``x_minus`` … ``nis`` as in :class:`ctlabs.filtering.results.Filtered`, with runs · ``known`` (rows,), whether something was known of every
-    state before the update · ``log_likelihood`` (rows, runs) · ``x`` (n, runs), ``P`` (n, n): the prediction of the next
+    ``x_minus`` … ``nis`` as in :class:`ctlabs.filtering.results.Filtered`, with runs · ``known`` (rows,), whether
+    something was known of every state before the update · ``log_likelihood`` (rows, runs) · ``x`` (n, runs), ``P`` = LLᵀ (n, n): the prediction of the next
     instant; ``None`` where the record ends before
     """
 
@@ -61,6 +63,7 @@ class Beginning:
     log_likelihood: Array
     x: Numbers | None
     P: Numbers | None
+    L: Numbers | None
 
     @property
     def rows(self) -> int:
@@ -102,9 +105,10 @@ def begin(record: Record, P0: Numbers) -> Beginning | None:
             rows.append(row)
     found = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     later = np.append(found.pop("determined")[:0:-1].cumsum()[::-1], 0)
-    nominal = {name: found.pop("nominal_" + name) for name in ("x_minus", "x_plus", "innovation", "P", "A", "excess", "terms")}
+    nominal = {name: found.pop("nominal_" + name) for name in ("x_minus", "x_plus", "innovation", "P", "L", "A", "excess", "terms")}
     start = Start(**nominal, unknown=found.pop("unknown"), determined=later)
-    return Beginning(start, **found, x=state.x if state.settled else None, P=state.P if state.settled else None)
+    x, P, L = (state.x, state.P, state.L) if state.settled else (None, None, None)
+    return Beginning(start, **found, x=x, P=P, L=L)
 
 
 def _finite(state: vague.State, k: int, dt: float) -> None:
@@ -139,10 +143,10 @@ def _instant(record: Record, k: int, state: vague.State) -> tuple[dict[str, Any]
         own |= {"determined": told.determined, "log_likelihood": contract.doubles(told.log_likelihood)}
         if used.any() and np.isfinite(own["S"][used, used]).all():
             own["nis"] = contract.doubles(told.nis)
-    A = np.zeros((n, n))
-    A[:, : state.A.shape[1]] = contract.doubles(state.A)
+    A, L = np.zeros((n, n)), np.zeros((n, n))
+    A[:, : state.A.shape[1]], L[:, : state.L.shape[1]] = contract.doubles(state.A), contract.doubles(state.L)
     own |= {"x_plus": _spread(vague.mean(state), runs), "P_plus": contract.doubles(vague.covariance(state))}
-    own |= {"nominal_x_plus": _spread(state.x, runs), "nominal_P": contract.doubles(state.P), "nominal_A": A}
+    own |= {"nominal_x_plus": _spread(state.x, runs), "nominal_P": contract.doubles(state.P), "nominal_L": L, "nominal_A": A}
     return own | {"unknown": state.unknown, "used": record.used[k].copy()}, state
 
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
-from ctlabs.linalg import factors
+from ctlabs.linalg import factors, rounding
 from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
 
@@ -124,6 +124,13 @@ class Noise:
     def thin_d(self) -> Numbers:
         """The elements of ``d`` above 0, (rank,)."""
         return self.d[self._rank]
+
+    @cached_property
+    def columns(self) -> Numbers:
+        """A root (n, rank) whose columns have no order: :func:`rooted`."""
+        if kind_of(self.matrix) is Counted:
+            return numbers(rooted(doubles(self.matrix)), Counted)
+        return rooted(self.matrix)
 
     @cached_property
     def diagonal(self) -> bool:
@@ -329,6 +336,8 @@ def _log(values: Numbers) -> Numbers:
 def triangular(A: Numbers) -> Numbers:
     """The lower triangular L (p, p) with LLᵀ = AAᵀ and no negative diagonal, for A (p, q)."""
     p, q = A.shape
+    if not q:
+        return zeros((p, p), A)
     L = triangularised(A, p)
     return L[:, :p].copy() if q >= p else np.hstack([L, zeros((p, p - q), A)])
 
@@ -395,6 +404,36 @@ def ldl(M: Numbers) -> tuple[Numbers, Numbers]:
         L[j + 1 :, j] = rest[j + 1 :, j] / d[j]
         rest[j + 1 :, j + 1 :] = rest[j + 1 :, j + 1 :] - np.outer(L[j + 1 :, j], rest[j + 1 :, j])
     return L, d
+
+
+def rooted(M: Numbers) -> Numbers:
+    """Columns A (n, rank) with M = AAᵀ up to the rounding of each state's own variance.
+
+    The state of whose variance most is left comes next (a fraction, so that units do not matter): what is left in the end is small
+    for all states at once. In the states' own order a variance may vanish while much of its covariances is left.
+    """
+    n, rest, found = len(M), M.copy(), list[Numbers]()
+    variance, lost = doubles(M.diagonal()), rounding.MARGIN * n * precision(M)
+    left = np.where(variance > 0, 1.0, 0.0)
+    while left.any():
+        j = int(left.argmax())
+        if left[j] <= lost:
+            break
+        column = rest[:, j] / rest[j, j] ** 0.5
+        rest = rest - np.outer(column, column)
+        rest[j, :], rest[:, j] = zeros(n, M), zeros(n, M)
+        found.append(column)
+        left = np.where(variance > 0, doubles(rest.diagonal()) / np.where(variance > 0, variance, 1.0), 0.0)
+    return np.column_stack(found) if found else zeros((n, 0), M)
+
+
+def precision(values: Numbers) -> float:
+    """The relative precision of a kind of number."""
+    if values.dtype == np.float64 or kind_of(values) is Counted:
+        return rounding.EPS
+    import mpmath
+
+    return float(mpmath.mp.eps)
 
 
 def eliminated(S: Numbers, right: Numbers) -> tuple[Numbers, Numbers]:

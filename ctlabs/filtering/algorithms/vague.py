@@ -1,17 +1,20 @@
 r"""A start of which little or nothing is known: x = x̂ + e + Aδ.
 
-e is an ordinary error with the covariance P, and the columns of A (n, d) are what is vaguely known, with δ ~ N(0, I), or not known
+e is an ordinary error with the covariance P = LLᵀ, and the columns of A (n, d) are what is vaguely known, with δ ~ N(0, I), or not known
 at all, with a flat δ (``inf`` in P0). A measured element h with the noise r sees :math:`s = hPh^T + r` of e, β of one vague column
 and α of one unknown column, after reflections of the columns (:mod:`ctlabs.linalg.columns`). With
 :math:`K = Ph^T/s` and, where there is a vague column V, :math:`F = s + \beta^2`,
 
-.. math:: P \leftarrow (I-Kh)P(I-Kh)^T + rKK^T, \quad K_v = K + (V-K\beta)\beta/F, \quad
+.. math:: L \leftarrow [(I-Kh)L,\ \sqrt rK]\,\Theta, \quad K_v = K + (V-K\beta)\beta/F, \quad
           V \leftarrow (V-K\beta)\sqrt{s/F}
 
 An unknown column U is determined: the gain is :math:`U/\alpha`, and :math:`(U-K_v\alpha)\sqrt F/\alpha` is a vague column in its
 place. There is no limit and no infinite covariance, and nothing large is subtracted from something large; R = 0 and singular Φ or Q
-are no exceptions. A vague column that has become about as small as the noises is added to P, :math:`P + cc^T`, and when no
+are no exceptions. A vague column that has become about as small as the noises becomes one of L, and when no
 column is left any form of the filter goes on from x̂ and P.
+
+e is carried by its root (Θ is orthogonal): what is known of a state beside δ may be a part of 1e-12 of its whole variance, and the
+rounding of P, which is that of the whole, would make P indefinite there.
 
 The likelihood of the elements that determine the unknown columns is :math:`-\tfrac12\ln 2\pi - \tfrac12\ln\alpha^2`.
 
@@ -27,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctlabs.filtering.algorithms import contract
-from ctlabs.filtering.algorithms.contract import Noise, Numbers
+from ctlabs.filtering.algorithms.contract import Noise, Numbers, precision
 from ctlabs.linalg import columns, rounding
 from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel, at
@@ -39,7 +42,7 @@ LOOKED = 20
 
 
 class State(NamedTuple):
-    """``x`` (n, runs) · ``P`` (n, n), without what A holds · ``A`` (n, d), first the ``unknown`` columns.
+    """``x`` (n, runs) · ``P`` (n, n), without what A holds, and its root ``L`` (n, n) · ``A`` (n, d), first the ``unknown`` columns.
 
     ``x`` has any number where a state is not known. ``sight`` (rows, n): in units of the noises, what measurements see
     of the states.
@@ -47,6 +50,7 @@ class State(NamedTuple):
 
     x: Numbers
     P: Numbers
+    L: Numbers
     A: Numbers
     unknown: int
     sight: Array
@@ -97,15 +101,19 @@ def start(model: DiscreteModel, P0: Numbers) -> State:
     there = sight(model) if P0.dtype == np.float64 else np.zeros((0, model.n))  # more digits lose none
     x, none = contract.column(model, P0), contract.zeros((len(P0), 0), P0)
     if not _large(there, contract.doubles(P0)):
-        return State(x, P0, none, 0, there)
+        return State(x, P0, _square(contract.rooted(P0)), none, 0, there)
     unknown = contract.unknown(P0)
     x = np.where(unknown[:, None], contract.zeros((len(P0), 1), P0), x)
     known = np.where(unknown[:, None] | unknown, contract.zeros(P0.shape, P0), P0)
-    A, root = contract.identity(len(P0), P0)[:, unknown], Noise(known).root
+    A, root = contract.identity(len(P0), P0)[:, unknown], contract.rooted(known)
     large = seen(there, root)
-    rest = root[:, ~large]
-    P = rest @ rest.T if large.any() else known
-    return State(x, P, np.hstack([A, root[:, large]]), A.shape[1], there)
+    L = _square(root[:, ~large])
+    return State(x, L @ L.T if large.any() else known, L, np.hstack([A, root[:, large]]), A.shape[1], there)
+
+
+def _square(L: Numbers) -> Numbers:
+    """A root (n, n) of the same covariance: zeros in the columns that it has not."""
+    return np.hstack([L, contract.zeros((len(L), len(L) - L.shape[1]), L)])
 
 
 def sight(model: DiscreteModel) -> Array:
@@ -139,9 +147,15 @@ def seen(sight: Array, A: Numbers) -> NDArray[np.bool_]:
 def predict(state: State, Phi: Numbers, c: Numbers | None, Q: Noise) -> State:
     """One step ahead."""
     unknown = columns.moved(Phi, state.A[:, : state.unknown], precision(state.P))
-    P = Phi @ state.P @ Phi.T + Q.matrix
     A = np.hstack([unknown, Phi @ state.A[:, state.unknown :]])
-    return folded(state._replace(x=contract.moved(Phi, state.x, c), P=P, A=A, unknown=unknown.shape[1]))
+    moved = rooted(state, Phi @ state.L, Q.columns)
+    return folded(moved._replace(x=contract.moved(Phi, state.x, c), A=A, unknown=unknown.shape[1]))
+
+
+def rooted(state: State, *parts: Numbers) -> State:
+    """The state with the P of which these columns together are a root."""
+    L = contract.triangular(np.hstack(parts))
+    return state._replace(P=L @ L.T, L=L)
 
 
 def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Told]:
@@ -158,7 +172,7 @@ def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Told]
 def _element(state: State, told: Told, i: int, z: Numbers, h: Numbers, r: Any) -> tuple[State, Told]:
     """One element z (runs,) with the row h (n,) and the variance r."""
     eps, number = precision(state.P), state.unknown
-    nu, K, s = z - h @ state.x, *_gain(state.P, h, r, eps)
+    nu, K, s = z - h @ state.x, *_gain(state, h, r, eps)
     unknown, vague = state.A[:, :number], state.A[:, number:]
     b, F, K_v = columns.seen(h, vague, eps, 0.25), s, K
     if b.any():
@@ -183,11 +197,12 @@ def _element(state: State, told: Told, i: int, z: Numbers, h: Numbers, r: Any) -
     told = told._replace(log_likelihood=told.log_likelihood + own.log_likelihood, nis=told.nis + own.nis)
     vague = vague[:, (vague != 0).any(axis=0)]
     left = contract.identity(len(h), state.P) - np.outer(K, h)
-    P = left @ state.P @ left.T + r * np.outer(K, K)
-    if r == 0 and P.dtype == np.float64:
-        P = rounding.corrected(P, state.P, K[:, None], h[None])
+    after = rooted(state, left @ state.L, (K * r**0.5)[:, None])
+    if r == 0 and after.P.dtype == np.float64:
+        P = rounding.corrected(after.P, state.P, K[:, None], h[None])
+        after = after._replace(P=P, L=np.where(P.diagonal()[:, None] == 0, 0.0, after.L))
     A = np.hstack([unknown, vague])
-    return state._replace(x=state.x + np.outer(K_all, nu), P=P, A=A, unknown=unknown.shape[1]), told
+    return after._replace(x=state.x + np.outer(K_all, nu), A=A, unknown=unknown.shape[1]), told
 
 
 def _left_out(told: Told, i: int, nu: Numbers, terms: Numbers) -> Told:
@@ -197,14 +212,14 @@ def _left_out(told: Told, i: int, nu: Numbers, terms: Numbers) -> Told:
     return told._replace(used=used, excess=excess, terms=size)
 
 
-def _gain(P: Numbers, h: Numbers, r: Any, eps: float) -> tuple[Numbers, Any]:
+def _gain(state: State, h: Numbers, r: Any, eps: float) -> tuple[Numbers, Any]:
     """K = Phᵀ/s and s = hPhᵀ + r; both zero where a perfect measurement sees what is known."""
-    cross = P @ h
-    s = h @ cross + r
-    terms = (np.abs(h) @ np.abs(P.diagonal()) ** 0.5) ** 2
+    row = h @ state.L
+    s = row @ row + r
+    terms = (np.abs(h) @ np.abs(state.P.diagonal()) ** 0.5) ** 2
     if r == 0 and s <= 4 * rounding.level(terms, len(h), eps):
         return 0 * h, 0 * s
-    return cross / s, s
+    return state.L @ row / s, s
 
 
 def folded(state: State) -> State:
@@ -217,7 +232,7 @@ def folded(state: State) -> State:
         return state
     small = vague[:, ~large]
     A = np.hstack([state.A[:, : state.unknown], vague[:, large]])
-    return state._replace(P=state.P + small @ small.T, A=A)
+    return rooted(state, state.L, small)._replace(A=A)
 
 
 def mean(state: State) -> Numbers:
@@ -244,12 +259,3 @@ def innovation(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[Array, A
     nu[free], S[free], S[:, free] = np.nan, 0.0, 0.0
     S[free, free] = np.inf
     return nu, S
-
-
-def precision(values: Numbers) -> float:
-    """The relative precision of a kind of number."""
-    if values.dtype == np.float64 or contract.kind_of(values) is contract.Counted:
-        return rounding.EPS
-    import mpmath
-
-    return float(mpmath.mp.eps)

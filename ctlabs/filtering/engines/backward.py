@@ -52,20 +52,21 @@ class Backward(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """What was measured up to each instant: P (steps+1, n, n), and of the first instants columns of x = x̂ + e + Aδ.
+    """What was measured up to each instant: P (steps+1, n, n), and of the first instants its root and columns of x = x̂ + e + Aδ.
 
-    ``A`` (rows, n, n) first the ``unknown`` (rows,) columns, then those with δ ~ N(0, I), then zeros; ``later`` (steps+1,), how many
-    unknown columns are determined after each instant.
+    ``L`` (rows, n, n) · ``A`` (rows, n, n) first the ``unknown`` (rows,) columns, then those with δ ~ N(0, I), then zeros;
+    ``later`` (steps+1,), how many unknown columns are determined after each instant.
     """
 
     P: Array
+    L: Array
     A: Array
     unknown: Array
     later: Array
 
 
 class Work(NamedTuple):
-    """Room for the arrays: W and the sizes of its exact rows' terms, and what :func:`reduce` says of its rows and columns."""
+    """Room for the arrays: W and the sizes of its exact rows' terms, what :func:`reduce` says of its rows and columns, and for a root."""
 
     W: Array
     terms: Array
@@ -75,6 +76,7 @@ class Work(NamedTuple):
     order: Array
     units: Array
     vector: Array
+    rest: Array
 
 
 @helper
@@ -90,6 +92,7 @@ def room(n: int, m: int, runs: int) -> Work:
         np.zeros(columns, dtype=np.int64),
         np.ones(columns),
         np.zeros(columns + runs),
+        np.zeros((n, n)),
     )
 
 
@@ -131,21 +134,20 @@ def reflect(w: Work, j: int, end: int) -> int:
             p, top = i, abs(w.W[i, j])
     if p < 0:
         return p
-    for i in range(w.W.shape[0]):
+    for i in range(w.W.shape[0]):  # in units of the largest: squares of what a mode left after ten steps may underflow
         if w.kind[i] == NOISY and not w.taken[i] and w.W[i, j] != 0.0:
-            square += w.W[i, j] * w.W[i, j]
+            square += (w.W[i, j] / top) ** 2
             count += 1
     if count == 1:
         return p
     norm = np.sqrt(square)
-    pivot = -norm if w.W[p, j] > 0 else norm
-    own = w.W[p, j] - pivot
-    scale = 1 / (norm * (norm + top))
-    w.W[p, j] = pivot
+    own = 1 + norm if w.W[p, j] > 0 else -1 - norm
+    scale = 1 / (norm * (norm + 1))
     for c in range(j + 1, end):
         w.vector[c] = own * w.W[p, c]
     for i in range(w.W.shape[0]):
         if w.kind[i] == NOISY and not w.taken[i] and i != p and w.W[i, j] != 0.0:
+            w.W[i, j] /= top
             for c in range(j + 1, end):
                 w.vector[c] += w.W[i, j] * w.W[i, c]
     for c in range(j + 1, end):
@@ -156,6 +158,7 @@ def reflect(w: Work, j: int, end: int) -> int:
             for c in range(j + 1, end):
                 w.W[i, c] -= w.W[i, j] * w.vector[c]
             w.W[i, j] = 0.0
+    w.W[p, j] = -norm * top if own > 0 else norm * top
     return p
 
 
@@ -314,8 +317,7 @@ def back(Phi: Array, G: Array, w: Work, E: Array) -> None:
 
 @helper
 def meet(
-    prior: Prior, k: int, known: int, Uy: Array, own: Array, first: int, x: Array, P: Array, lost: Array, w: Work, L: Array,
-    d: Array, everything: Array
+    prior: Prior, k: int, known: int, Uy: Array, own: Array, first: int, x: Array, P: Array, lost: Array, w: Work, L: Array, d: Array
 ) -> None:  # fmt: skip
     """Add to x (n, runs), x̂⁺ before, what later data say: columns ``first``… of [U | y]; P (n, n) of the result.
 
@@ -331,7 +333,10 @@ def meet(
                 if prior.A[k, i, c] != 0.0:
                     vague = c - free + 1
     unknowns = free + n + vague
-    root(prior.P[k], L[:, free : free + n], d, everything)
+    if k < prior.L.shape[0]:
+        L[:, free : free + n] = prior.L[k]
+    else:
+        root(prior.P[k], L[:, free : free + n], d, w.rest)
     for i in range(n):
         for c in range(free):
             L[i, c] = prior.A[k, i, c]
@@ -428,8 +433,8 @@ def units(P: Array, A: Array, k: int, sd: Array) -> None:
 def prepare(system: System, used: Array, innovation: Array, Q: Array, out: Backward) -> None:
     """Fill ``out`` but for its Phi and shift; Q (steps or 1, n, n)."""
     n, m, runs, rows = system.Phi.shape[1], used.shape[1], innovation.shape[2], used.shape[0]
-    L, d, pick, everything = np.empty((m, m)), np.empty(m), np.empty(m, dtype=np.int64), np.arange(n)
-    wide, variances, count = np.empty((n, n)), np.empty(n), 0
+    L, d, pick = np.empty((m, m)), np.empty(m), np.empty(m, dtype=np.int64)
+    wide, variances, rest, count = np.empty((n, n)), np.empty(n), np.empty((n, n)), 0
     constant = max(system.Phi.shape[0], Q.shape[0], system.H.shape[0], system.R.shape[0]) == 1
     for k in range(rows):
         same = k > 0 and alike(used[k], used[k - 1])
@@ -455,7 +460,7 @@ def prepare(system: System, used: Array, innovation: Array, Q: Array, out: Backw
             for c in range(runs):
                 out.values[k, a, c] *= scale
         if k < out.G.shape[0]:
-            root(Q[k], wide, variances, everything)
+            root(Q[k], wide, variances, rest)
             out.G[k] = wide
 
 
@@ -464,7 +469,7 @@ def smooth(b: Backward, prior: Prior, x: Array, P: Array, lag_one: Array) -> boo
     """From x = x̂⁺ to the estimates given the whole record, P, and cov(x_{k+1}, x_k) at k+1; False: overflow."""
     n, m, runs, last = x.shape[1], b.rows.shape[1], x.shape[2], x.shape[0] - 1
     Uy, own, w = np.zeros((n, n + runs)), np.zeros(n, dtype=np.int64), room(n, m, runs)
-    E, L, d, everything, sd = np.empty((n, n)), np.empty((n, 3 * n)), np.empty(n), np.arange(n), np.empty(n)
+    E, L, d, sd = np.empty((n, n)), np.empty((n, 3 * n)), np.empty(n), np.empty(n)
     lost, before, finite = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_), True
     for k in range(last, -1, -1):
         before[:] = lost
@@ -476,7 +481,7 @@ def smooth(b: Backward, prior: Prior, x: Array, P: Array, lag_one: Array) -> boo
         elif prior.unknown.shape[0] <= last:
             P[k] = prior.P[k]
             continue
-        meet(prior, k, prior.later[k], Uy, own, 0, x[k], P[k], lost, w, L, d, everything)
+        meet(prior, k, prior.later[k], Uy, own, 0, x[k], P[k], lost, w, L, d)
         finite &= np.isfinite(P[k]).all() and np.isfinite(x[k]).all()
         if k < last:
             for i in range(n):
@@ -497,7 +502,7 @@ def windows(b: Backward, prior: Prior, lag: int, width: int, x: Array, P: Array)
     """
     n, m, last = x.shape[1], b.rows.shape[1], x.shape[0] - 1
     Uy, own, w, sd = np.empty((n, n + width)), np.zeros(n, dtype=np.int64), room(n, m, width), np.empty(n)
-    L, d, everything, lost = np.empty((n, 3 * n)), np.empty(n), np.arange(n), np.zeros(n, dtype=np.bool_)
+    L, d, lost = np.empty((n, 3 * n)), np.empty(n), np.zeros(n, dtype=np.bool_)
     values, shift, finite = np.empty((m, width)), np.empty((n, width)), True
     k = 0
     while k <= last - lag:
@@ -519,7 +524,7 @@ def windows(b: Backward, prior: Prior, lag: int, width: int, x: Array, P: Array)
             )  # fmt: skip
         for c in range(count):
             known = prior.later[k + c] - prior.later[k + c + lag]
-            meet(prior, k + c, known, Uy, own, c, x[k + c], P[k + c], lost, w, L, d, everything)
+            meet(prior, k + c, known, Uy, own, c, x[k + c], P[k + c], lost, w, L, d)
             finite &= np.isfinite(P[k + c]).all() and np.isfinite(x[k + c]).all()
             hide(x[k + c], P[k + c], lost)
         k += count

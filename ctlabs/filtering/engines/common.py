@@ -82,14 +82,29 @@ def triangle(M: Array, L: Array, d: Array, pick: Array, count: int) -> bool:
 
 
 @helper
-def root(M: Array, L: Array, d: Array, everything: Array) -> None:
-    """L lower triangular with M = LLᵀ; columns of a singular M are zero."""
+def root(M: Array, L: Array, left: Array, rest: Array) -> None:
+    """Columns L (n, n) with M = LLᵀ, as :func:`ctlabs.filtering.algorithms.contract.rooted`; those that a singular M has not are zero."""
     n = M.shape[0]
-    triangle(M, L, d, everything, n)
-    for j in range(n):
-        scale = np.sqrt(d[j])
+    rest[:], L[:] = M, 0.0
+    for i in range(n):
+        left[i] = 1.0 if M[i, i] > 0.0 else 0.0
+    for c in range(n):
+        p = 0
         for i in range(n):
-            L[i, j] = L[i, j] * scale if i >= j else 0.0
+            if left[i] > left[p]:
+                p = i
+        if left[p] <= 4 * n * EPS:
+            return
+        scale = 1 / np.sqrt(rest[p, p])
+        for i in range(n):
+            L[i, c] = rest[i, p] * scale
+        for i in range(n):
+            for j in range(n):
+                rest[i, j] -= L[i, c] * L[j, c]
+        for i in range(n):
+            rest[i, p], rest[p, i] = 0.0, 0.0
+        for i in range(n):
+            left[i] = rest[i, i] / M[i, i] if M[i, i] > 0.0 else 0.0
 
 
 @helper

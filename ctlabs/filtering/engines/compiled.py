@@ -1,4 +1,4 @@
-r"""One long record through the Kalman filter, compiled: Joseph's form.
+r"""One long record through the Kalman filter, compiled: Joseph's form, and square roots where it would lose digits.
 
 .. math:: S = HP^-H^T + R = CC^T, \quad K = P^-H^TC^{-T}C^{-1}, \quad
           P^+ = (I-KH)P^-(I-KH)^T + KRK^T
@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ctlabs.filtering import contradictions
+from ctlabs.filtering.algorithms import contract
 from ctlabs.filtering.algorithms.beginning import Beginning, begin
 from ctlabs.filtering.algorithms.vague import needed
 from ctlabs.filtering.engines import driver
@@ -45,9 +46,10 @@ def record(problem: Problem) -> Filtered:
     begun = _begin(problem, used)
     rows = 0 if begun is None else begun.rows
     out = _histories(len(data), model.n, model.m)
-    total = 0.0 if rows == len(data) else _forward(problem, used, out, begun)
-    if total is None:
+    done = (0.0, "joseph") if rows == len(data) else _forward(problem, used, out, begun)
+    if done is None:
         return _perfect(problem)
+    total, algorithm = done
     both = (total, total)
     if begun is not None:
         both = (total + float(begun.ordinary[0]), total + float(begun.diffuse[0]))
@@ -55,7 +57,7 @@ def record(problem: Problem) -> Filtered:
             part = getattr(begun, name)
             whole[:rows] = part[..., 0] if name in ("x_minus", "x_plus", "innovation", "nis") else part
     found = Filtered(
-        problem.t, out.P_minus, out.P_plus, out.K, out.S, used, "joseph",
+        problem.t, out.P_minus, out.P_plus, out.K, out.S, used, algorithm,
         x_minus=out.x_minus[..., None], x_plus=out.x_plus[..., None], innovation=out.innovation[..., None],
         nis=out.nis[:, None], z=problem.z, model=model, log_likelihood=np.array(both[:1]), log_likelihood_diffuse=np.array(both[1:]),
         start=None if begun is None else begun.start,
@@ -78,10 +80,10 @@ def log_likelihood(problem: Problem) -> float:
         return float(record(problem).log_likelihood_diffuse[0])
     if begun is not None and begun.rows == rows:
         return float(begun.diffuse[0])
-    total = _forward(problem, used, _histories(0, model.n, model.m), begun)
-    if total is None:
+    done = _forward(problem, used, _histories(0, model.n, model.m), begun)
+    if done is None:
         return float(_perfect(problem).log_likelihood_diffuse[0])
-    return total if begun is None else total + float(begun.diffuse[0])
+    return done[0] if begun is None else done[0] + float(begun.diffuse[0])
 
 
 def system(model: DiscreteModel) -> System:
@@ -122,12 +124,12 @@ def _begin(problem: Problem, used: Mask) -> Beginning | None:
     return begin(driver.Record(model, problem.z, float, used), model.P0) if needed(model, model.P0) else None
 
 
-def _forward(problem: Problem, used: Mask, out: Histories, begun: Beginning | None) -> float | None:
-    """The log-likelihood of what follows the beginning, the histories in ``out``; None where nothing is left to learn.
+def _forward(problem: Problem, used: Mask, out: Histories, begun: Beginning | None) -> tuple[float, str] | None:
+    """The log-likelihood of what follows the beginning, and the form; the histories in ``out``. None where nothing is left to learn.
 
     That is where a perfect measurement is of what is known already.
     """
-    from ctlabs.filtering.engines import forward  # numba costs 0.3 s to import
+    from ctlabs.filtering.engines import forward, roots  # numba costs 0.3 s to import
 
     model, k = problem.model, 0
     x, P = model.x0, model.P0
@@ -135,14 +137,19 @@ def _forward(problem: Problem, used: Mask, out: Histories, begun: Beginning | No
         assert begun.x is not None
         assert begun.P is not None
         k, x, P = begun.rows, begun.x[:, 0], begun.P
-    data = fixed(problem.z[:, :, 0])
-    end, k, total = forward.forward(system(model), fixed(x), fixed(P), data, fixed(used), k, out)
+    own, begin_at, algorithm = (system(model), fixed(x), fixed(problem.z[:, :, 0]), fixed(used)), k, "joseph"
+    end, k, total = forward.forward(own[0], own[1], fixed(P), own[2], own[3], begin_at, out)
+    if end in (forward.LOSING, forward.INDEFINITE):
+        L, algorithm = np.zeros((model.n, model.n)), "array"
+        columns = contract.rooted(P) if begun is None or begun.L is None else begun.L
+        L[:, : columns.shape[1]] = columns
+        end, k, total = roots.forward(own[0], own[1], fixed(L), own[2], own[3], begin_at, out)
     if end == forward.OVERFLOW:
         msg = f"P_minus: expected finite covariances, received an overflow {_when(problem, k)}"
         raise FloatingPointError(msg)
     if end == forward.INDEFINITE:
-        raise FloatingPointError(_indefinite(_when(problem, k)))
-    return None if end == forward.PERFECT else float(total)
+        raise FloatingPointError(_beyond(_when(problem, k)))
+    return None if end == forward.PERFECT else (float(total), algorithm)
 
 
 def _perfect(problem: Problem) -> Filtered:
@@ -157,6 +164,13 @@ def _perfect(problem: Problem) -> Filtered:
 
 def _when(problem: Problem, k: int) -> str:
     return f"at step {k} (t = {moment(problem.t[k])} s)"
+
+
+def _beyond(where: str) -> str:
+    return (
+        f"S: expected a covariance with digits left in double precision, received one {where} of a measurement, or of a difference of "
+        "some, whose noise is near the rounding of its prediction: a larger R, or fewer such elements at once, leaves some"
+    )
 
 
 def _indefinite(where: str) -> str:

@@ -38,8 +38,10 @@ SETTLED = 1e-13
 PATIENCE = 4096
 
 #: How a record ended: at its last row, or before, with the reason. PERFECT: where a perfect measurement is of what is known, or
-#: N ≠ 0 beside a singular R.
-DONE, PERFECT, OVERFLOW, INDEFINITE = 0, 1, 2, 3
+#: N ≠ 0 beside a singular R. LOSING: where a part of a variance above :data:`LOST` may be rounding.
+DONE, PERFECT, OVERFLOW, INDEFINITE, LOSING = 0, 1, 2, 3, 4
+#: What rounding may leave of a variance before square roots are carried instead (:mod:`ctlabs.filtering.engines.roots`).
+LOST = 1e-10
 
 
 class Histories(NamedTuple):
@@ -110,6 +112,7 @@ def gain(
 ) -> int:
     """S and its factor C of the elements picked (in the leading rows), Kᵀ (m, n); how it ended.
 
+    ``size`` (3, m): room, and in its last row how much of the variance of each element may be rounding.
     INDEFINITE: S is not, or as far as rounding tells; PERFECT: an element without a noise of its own (d = 0) is known from
     what was before it, its variance being rounding of its own terms, as in :mod:`ctlabs.filtering.kalman`.
     """
@@ -138,6 +141,7 @@ def gain(
                     return PERFECT
                 if not s > lost:
                     return INDEFINITE
+                size[2, a] = lost / s
                 C[a, a] = np.sqrt(s)
     for a in range(count):
         for b in range(a):
@@ -233,6 +237,27 @@ def determined(
         if work[0, i] > 0:
             P[i, :] = 0.0
             P[:, i] = 0.0
+
+
+@helper
+def losing(P: Array, P_minus: Array, Kt: Array, H: Array, pick: Array, count: int, size: Array) -> bool:
+    """Whether the update leaves more rounding than :data:`LOST` in a variance of the innovation or of an estimate.
+
+    Row i of I − KH is a difference, known to ε of the sum of (|I| + |K||H|)σ⁻.
+    """
+    for a in range(count):
+        if size[2, a] > LOST:
+            return True
+        size[0, a] = 0.0
+        for j in range(P.shape[0]):
+            size[0, a] += abs(H[pick[a], j]) * np.sqrt(max(P_minus[j, j], 0.0))
+    for i in range(P.shape[0]):
+        terms = np.sqrt(max(P_minus[i, i], 0.0))
+        for a in range(count):
+            terms += abs(Kt[a, i]) * size[0, a]
+        if 2 * EPS * terms > LOST * np.sqrt(max(P[i, i], 0.0)):
+            return True
+    return False
 
 
 @helper
@@ -338,7 +363,7 @@ def forward(
     S, C, Kt, RKt, B = np.empty((m, m)), np.empty((m, m)), np.empty((m, n)), np.empty((m, n)), np.empty((n, n))
     A, X, Y, work, size = np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty(n)
     Phi_N, Q_N, M = np.empty((n, n)), np.empty((n, n)), np.zeros((n, m))
-    L, d, pick, sizes = np.empty((m, m)), np.empty(m), np.empty(m, dtype=np.int64), np.empty((2, m))
+    L, d, pick, sizes = np.empty((m, m)), np.empty(m), np.empty(m, dtype=np.int64), np.empty((3, m))
     fixed, wait, look, half, total, count, perfect = False, 1, 0, 0.0, 0.0, 0, False
     for k in range(begin, rows):
         same = k > begin and alike(used[k], used[k - 1])
@@ -350,6 +375,9 @@ def forward(
             if not fixed:
                 if not predict(P, Phi, Q_N if correlated else entry(system.Q, k - 1), ahead, work, size):
                     return OVERFLOW, k, np.nan
+                for i in range(n):
+                    if 0.0 < LOST * ahead[i, i] < MARGIN * n * EPS * size[i] * size[i]:
+                        return LOSING, k, np.nan
                 before, P_minus, ahead = P_minus, ahead, before
             for i in range(n):
                 s = system.c[(k - 1) % system.c.shape[0], i] if system.c.shape[0] > 0 else 0.0
@@ -375,6 +403,8 @@ def forward(
             joseph(P_minus, R, Kt, B, pick, count, P, work, RKt)
             if perfect:
                 determined(P, P_minus, Kt, H, R, pick, count, B, S, C, work)
+            elif losing(P, P_minus, Kt, H, pick, count, sizes):
+                return LOSING, k, np.nan
             half = 0.5 * count * LOG_2PI
             for a in range(count):
                 half += np.log(C[a, a])

@@ -1,0 +1,248 @@
+r"""The filter over one record by square roots, for covariances of which Joseph's form would lose digits.
+
+.. math:: \begin{bmatrix} R^{1/2} & HL\\ 0 & L\end{bmatrix}\Theta = \begin{bmatrix} C & 0\\ \bar K & L^+\end{bmatrix}, \qquad
+          [\Phi L^+\ \ Q^{1/2}]\,\Theta = [L^-_{k+1}\ \ 0]
+
+with orthogonal Θ; :math:`P = LL^T`, :math:`S = CC^T`, :math:`\hat x^+ = \hat x^- + \bar KC^{-1}\nu`. Where w and v correlate the motion
+is found from the array before the update, in which no inverse of R stands beside what it takes from P:
+
+.. math:: \begin{bmatrix} R^{1/2} & HL & 0\\ NR^{-T/2} & \Phi L & (Q-NR^{-1}N^T)^{1/2}\end{bmatrix}\Theta =
+          \begin{bmatrix} C & 0 & 0\\ \cdot & L^-_{k+1} & 0\end{bmatrix}, \qquad
+          \hat x^-_{k+1} = \Phi\hat x^+ + c + NS^{-1}\nu
+
+A variance of 1e-12 of what it was keeps ten digits here, in Joseph's form four. Of 1e-18, or less, also a root has too few: that is
+refused (``INDEFINITE``).
+
+Source: Kailath, Sayed & Hassibi, *Linear Estimation* (2000), chapter 12.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ctlabs.filtering.engines.common import EPS, System, entry, helper, motion, picked, root, triangle
+from ctlabs.filtering.engines.forward import DONE, INDEFINITE, LOG_2PI, OVERFLOW, PERFECT, Histories, put
+from ctlabs.linalg.checks import Array
+from ctlabs.linalg.compiled import kernel
+
+#: What rounding may leave of a standard deviation before the record is refused.
+LEFT = 1e-8
+
+
+@helper
+def turned(W: Array, first: int, count: int, rows: int, columns: int) -> None:
+    """W Θ: rows from ``first`` to ``count`` lower triangular, all ``rows`` taking part; Householder's reflections from the right."""
+    for i in range(first, count):
+        square, top = 0.0, 0.0
+        for c in range(i, columns):
+            top = max(top, abs(W[i, c]))
+        if top == 0.0:
+            continue
+        for c in range(i, columns):
+            square += (W[i, c] / top) ** 2
+        norm = np.sqrt(square)  # in units of the largest: no square underflows
+        for c in range(i, columns):
+            W[i, c] /= top
+        pivot = -norm if W[i, i] > 0 else norm
+        own = W[i, i] - pivot
+        scale = 1 / (norm * (norm + abs(W[i, i])))
+        for r in range(i + 1, rows):
+            s = W[r, i] * own
+            for c in range(i + 1, columns):
+                s += W[r, c] * W[i, c]
+            s *= scale
+            W[r, i] -= s * own
+            for c in range(i + 1, columns):
+                W[r, c] -= s * W[i, c]
+        W[i, i] = pivot * top
+        for c in range(i + 1, columns):
+            W[i, c] = 0.0
+
+
+@helper
+def measured(W: Array, L: Array, H: Array, pick: Array, count: int, noise: Array, d: Array) -> None:
+    """The rows [R½ | HL] of the elements picked."""
+    n = L.shape[0]
+    for a in range(count):
+        for b in range(count):
+            W[a, b] = noise[a, b] * np.sqrt(d[b]) if b <= a else 0.0
+        for j in range(n):
+            s = 0.0
+            for h in range(n):
+                s += H[pick[a], h] * L[h, j]
+            W[a, count + j] = s
+
+
+@helper
+def squared(L: Array, P: Array) -> bool:
+    """P = LLᵀ; whether it is finite."""
+    n, finite = L.shape[0], True
+    for i in range(n):
+        for j in range(i + 1):
+            s = 0.0
+            for h in range(n):
+                s += L[i, h] * L[j, h]
+            P[i, j], P[j, i] = s, s
+        finite &= np.isfinite(P[i, i])
+    return finite
+
+
+@helper
+def led(W: Array, top: int, begin: int, Phi: Array, L: Array, G: Array) -> None:
+    """The rows [ΦL | Q½] from row ``top`` and column ``begin`` on."""
+    n = L.shape[0]
+    for i in range(n):
+        for j in range(n):
+            s = 0.0
+            for h in range(n):
+                s += Phi[i, h] * L[h, j]
+            W[top + i, begin + j] = s
+            W[top + i, begin + n + j] = G[i, j]
+
+
+@helper
+def beyond(P: Array, P_minus: Array, W: Array, H: Array, pick: Array, count: int, row: Array, size: Array) -> bool:
+    """Whether the rounding of the roots before an update may be more than :data:`LEFT` of those after it, or of C.
+
+    ``W``: C and K̄ = P⁻HᵀC⁻ᵀ in its first columns, so that the gain is K̄C⁻¹; ``row`` (m,), ``size`` (n,): room.
+    """
+    n = P.shape[0]
+    for i in range(n):
+        size[i] = np.sqrt(P_minus[i, i])
+    for a in range(count):
+        terms = 0.0
+        for j in range(n):
+            terms += abs(H[pick[a], j]) * size[j]
+        if EPS * terms > LEFT * abs(W[a, a]):
+            return True
+    for i in range(n):
+        terms = size[i]
+        for a in range(count - 1, -1, -1):
+            row[a] = W[count + i, a]
+            for b in range(a + 1, count):
+                row[a] -= row[b] * W[b, a]
+            row[a] /= W[a, a]
+            for j in range(n):
+                terms += abs(row[a]) * abs(H[pick[a], j]) * size[j]
+        if EPS * terms > LEFT * np.sqrt(P[i, i]):
+            return True
+    return False
+
+
+@helper
+def gains(W: Array, n: int, count: int, Kt: Array) -> None:
+    """Kᵀ = (K̄C⁻¹)ᵀ, (count, n) of ``Kt``."""
+    for i in range(n):
+        for a in range(count - 1, -1, -1):
+            s = W[count + i, a]
+            for b in range(a + 1, count):
+                s -= Kt[b, i] * W[b, a]
+            Kt[a, i] = s / W[a, a]
+
+
+@kernel
+def forward(
+    system: System, x0: Array, L0: Array, z: Array, used: Array, begin: int, out: Histories
+) -> tuple[int, int, float]:
+    """As :func:`ctlabs.filtering.engines.forward.forward`, from a root of P0; a perfect measurement ends it (``PERFECT``)."""
+    n, m, rows = x0.shape[0], z.shape[1], z.shape[0]
+    keep, correlated = out.nis.shape[0] > 0, system.N.size > 0
+    x, x_minus, nu, e, row = x0.copy(), x0.copy(), np.empty(m), np.empty(m), np.empty(m)
+    L, before, P, P_minus = L0.copy(), L0.copy(), np.empty((n, n)), np.empty((n, n))
+    W, S, G, rest, left = np.empty((m + n, m + 2 * n)), np.empty((m, m)), np.zeros((n, n)), np.empty((n, n)), np.empty(n)
+    Phi_N, Q_N, M, N_S = np.empty((n, n)), np.empty((n, n)), np.zeros((n, m)), np.zeros(n)
+    Kt = np.empty((m, n))
+    noise, d, pick, count, total = np.empty((m, m)), np.empty(m), np.empty(m, dtype=np.int64), 0, 0.0
+    for k in range(begin, rows):
+        if k > begin:
+            Phi, Q = entry(system.Phi, k - 1), entry(system.Q, k - 1)
+            coupled = correlated and count > 0
+            W[:] = 0.0
+            if coupled:
+                H = entry(system.H, k - 1)
+                motion(system, k - 1, pick, count, Phi_N, Q_N, M, noise, d)
+                root(Q_N, G, left, rest)
+                measured(W, before, H, pick, count, noise, d)
+                for i in range(n):
+                    for b in range(count):
+                        s = 0.0
+                        for a in range(b, count):
+                            s += M[i, pick[a]] * W[a, b]
+                        W[count + i, b] = s
+                led(W, count, count, Phi, before, G)
+                turned(W, 0, count + n, count + n, count + 2 * n)
+                for i in range(n):
+                    for j in range(n):
+                        L[i, j] = W[count + i, count + j]
+            else:
+                if k == begin + 1 or correlated or system.Q.shape[0] > 1:
+                    root(Q, G, left, rest)
+                led(W, 0, 0, Phi, L, G)
+                turned(W, 0, n, n, 2 * n)
+                for i in range(n):
+                    for j in range(n):
+                        L[i, j] = W[i, j]
+            for i in range(n):
+                s = system.c[(k - 1) % system.c.shape[0], i] if system.c.shape[0] > 0 else 0.0
+                if coupled:
+                    s += N_S[i]
+                for j in range(n):
+                    s += Phi[i, j] * x[j]
+                x_minus[i] = s
+        before[:] = L
+        if not squared(L, P_minus):
+            return OVERFLOW, k, np.nan
+        P[:] = P_minus
+        H, R = entry(system.H, k), entry(system.R, k)
+        count = picked(used[k], pick)
+        nis = 0.0
+        x[:] = x_minus
+        if count > 0:
+            if not triangle(R, noise, d, pick, count):
+                return PERFECT, k, np.nan
+            W[:] = 0.0
+            measured(W, L, H, pick, count, noise, d)
+            for i in range(n):
+                for j in range(n):
+                    W[count + i, count + j] = L[i, j]
+            turned(W, 0, count, count + n, count + n)
+            for a in range(count):
+                s = z[k, pick[a]]
+                for j in range(n):
+                    s -= H[pick[a], j] * x_minus[j]
+                nu[a] = s
+                for b in range(a):
+                    s -= W[a, b] * e[b]
+                if W[a, a] == 0.0:
+                    return INDEFINITE, k, np.nan
+                e[a] = s / W[a, a]
+                nis += e[a] * e[a]
+                total -= np.log(abs(W[a, a]))
+                for b in range(a + 1):
+                    s = 0.0
+                    for c in range(b + 1):
+                        s += W[a, c] * W[b, c]
+                    S[a, b], S[b, a] = s, s
+            total -= 0.5 * (nis + count * LOG_2PI)
+            for i in range(n):
+                for a in range(count):
+                    x[i] += W[count + i, a] * e[a]
+                for j in range(n):
+                    L[i, j] = W[count + i, count + j]
+            if not squared(L, P):
+                return OVERFLOW, k, np.nan
+            if beyond(P, P_minus, W, H, pick, count, row, left):
+                return INDEFINITE, k, np.nan
+            if correlated:  # N S⁻¹ν
+                for a in range(count - 1, -1, -1):
+                    for b in range(a + 1, count):
+                        e[a] -= W[b, a] * e[b]
+                    e[a] /= W[a, a]
+                for i in range(n):
+                    N_S[i] = 0.0
+                    for a in range(count):
+                        N_S[i] += system.N[i, pick[a]] * e[a]
+        if keep:
+            gains(W, n, count, Kt)
+            put(k, x_minus, x, P_minus, P, Kt, nu, S, nis, pick, count, out)
+    return DONE, rows, total
