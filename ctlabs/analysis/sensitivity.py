@@ -34,6 +34,7 @@ from ctlabs.linalg.checks import Array
 from ctlabs.linalg.correlated import regression
 from ctlabs.models import ContinuousModel, DiscreteModel, at, observability
 from ctlabs.models.discretisation import interval
+from ctlabs.models.linear import check_inputs
 
 #: Below this fraction of the terms it is the difference of, a coupling of the error to the truth is rounding.
 ROUNDING = 1e-13
@@ -370,6 +371,7 @@ def _pair(
             f"received m = {design.m} and dt = {design.dt!r} s"
         )
         raise ValueError(msg)
+    check_inputs(truth, design)
     for name, model in (("truth", truth), ("design", design)):
         if steps is None and model.horizon is not None:
             msg = f"{name}: expected constant matrices, received some that vary over {model.horizon} steps"

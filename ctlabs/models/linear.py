@@ -351,6 +351,25 @@ class DiscreteModel(_Display):
         return _present(self, letters | {"N": "N", "x0": r"\bar x_0", "P0": "P_0"})
 
 
+def check_inputs(truth: DiscreteModel, design: DiscreteModel) -> None:
+    """Refuse two models whose errors depend on a known input that is not given: those that differ in B, D, Φ or H beside one.
+
+    >>> one = DiscreteModel([[1]], [[1]], [[1]], [[1]], P0=[[1]], B=[[1]])
+    >>> check_inputs(one, replace(one, B=[[2]]))
+    Traceback (most recent call last):
+    ...
+    ValueError: design: expected the truth's B (otherwise the error depends on u: discretise both with u, or give offsets), received another
+    """
+    names = ("B", "D", "Phi", "H") if truth.r or design.r else ()
+    for name in ("measurement_offset", *names):
+        own, other = getattr(truth, name), getattr(design, name)
+        if not (own is other or (own is not None and other is not None and np.array_equal(own, other))):
+            why = "(otherwise the error depends on u: discretise both with u, or give offsets)"
+            why = "(give the truth a constant state for a bias that the design does not know)" if name == "measurement_offset" else why
+            msg = f"design: expected the truth's {name} {why}, received another"
+            raise ValueError(msg)
+
+
 def at(matrix: Array, k: int, ndim: int) -> Array:
     """Entry k of a matrix that may vary with time: itself if it has ``ndim`` axes, its k-th slice otherwise."""
     return matrix if matrix.ndim == ndim else matrix[k]

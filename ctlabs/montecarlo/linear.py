@@ -11,6 +11,7 @@ from ctlabs.filtering import measured
 from ctlabs.filtering.results import Covariances
 from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
+from ctlabs.models.linear import check_inputs
 from ctlabs.montecarlo import identity, streams
 from ctlabs.montecarlo.histogram import Bins, Counter
 from ctlabs.montecarlo.plan import Gains, Layout, Truth, about_mean_error, gains, layout, missing, truth_arrays
@@ -90,6 +91,7 @@ def linear(
 ) -> Linear:
     """The experiment of a linear truth and a linear design."""
     measured.horizon(truth, steps)
+    check_inputs(truth, design)
     world = truth_arrays(truth, steps)
     filtering = gains(design, steps, first, missing(truth, steps), E, given, algorithm)
     # A filter that has the truth for its model has no mean error, whatever its gains.
