@@ -4,7 +4,7 @@ r"""Joseph's form: P as a sum of two squares, by filterpy.
           P^+ = (I-KH)P^-(I-KH)^T + KRK^T
 
 Source: Bucy & Joseph, *Filtering for Stochastic Processes with Applications to Guidance* (1968), section 16.2; Maybeck
-vol. 1, section 5.6. Doubles go through :mod:`ctlabs.filtering.kalman`'s adapter of filterpy, with its exact zeros for what a
+vol. 1, section 5.6. Doubles go through the adapter of filterpy (:mod:`ctlabs.filtering.engines.adapter`), with its exact zeros for what a
 perfect measurement determines; other numbers through the formula.
 
 Operations per step (leading terms): 4n³ for the prediction, 4n³ + 6mn² + 6m²n for the update.

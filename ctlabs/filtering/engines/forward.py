@@ -114,7 +114,7 @@ def gain(
 
     ``size`` (3, m): room, and in its last row how much of the variance of each element may be rounding.
     INDEFINITE: S is not, or as far as rounding tells; PERFECT: an element without a noise of its own (d = 0) is known from
-    what was before it, its variance being rounding of its own terms, as in :mod:`ctlabs.filtering.kalman`.
+    what was before it, its variance being rounding of its own terms, as in :mod:`ctlabs.filtering.measured`.
     """
     n = P.shape[0]
     for a in range(count):
