@@ -275,7 +275,11 @@ class TestRefusals:
         def interrupted(*_arguments):
             raise KeyboardInterrupt
 
-        for place in ("ctlabs.filtering.steady.solve", "ctlabs.reporting.render.markdown", "ctlabs.reporting.render._swap"):
+        for place in (
+            "ctlabs.filtering.steady.solve",
+            "ctlabs.reporting.render.markdown",
+            "ctlabs.reporting.render._swap",
+        ):
             with monkeypatch.context() as patch:
                 patch.setattr(place, interrupted)
                 assert ctlabs("analyse", "nile.toml", "--set", "q=1") == 130

@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from numpy.typing import NDArray
 
 from ctlabs.filtering import bucy, steady
-from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.linalg.factors import factor, unit_triangular
+from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.models.discretisation import discretise, interval, to_continuous
 from tests import cases
 from tests.reference import EXACT, SOLVER, broken, close, deviation, order

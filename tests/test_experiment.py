@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ctlabs import montecarlo
-from ctlabs.filtering import kalman
+from ctlabs.filtering import kalman_filter
 from ctlabs.labs.experiment import Experiment
 from ctlabs.models import DiscreteModel
 from tests.reference import EXACT, close
@@ -53,7 +53,7 @@ def test_filters_are_compared_on_the_same_data():
 def test_histories_are_the_filter_of_the_design_on_data_of_the_truth():
     """The estimates are those that the filter makes of the measurements shown."""
     found = Experiment(30, 4).histories(TRUTH, DESIGN, steps=6, runs=5)
-    again = kalman.filter_runs(DESIGN, found.z)
+    again = kalman_filter(DESIGN, found.z)
     assert found.x.shape == (7, 1, 5)
     assert np.array_equal(found.x_plus, again.x_plus)
     assert close(found.error("plus"), again.x_plus - found.x, EXACT)
@@ -65,7 +65,7 @@ def test_histories_begin_to_measure_where_asked(first):
     found = Experiment(30, 4).histories(TRUTH, steps=6, runs=5, first=first)
     assert np.isnan(found.z[0]).all() == bool(first)
     assert not np.isnan(found.z[1:]).any()
-    assert (found.schedule.K[0] == 0).all() == bool(first)
+    assert (found.K[0] == 0).all() == bool(first)
 
 
 def test_histories_and_statistics_are_of_the_same_runs():

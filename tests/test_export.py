@@ -11,7 +11,8 @@ import pytest
 from scipy.io import loadmat
 
 from ctlabs.files import export
-from ctlabs.filtering import kalman, steady
+from ctlabs.filtering import steady
+from ctlabs.labs.experiment import covariances
 from ctlabs.models import ContinuousModel, DiscreteModel
 
 MODEL = DiscreteModel(
@@ -32,8 +33,8 @@ CASES = {
     "steady": lambda: (MODEL, steady.solve(MODEL)),
     "correlated": lambda: (N, steady.solve(N)),
     "absent": lambda: (GONE, steady.solve(GONE)),
-    "schedule": lambda: (MODEL, kalman.schedule(MODEL, 4)),
-    "varying": lambda: (VARYING, kalman.schedule(VARYING, 3, first=0)),
+    "schedule": lambda: (MODEL, covariances(MODEL, 4)),
+    "varying": lambda: (VARYING, covariances(VARYING, 3, first=0)),
     "hostile": lambda: (HOSTILE, steady.solve(HOSTILE)),
 }
 
@@ -114,7 +115,7 @@ class TestHeader:
 
     def test_dimensions_equations_names_and_units_are_there(self, tmp_path):
         """A reader needs no other file."""
-        text = export.write(MODEL, kalman.schedule(MODEL, 4), tmp_path / "track.h").read_text(encoding="utf-8")
+        text = export.write(MODEL, covariances(MODEL, 4), tmp_path / "track.h").read_text(encoding="utf-8")
         assert "#ifndef CTLABS_TRACK_H\n#define CTLABS_TRACK_H" in text
         assert "static const double track_K[5][2][2] = " in text
         assert "#define track_steps 4" in text

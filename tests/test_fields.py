@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
-from ctlabs.filtering import kalman
 from ctlabs.filtering.fields import RandomField, filter_dense, filter_exact, filter_local, measure
+from ctlabs.labs.experiment import covariances
 from ctlabs.models.field import stability
 from ctlabs.montecarlo import chance
 from ctlabs.reporting import plots
@@ -325,9 +325,9 @@ class TestFilters:
     def test_gains_computed_before_serve_all_seeds(self):
         """A schedule passed in gives the same estimates."""
         z = data_of(SMALL, 20, runs=2)
-        plan = kalman.schedule(SMALL.model(1.0, 10.0), 20)
+        plan = covariances(SMALL.model(1.0, 10.0), 20)
         assert np.array_equal(
-            filter_dense(SMALL, z, sigma_n=1.0, schedule=plan).z_hat, filter_dense(SMALL, z, sigma_n=1.0).z_hat
+            filter_dense(SMALL, z, sigma_n=1.0, gains=plan).z_hat, filter_dense(SMALL, z, sigma_n=1.0).z_hat
         )
 
     @several

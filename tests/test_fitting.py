@@ -7,7 +7,7 @@ import pytest
 from scipy import optimize, stats
 
 from ctlabs.analysis import fitting
-from ctlabs.filtering import records
+from ctlabs.filtering import log_likelihood
 from ctlabs.models import DiscreteModel
 from tests import nile, reference
 from tests.reference import EXACT, SOLVER, close
@@ -130,11 +130,11 @@ class TestProfiles:
         for i in (1, 8, 20):
 
             def loss(log_r, q=values[i]):
-                return -records.log_likelihood(level({"q": q, "r": np.exp(log_r)}), nile.FLOW[:, None], 0)
+                return -log_likelihood(level({"q": q, "r": np.exp(log_r)}), nile.FLOW[:, None], 0)
 
             best = optimize.minimize_scalar(loss, bounds=(7, 12), method="bounded", options={"xatol": 1e-9})
             assert likelihood[i] == pytest.approx(-best.fun, abs=1e-6)
-            fixed = records.log_likelihood(level({"q": values[i], "r": flow().estimates["r"]}), nile.FLOW[:, None], 0)
+            fixed = log_likelihood(level({"q": values[i], "r": flow().estimates["r"]}), nile.FLOW[:, None], 0)
             assert likelihood[i] > fixed + 1e-4
 
     def test_the_interval_ends_where_the_profile_has_fallen_by_half_the_quantile(self):
@@ -145,7 +145,7 @@ class TestProfiles:
                 other = "r" if name == "q" else "q"
 
                 def loss(log_other, end=end, name=name, other=other):
-                    return -records.log_likelihood(level({name: end, other: np.exp(log_other)}), nile.FLOW[:, None], 0)
+                    return -log_likelihood(level({name: end, other: np.exp(log_other)}), nile.FLOW[:, None], 0)
 
                 best = optimize.minimize_scalar(loss, bounds=(0, 15), method="bounded", options={"xatol": 1e-9})
                 drop = flow().log_likelihood + best.fun

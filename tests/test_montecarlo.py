@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 
 from ctlabs.analysis import sensitivity
-from ctlabs.filtering import kalman
+from ctlabs.filtering import kalman_filter
+from ctlabs.labs.experiment import covariances
 from ctlabs.models import DiscreteModel
 from ctlabs.models.nonlinear import NonlinearModel
 from ctlabs.montecarlo import Bins, chance, kernel, monte_carlo, plan, simulate, streams, sweep
@@ -51,7 +52,7 @@ def of_errors(e, e_minus, P, nu, S, used):
 def by_filter_runs(truth, design, steps, runs, seed, first=1, E=None):
     """The same statistics by :func:`kalman.filter_runs` on the simulated records."""
     records = simulate(truth, steps, runs, seed, first)
-    ensemble = kalman.filter_runs(design, records.z, first=first)
+    ensemble = kalman_filter(design, records.z, first=first)
     x = records.x if E is None else np.einsum("ij,kjr->kir", E, records.x)
     plan_ = ensemble.schedule
     return of_errors(
@@ -94,9 +95,9 @@ def test_statistics_equal_those_of_stored_histories_to_the_last_digits(first):
     stats = monte_carlo(TRACKING, steps=30, runs=700, seed=5, first=first, **QUIET)
     expected = by_filter_runs(TRACKING, TRACKING, 30, 700, 5, first)
     assert agree(stats, expected)
-    schedule = kalman.schedule(TRACKING, 30, first)
+    schedule = covariances(TRACKING, 30, first)
     wrong = dataclasses.replace(schedule, K=broken(schedule.K))
-    assert not agree(monte_carlo(TRACKING, schedule=wrong, steps=30, runs=700, seed=5, first=first, **QUIET), expected)
+    assert not agree(monte_carlo(TRACKING, gains=wrong, steps=30, runs=700, seed=5, first=first, **QUIET), expected)
 
 
 def test_large_models_use_matrix_products_and_give_the_same_statistics():
@@ -188,7 +189,7 @@ def test_missing_and_perfect_measurements():
     truth = dataclasses.replace(TRACKING, H=np.eye(2), R=R, measurements=None)
     stats = monte_carlo(truth, steps=20, runs=1500, seed=3, **QUIET)
     assert agree(stats, by_filter_runs(truth, truth, 20, 1500, 3), 100 * EXACT)
-    schedule = kalman.schedule(truth, 20)
+    schedule = covariances(truth, 20)
     assert chance.variance(stats, schedule.P_plus)
     assert chance.nees(stats)
     assert chance.nis(stats)
@@ -197,7 +198,9 @@ def test_missing_and_perfect_measurements():
     assert stats.rms[12, 0] < 1e-12 * stats.signal_rms[12, 0]
     # A design that thinks everything is measured leaves out what the truth does not give.
     trusting = dataclasses.replace(truth, R=np.diag([1.0, 2.0]))
-    assert agree(monte_carlo(truth, trusting, steps=20, runs=300, seed=3, **QUIET), by_filter_runs(truth, trusting, 20, 300, 3))
+    assert agree(
+        monte_carlo(truth, trusting, steps=20, runs=300, seed=3, **QUIET), by_filter_runs(truth, trusting, 20, 300, 3)
+    )
 
 
 def test_nees_counts_only_directions_with_a_variance():
@@ -282,7 +285,7 @@ def test_histogram_counts_every_error_in_its_bin():
     """Counts equal numpy's histogram of the stored errors, and quantiles those of the sorted ones to a bin's width."""
     stats = monte_carlo(TRACKING, steps=5, runs=3000, seed=7, histogram=Bins((1, 0), 40, 4.0), **QUIET)
     records = simulate(TRACKING, 5, 3000, 7)
-    e = kalman.filter_runs(TRACKING, records.z).x_plus - records.x
+    e = kalman_filter(TRACKING, records.z).x_plus - records.x
     found = stats.histogram
     assert found is not None
     for k in range(6):
@@ -302,10 +305,10 @@ def test_bands_hold_their_share_and_a_wrong_filter_leaves_them():
     """Over 200 seeds the 95 % bands of NEES and NIS hold about 190 times, those of a wrong filter hardly ever."""
     wrong = dataclasses.replace(TRACKING, R=[[1.5]])
     inside, inside_wrong, verdicts = np.zeros(2), np.zeros(2), []
-    schedule, other = kalman.schedule(TRACKING, 12), kalman.schedule(wrong, 12)
+    schedule, other = covariances(TRACKING, 12), covariances(wrong, 12)
     for seed in range(200):
-        right = monte_carlo(TRACKING, schedule=schedule, steps=12, runs=200, seed=seed, **QUIET)
-        bad = monte_carlo(TRACKING, wrong, schedule=other, steps=12, runs=2000, seed=seed, **QUIET)
+        right = monte_carlo(TRACKING, gains=schedule, steps=12, runs=200, seed=seed, **QUIET)
+        bad = monte_carlo(TRACKING, wrong, gains=other, steps=12, runs=2000, seed=seed, **QUIET)
         verdicts.append(all((chance.nees(right), chance.nis(right), chance.variance(right, schedule.P_plus))))
         for stats, tally in ((right, inside), (bad, inside_wrong)):
             for j, (value, band) in enumerate(((stats.nees, stats.nees_band()), (stats.nis, stats.nis_band()))):
@@ -319,7 +322,7 @@ def test_bands_hold_their_share_and_a_wrong_filter_leaves_them():
 def test_rms_and_bias_bands_hold_the_ensemble():
     """The 99.9999 % bands around theory hold every rms and bias; around a variance 30 % wrong they do not."""
     stats = monte_carlo(TRACKING, steps=20, runs=2000, seed=1, **QUIET)
-    P = kalman.schedule(TRACKING, 20).P_plus
+    P = covariances(TRACKING, 20).P_plus
     low, high = stats.rms_band(P, 1 - 1e-8)
     assert ((low <= stats.rms) & (stats.rms <= high)).all()
     low, high = stats.bias_band(P, 1 - 1e-8)
@@ -363,7 +366,7 @@ def test_an_overflow_is_reported_with_its_time():
         ({"design": random_model(3, 1)}, ValueError, r"compare: expected a matrix of shape \(3, 2\)"),
         ({"design": random_model(2, 2)}, ValueError, "design: expected 1 measurements as the truth has, received 2"),
         ({"compare": np.eye(3)}, ValueError, r"compare: expected shape \(2, 2\), received \(3, 3\)"),
-        ({"schedule": kalman.schedule(TRACKING, 4)}, ValueError, "schedule: expected gains of shape"),
+        ({"schedule": covariances(TRACKING, 4)}, ValueError, "schedule: expected gains of shape"),
         ({"design": 3}, TypeError, "design: expected a DiscreteModel"),
         ({"truth": 3}, TypeError, "truth: expected a DiscreteModel or a NonlinearModel, received a int"),
         ({"runs": 0}, ValueError, "runs: expected a whole number >= 1"),
@@ -603,7 +606,7 @@ def test_any_object_that_filters_is_a_design():
         (lambda: monte_carlo(_polar(), TRACKING, steps=3, runs=3, seed=1), "design: expected 2 measurements"),
         (lambda: monte_carlo(TRACKING, _polar(), steps=3, runs=3, seed=1), "design: expected 1 measurements"),
         (lambda: monte_carlo(_polar(), steps=3, runs=3, seed=1, first=2), "first: expected 0 or 1"),
-        (lambda: monte_carlo(_polar(), steps=3, runs=3, seed=1, schedule=kalman.schedule(TRACKING, 3)), "schedule: expected none"),
+        (lambda: monte_carlo(_polar(), steps=3, runs=3, seed=1, gains=covariances(TRACKING, 3)), "schedule: expected none"),
         (lambda: monte_carlo(_polar(), steps=3, runs=3, seed=1, histogram=Bins((0,))), "sd: expected the bins' scale"),
         (lambda: monte_carlo(dataclasses.replace(_polar(), Qd=np.zeros((2, 2, 2))), steps=3, runs=3, seed=1), "Qd: expected at least 3 entries"),
         (lambda: Bins(()), "states: expected different indices"),

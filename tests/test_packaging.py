@@ -123,9 +123,14 @@ def test_lazy_names_are_those_that_type_checkers_see():
 
 def test_discretise_is_a_module_in_whatever_order_it_is_reached():
     """``ctlabs.models.discretisation`` never changes its meaning; the verb is imported from it."""
-    first, second = "import ctlabs; module = ctlabs.models.discretisation", "from ctlabs.models.discretisation import discretise"
+    first, second = (
+        "import ctlabs; module = ctlabs.models.discretisation",
+        "from ctlabs.models.discretisation import discretise",
+    )
     for code in (f"{first}; {second}", f"{second}; {first}"):
-        done = run(sys.executable, "-c", f"{code}; assert module is ctlabs.models.discretisation is not discretise", cwd=ROOT)
+        done = run(
+            sys.executable, "-c", f"{code}; assert module is ctlabs.models.discretisation is not discretise", cwd=ROOT
+        )
         assert done.returncode == 0, done.stderr
 
 

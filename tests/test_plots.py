@@ -12,7 +12,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ctlabs import montecarlo
-from ctlabs.filtering import kalman
+from ctlabs.filtering import Covariances, Filtered, kalman_filter
+from ctlabs.labs.experiment import covariances
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting import plots
 from ctlabs.reporting.plots.base import STYLE
@@ -25,18 +26,18 @@ STEPS, RUNS = 12, 40
 X = np.linspace(0.0, 2.0, 30)
 
 
-def ensemble() -> kalman.Ensemble:
+def ensemble() -> Filtered:
     simulation = montecarlo.simulate(MODEL, STEPS, RUNS, seed=5)
-    return replace(kalman.filter_runs(MODEL, simulation.z), x=simulation.x)
+    return replace(kalman_filter(MODEL, simulation.z), x=simulation.x)
 
 
-def schedules() -> dict[str, kalman.Schedule]:
-    return {f"R = {R}": kalman.schedule(replace(MODEL, R=[[R]]), 4) for R in (0.1, 1.0, 5.0, 20.0)}
+def schedules() -> dict[str, Covariances]:
+    return {f"R = {R}": covariances(replace(MODEL, R=[[R]]), 4) for R in (0.1, 1.0, 5.0, 20.0)}
 
 
 def theory() -> Figure:
     statistics = montecarlo.monte_carlo(MODEL, steps=STEPS, runs=RUNS, seed=5)
-    P = kalman.schedule(MODEL, STEPS).P_plus
+    P = covariances(MODEL, STEPS).P_plus
     return plots.ensemble_against_theory(statistics, P, xlabel="time, s", units=["m", "m/s"], names=["x", "v"])
 
 
@@ -213,7 +214,7 @@ class TestSawtooth:
 
     def test_a_measurement_at_t0_has_its_prediction_too(self):
         """With first = 0 the saw begins with P0⁻."""
-        found = kalman.schedule(MODEL, 3, first=0)
+        found = covariances(MODEL, 3, first=0)
         drawn = plots.sawtooth({"": found}, xlabel="measurement number i", ylabel="variance, m²")
         line = drawn.axes[0].lines[0]
         assert line.get_ydata().tolist() == np.stack([found.P_minus, found.P_plus], axis=1)[..., 0, 0].ravel().tolist()
@@ -230,7 +231,7 @@ class TestSawtooth:
 
     def test_a_variance_of_zero_has_an_axis_too(self):
         """A state that is known from the start."""
-        known = kalman.schedule(replace(MODEL, P0=np.zeros((2, 2)), Qd=np.zeros((2, 2))), 3)
+        known = covariances(replace(MODEL, P0=np.zeros((2, 2)), Qd=np.zeros((2, 2))), 3)
         drawn = plots.sawtooth({"known": known}, xlabel="measurement number i", ylabel="variance, m²")
         FigureCanvasAgg(drawn).draw()
         assert drawn.axes[0].get_ylim()[0] == 0
@@ -276,7 +277,7 @@ class TestRuns:
         assert len(labels) == 6
         assert labels[0].endswith("x, m")
         assert labels[2].endswith("v, m/s")
-        P = kalman.schedule(MODEL, STEPS).P_plus
+        P = covariances(MODEL, STEPS).P_plus
         for i in range(2):
             lines = {line.get_label(): line.get_ydata() for line in drawn.axes[2 * i].lines}
             assert np.allclose(lines["theory"], np.sqrt(P[:, i, i]), rtol=1e-12, atol=0)

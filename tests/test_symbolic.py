@@ -10,8 +10,8 @@ import pytest
 import sympy
 from numpy.typing import NDArray
 
-from ctlabs.models import ContinuousModel, symbolic
 from ctlabs.linalg.factors import factor, unit_triangular
+from ctlabs.models import ContinuousModel, symbolic
 from ctlabs.models.discretisation import interval
 from tests.reference import EXACT, broken, close
 from tests.strategies import covariance

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ctlabs.filtering import kalman, steady
+from ctlabs.filtering import settling, steady
 from ctlabs.labs import catalogue as labs
 from ctlabs.labs.experiment import Experiment
 from ctlabs.reporting import plots
@@ -111,7 +111,7 @@ class TestLab:
 
         monkeypatch.setattr(kalman, "_covariances", mutated)
         # A wrong filter never comes near the right limit: the search for its settling need not go to the end.
-        monkeypatch.setattr(steady, "settling", partial(steady.settling, longest=500))
+        monkeypatch.setattr(steady, "settling", partial(settling, longest=500))
         try:
             until_a_check_fails(LABS[name])
         except (FailedError, ValueError, FloatingPointError):
@@ -145,7 +145,9 @@ def test_the_sheets_answers_owe_nothing_to_the_library(name):
     ours = {
         alias.asname or alias.name
         for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "ctlabs" and node.module != "ctlabs.tasks"
+        if isinstance(node, ast.ImportFrom)
+        and (node.module or "").split(".")[0] == "ctlabs"
+        and node.module != "ctlabs.tasks"
         for alias in node.names
     }
     assert ours

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
 from ctlabs.files.modelfile import gallery, loads, new, ready
-from ctlabs.filtering import bucy, kalman, steady
+from ctlabs.filtering import bucy, settling, steady
+from ctlabs.labs.experiment import covariances
 from ctlabs.models import observability, shaping, spectra
 from ctlabs.models.discretisation import interval
 from ctlabs.workbench import commands as c
@@ -405,7 +406,7 @@ def test_understanding_is_the_librarys(session: Session) -> None:
     model = file.discrete()
     limit = steady.solve(model)
     np.testing.assert_array_equal(found.limit.value.state.P_plus, limit.P_plus)
-    assert found.limit.value.settled == steady.settling(model)
+    assert found.limit.value.settled == settling(model)
     assert found.observability.value.rank == observability.analyse(model).rank
     num, den = steady.transfer_function(model, 1, 0)
     transfer = found.transfers.value[1]
@@ -414,7 +415,7 @@ def test_understanding_is_the_librarys(session: Session) -> None:
     late = np.exp(-1j * found.bode.value.w * model.dt)
     response = np.polyval(num[::-1], late) / np.polyval(den[::-1], late)
     np.testing.assert_allclose(found.bode.value.gain[1], np.abs(response), rtol=SOLVER)
-    plan = kalman.schedule(model, file.experiment.steps, file.experiment.first)
+    plan = covariances(model, file.experiment.steps, file.experiment.first)
     np.testing.assert_array_equal(found.transient.value.P_minus, plan.P_minus)
     assert session.understand() is found
     session.do(c.SetDt("0.3"))

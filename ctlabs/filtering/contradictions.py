@@ -86,7 +86,7 @@ def find(model: DiscreteModel, z: Array, history: Filtered, first: int) -> tuple
     >>> from ctlabs import kalman_filter
     >>> m = DiscreteModel([[0.5]], [[0]], [[1]], [[0]], x0=[1], P0=[[0]])
     >>> kalman_filter(m, [0.5, 0.5]).contradictions[0]._replace(allowed=0)
-    Contradiction(row=2, element=0, innovation=0.25, allowed=0, run=0)
+    Contradiction(row=1, element=0, innovation=0.25, allowed=0, run=0)
     """
     e, allowed = innovations(model, z, history, first)
     with np.errstate(invalid="ignore"):

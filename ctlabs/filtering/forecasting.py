@@ -15,6 +15,7 @@ from ctlabs.filtering.smoothing import smooth
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import deviations, symmetric
+from ctlabs.models.histories import histories, normals, shape, truth_arrays
 from ctlabs.models.linear import DiscreteModel, at
 
 
@@ -55,7 +56,7 @@ def forecast(model: DiscreteModel, filtered: Filtered, steps: int, u: ArrayLike 
     >>> walk = DiscreteModel([[1]], [[1]], [[1]], [[1]], P0=[[10]])
     >>> ahead = forecast(walk, kalman_filter(walk, [5, 5, 5]), 2)
     >>> ahead.z.ravel().round(4), ahead.sd.ravel().round(4)
-    (array([4.9462, 4.9462]), array([1.2734, 1.6191]))
+    (array([4.9462, 4.9462]), array([1.2742, 1.6198]))
     """
     checks.instance("model", model, DiscreteModel)
     steps, last = checks.count("steps", steps), len(filtered.t) - 1
@@ -116,9 +117,8 @@ def draws(model: Any, filtered: Filtered, number: int, seed: int) -> Array:
     if filtered.z.ndim != 2 or not isinstance(own, DiscreteModel):
         msg = f"filtered: expected one record of a linear model, received shape {filtered.z.shape} of a {type(own).__name__}"
         raise ValueError(msg)
-    from ctlabs.montecarlo.simulation import simulate
-
-    steps = len(filtered.t) - 1
-    made = simulate(own, steps, checks.count("number", number), seed, first=0)
-    z = np.where(np.isnan(filtered.z)[:, :, None], np.nan, made.z)
-    return np.asarray(smooth(model, filtered).x[:, :, None] + made.x - smooth(own, z, first=0).x)
+    steps, number = len(filtered.t) - 1, checks.count("number", number)
+    truth, random = truth_arrays(own, steps), np.random.default_rng(checks.count("seed", seed, least=0))
+    x, z = histories(truth, normals(random, shape(truth, steps, first=0), number), first=0)
+    z[np.isnan(filtered.z)] = np.nan
+    return np.asarray(smooth(model, filtered).x[:, :, None] + x - smooth(own, z, first=0).x)

@@ -259,7 +259,7 @@ def to_dataframe(result: Any, *, states: Sequence[str] | None = None, measuremen
     TypeError
         A result without a time axis.
 
-    >>> from ctlabs.filtering import kalman
+    >>> from ctlabs import covariances
     >>> plan = covariances(DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]]), 2)
     >>> list(to_dataframe(plan, states=["h"]).columns)
     ['k', 't', 'P_minus[h,h]', 'P_plus[h,h]', 'K[h,z1]', 'S[z1,z1]', 'measured[z1]']
