@@ -82,10 +82,10 @@ def test_a_schedule_of_another_model_is_refused():
     """The prediction of the schedule must be what the model makes of P⁺: 5 % in Q is noticed."""
     other = ContinuousModel(OSCILLATOR.F, OSCILLATOR.G, 1.05 * OSCILLATOR.Q, OSCILLATOR.H, P0=OSCILLATOR.P0)
     schedule = covariances(discretise(other, 0.5, R=[[1]]), 2)
-    with pytest.raises(ValueError, match=r"schedule: expected predictions of this model, received P_minus\[1\]"):
+    with pytest.raises(ValueError, match=r"filtered: expected predictions of this model, received P_minus\[1\]"):
         between(OSCILLATOR, schedule)
     one = ContinuousModel([[0]], [[1]], [[1]], [[1]], P0=[[0]])
-    with pytest.raises(ValueError, match=r"schedule: expected covariances of 1 states, received 2"):
+    with pytest.raises(ValueError, match=r"filtered: expected covariances of 1 states, received 2"):
         between(one, schedule)
     with pytest.raises(TypeError, match="model"):
         between(discretise(OSCILLATOR, 0.5, R=[[1]]), schedule)

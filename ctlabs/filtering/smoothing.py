@@ -87,7 +87,7 @@ def smooth(model: Any, z: ArrayLike | Filtered, *, lag: int | None = None, **opt
             msg = f"{next(iter(options))}: expected none beside a filtered record, which had its own; received one"
             raise ValueError(msg)
         filtered = z
-        _of(model, filtered)
+        belongs(model, filtered)
     else:
         if not isinstance(model, ContinuousModel | Model):
             msg = f"model: expected a DiscreteModel or a ContinuousModel, received a {type(model).__name__}"
@@ -98,7 +98,7 @@ def smooth(model: Any, z: ArrayLike | Filtered, *, lag: int | None = None, **opt
     return found if lag is None else _lagged(filtered, found, checks.count("lag", lag, least=0))
 
 
-def _of(model: Any, filtered: Filtered) -> None:
+def belongs(model: Any, filtered: Filtered) -> None:
     """Refuse a history of another model."""
     own = filtered.model
     if not isinstance(own, DiscreteModel) or not isinstance(model, ContinuousModel | Model):

@@ -262,7 +262,7 @@ def to_dataframe(result: Any, *, states: Sequence[str] | None = None, measuremen
     >>> from ctlabs import covariances
     >>> plan = covariances(DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]]), 2)
     >>> list(to_dataframe(plan, states=["h"]).columns)
-    ['k', 't', 'P_minus[h,h]', 'P_plus[h,h]', 'K[h,z1]', 'S[z1,z1]', 'measured[z1]']
+    ['k', 't', 'P_minus[h,h]', 'P_plus[h,h]', 'K[h,z1]', 'S[z1,z1]', 'used[z1]']
     """
     try:
         import pandas as pd
@@ -279,7 +279,7 @@ def to_dataframe(result: Any, *, states: Sequence[str] | None = None, measuremen
         "m": checks.labels(
             "measurements",
             None if measurements is None else list(measurements),
-            _size(arrays, "measured", "innovation"),
+            _size(arrays, "used", "innovation"),
             "z",
         ),
     }
@@ -473,7 +473,7 @@ def _over_time(result: Any) -> dict[str, Array]:
 
 
 #: What the axes of an array run over, where it is not states: n of them, m measurements.
-_AXES = {"K": "nm", "S": "mm", "measured": "m", "z": "m", "innovation": "m"}
+_AXES = {"K": "nm", "S": "mm", "used": "m", "z": "m", "innovation": "m"}
 
 
 def _size(arrays: dict[str, Array], *names: str) -> int:
