@@ -88,19 +88,19 @@ def test_an_executor_of_ones_own_is_used_and_left_running(expected):
     with ThreadPoolExecutor(2) as pool:
         assert same(run(MODEL, **EXPERIMENT, executor=pool), expected)
         assert pool.submit(int, 3).result() == 3
-    executors._EXPERIMENTS.clear()
+    executors.EXPERIMENTS.clear()
     assert same(run(MODEL, **EXPERIMENT, executor=Here()), expected)
 
 
 def test_a_worker_without_the_experiment_is_sent_it(expected):
     """A worker that lost the experiment asks for it, and nothing is computed from another one."""
-    executor = Here(lambda number: executors._EXPERIMENTS.clear() if number == 5 else None)
-    executors._EXPERIMENTS.clear()
+    executor = Here(lambda number: executors.EXPERIMENTS.clear() if number == 5 else None)
+    executors.EXPERIMENTS.clear()
     assert same(run(MODEL, **EXPERIMENT, executor=executor), expected)
     assert 12 <= executor.number < 24  # twelve blocks, some of them sent twice
     for seed in range(6):  # a worker keeps only a few experiments
         run(DiscreteModel([[0.5]], [[1]], [[1]], [[1 + seed]], x0=[0], P0=[[1]]), **EXPERIMENT, executor=Here())
-    assert len(executors._EXPERIMENTS) <= 4
+    assert len(executors.EXPERIMENTS) <= 4
 
 
 def test_failed_blocks_are_tried_again(expected):
@@ -160,7 +160,7 @@ def test_workers_of_our_own_that_die_are_replaced(expected, monkeypatch):
         return made[-1]
 
     monkeypatch.setattr(executors, "_processes", processes)
-    executors._EXPERIMENTS.clear()
+    executors.EXPERIMENTS.clear()
     assert same(run(MODEL, **EXPERIMENT, executor="processes", workers=2), expected)
     assert len(made) == 2
 

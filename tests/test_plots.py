@@ -28,7 +28,7 @@ X = np.linspace(0.0, 2.0, 30)
 
 def ensemble() -> Filtered:
     simulation = montecarlo.simulate(MODEL, STEPS, RUNS, seed=5)
-    return replace(kalman_filter(MODEL, simulation.z), x=simulation.x)
+    return replace(kalman_filter(MODEL, simulation.z), truth=simulation.x)
 
 
 def schedules() -> dict[str, Covariances]:
@@ -262,7 +262,7 @@ class TestRuns:
             "filtering error, m",
         ]
         for axes, when in zip(drawn.axes[1:], ("minus", "plus"), strict=True):
-            e, sd = found.error(when)[:, 0], np.sqrt(getattr(found.schedule, f"P_{when}")[:, 0, 0])
+            e, sd = found.error(when)[:, 0], np.sqrt(getattr(found, f"P_{when}")[:, 0, 0])
             drawn_lines = [line.get_ydata() for line in axes.lines]
             assert len(drawn_lines) == 7 + 1 + 4
             assert all(np.array_equal(drawn_lines[run], e[:, run]) for run in range(7))

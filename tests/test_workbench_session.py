@@ -20,7 +20,7 @@ from ctlabs.models import observability, shaping, spectra
 from ctlabs.models.discretisation import interval
 from ctlabs.workbench import commands as c
 from ctlabs.workbench.blocks import InsertBlock, block, rational
-from ctlabs.workbench.kinds import _before_sampling
+from ctlabs.workbench.kinds import before_sampling
 from ctlabs.workbench.outcomes import Anomaly, Plan
 from ctlabs.workbench.session import Session
 from ctlabs.workbench.sheet import Sheet
@@ -260,7 +260,7 @@ def test_a_large_discrete_model_has_its_continuous_one_too() -> None:
     G = rng.normal(size=(40, 2))
     made = interval(F, G @ G.T, 0.5)
     assert np.linalg.det(made.Phi) < 1e-20
-    found_F, found_Q = _before_sampling(made.Phi, made.Qd, 0.5)
+    found_F, found_Q = before_sampling(made.Phi, made.Qd, 0.5)
     np.testing.assert_allclose(found_F, F, rtol=0, atol=SOLVER)
     np.testing.assert_allclose(found_Q, G @ G.T, rtol=0, atol=SOLVER * np.abs(G @ G.T).max())
 
