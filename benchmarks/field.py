@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from timing import REPEATS, median
 
-from ctlabs.filtering import kalman
+from ctlabs import covariances
 from ctlabs.filtering.fields import RandomField, filter_dense, filter_exact, filter_local, measure
 
 STEPS, TOLERANCE = 100, 1e-8
@@ -50,7 +50,7 @@ def accuracy() -> None:
     print(f"{'variant':>8}{'tolerance':>11}{'half-width':>12}{'truncation':>12}{'error of z, u':>15}   (N1 = 500)")
     for variant, (alpha, sigma_n) in VARIANTS.items():
         field = replace(PAPER, alpha=alpha, beta=alpha, N1=500)
-        data = measure(field.simulate(STEPS, seed=1), sigma_n, seed=1)
+        data = measure(field.simulate(STEPS, seed=1), sigma_n, seed=1)[1:]
         exact = filter_exact(field, data, sigma_n=sigma_n).z_hat
         for tolerance in (1e-3, 1e-5, 1e-8, 1e-11):
             found = filter_local(field, data, sigma_n=sigma_n, tolerance=tolerance)
@@ -63,7 +63,7 @@ def accuracy() -> None:
 def structured() -> tuple[float, float]:
     """Seconds of the dense and the structured filter at N1 = 300; they agree to 1e-10."""
     field = replace(PAPER, N1=300)
-    data = measure(field.simulate(STEPS, seed=1), 1.0, seed=1)
+    data = measure(field.simulate(STEPS, seed=1), 1.0, seed=1)[1:]
     start = time.perf_counter()
     dense = filter_dense(field, data, sigma_n=1.0).z_hat
     seconds = time.perf_counter() - start
@@ -78,7 +78,7 @@ def structured() -> tuple[float, float]:
 def local(N1: int) -> tuple[int, float, float]:
     """Half-width, seconds, and peak memory in records of the convolution at N1."""
     field = replace(PAPER, N1=N1)
-    data = measure(field.simulate(STEPS, seed=1), 1.0, seed=1)
+    data = measure(field.simulate(STEPS, seed=1), 1.0, seed=1)[1:]
     found = filter_local(field, data, sigma_n=1.0, tolerance=TOLERANCE)
     if found.truncation > TOLERANCE or found.half_width >= N1:
         sys.exit(f"N1 = {N1}: the convolution was not used or misses its tolerance: {found.truncation:.1e}")
@@ -95,7 +95,7 @@ def ensemble() -> float:
     data, model = measure(z, 1.0, seed=1), PAPER.model(1.0)
 
     def action() -> np.ndarray:
-        return filter_dense(PAPER, data, sigma_n=1.0, schedule=kalman.schedule(model, STEPS)).z_hat
+        return filter_dense(PAPER, data, sigma_n=1.0, gains=covariances(model, STEPS)).z_hat
 
     sigma = np.sqrt(np.mean((action() - z) ** 2))
     if abs(sigma - 0.36828) > 0.005:

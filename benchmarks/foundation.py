@@ -14,8 +14,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from timing import REPEATS, median
 
-from ctlabs import montecarlo
-from ctlabs.filtering import kalman
+from ctlabs import kalman_filter, montecarlo
 from ctlabs.models import DiscreteModel
 
 MODEL = DiscreteModel(
@@ -55,12 +54,12 @@ def lab7() -> None:
 def ensemble() -> float:
     """How much faster one pass with all runs is than filterpy looped over the runs (a part of them, scaled)."""
     z = montecarlo.simulate(MODEL, STEPS, RUNS, seed=1).z
-    estimates = kalman.filter_runs(MODEL, z).x_plus[1:, :, :LOOPED]
+    estimates = kalman_filter(MODEL, z).x_plus[1:, :, :LOOPED]
     looped = np.stack([loop(z[:, :, run]) for run in range(LOOPED)], axis=-1)
     worst = np.abs(estimates - looped).max() / np.abs(looped).max()
     if worst > 1e-12:
         sys.exit(f"filter_runs and filterpy's loop differ by {worst:.1e}")
-    ours = median(lambda: kalman.filter_runs(MODEL, z))
+    ours = median(lambda: kalman_filter(MODEL, z))
     theirs = median(lambda: [loop(z[:, :, run]) for run in range(LOOPED)]) * RUNS / LOOPED
     return theirs / ours
 
@@ -73,7 +72,7 @@ def loop(z: np.ndarray) -> np.ndarray:
     found = np.empty((STEPS, 2))
     for k in range(STEPS):
         kf.predict()
-        kf.update(z[k + 1])
+        kf.update(z[k])
         found[k] = kf.x[:, 0]
     return found
 

@@ -35,7 +35,7 @@ from pathlib import Path
 import numpy as np
 
 from ctlabs import montecarlo
-from ctlabs.filtering import kalman
+from ctlabs.filtering import covariances
 from ctlabs.models import DiscreteModel
 from ctlabs.montecarlo.executors import one_thread
 
@@ -66,7 +66,7 @@ def draw() -> np.ndarray:
 
 
 def filterpy_loop(z: np.ndarray) -> np.ndarray:
-    """Final estimates of every run of z (steps+1, 1, runs), one run after the other."""
+    """Final estimates of every run of z (steps, 1, runs), one run after the other."""
     from filterpy.kalman import KalmanFilter
 
     final = np.empty((2, z.shape[2]))
@@ -74,7 +74,7 @@ def filterpy_loop(z: np.ndarray) -> np.ndarray:
         kf = KalmanFilter(dim_x=2, dim_z=1)
         kf.F, kf.H, kf.Q, kf.R = LAB3.Phi, LAB3.H, LAB3.Qd, LAB3.R
         kf.x, kf.P = np.zeros((2, 1)), LAB3.P0.copy()
-        for k in range(1, len(z)):
+        for k in range(len(z)):
             kf.predict()
             kf.update(z[k, :, r])
         final[:, r] = kf.x[:, 0]
@@ -87,7 +87,7 @@ def jax_experiment() -> Callable[[int], np.ndarray]:
     import jax.numpy as jnp
 
     jax.config.update("jax_enable_x64", True)
-    schedule = kalman.schedule(LAB3, STEPS)
+    schedule = covariances(LAB3, STEPS)
     K = jnp.array(schedule.K[1:])
     inverse, S = jnp.array(np.linalg.inv(schedule.P_plus[1:])), jnp.array(schedule.S[1:, 0, 0])
     Phi, G, root = jnp.array(LAB3.Phi), jnp.linalg.cholesky(jnp.array(LAB3.Qd)), jnp.linalg.cholesky(jnp.array(LAB3.P0))
@@ -212,7 +212,7 @@ def main() -> int:
     report.line("filterpy's loop / experiment", f"{loop * 500:.1f} s / {single * 1e3:.1f} ms", ratio * 500, 700, True)
     if importlib.util.find_spec("jax"):
         peer = jax_experiment()
-        theory = np.diagonal(kalman.schedule(LAB3, STEPS).P_plus[1:], axis1=1, axis2=2)
+        theory = np.diagonal(covariances(LAB3, STEPS).P_plus[1:], axis1=1, axis2=2)
         if not np.allclose(np.diagonal(peer(1), axis1=1, axis2=2), theory, rtol=7 * np.sqrt(2 / RUNS)):
             sys.exit("outputs differ from JAX's: nothing more was timed")
         single, other, ratio = compared(experiment, lambda: peer(2), repeat)
@@ -222,7 +222,7 @@ def main() -> int:
     two, one, ratio = compared(lambda: experiment(100_000, 2), lambda: experiment(100_000, 1), 5)
     report.line("one worker / two workers (10⁸ run-steps)", f"{one:.2f} s / {two:.2f} s", ratio, 1.7, True)
     big = large_model()
-    schedule = kalman.schedule(big, STEPS)
+    schedule = covariances(big, STEPS)
     how = {"steps": STEPS, "runs": 2000, "seed": 1, "schedule": schedule, "workers": 1, "progress": False}
     montecarlo.monte_carlo(big, **how)
     with one_thread():

@@ -19,8 +19,7 @@ import numpy as np
 from timing import REPEATS, median, timed
 
 from ctlabs import montecarlo
-from ctlabs.filtering import records, smoothing
-from ctlabs.filtering.algorithms import Filtered
+from ctlabs.filtering import Filtered, kalman_filter, log_likelihood, smooth
 from ctlabs.models import DiscreteModel
 
 STEPS, LOOPED = 200_000, 2_000
@@ -86,8 +85,8 @@ def cases() -> list[tuple[str, DiscreteModel, np.ndarray, float]]:
 def compare(model: DiscreteModel, z: np.ndarray) -> tuple[float, float, float]:
     """Seconds of both and their ratio, after their outputs were found equal."""
     other = statsmodels_filter(model, z)
-    check(records.filter_record(model, z), statsmodels_filter(model, z, tolerance=0).filter())
-    pairs = [(timed(lambda: records.filter_record(model, z)), timed(other.filter)) for _ in range(REPEATS)]
+    check(kalman_filter(model, z), statsmodels_filter(model, z, tolerance=0).filter())
+    pairs = [(timed(lambda: kalman_filter(model, z)), timed(other.filter)) for _ in range(REPEATS)]
     ours, theirs = (statistics.median(times) for times in zip(*pairs, strict=True))
     return ours, theirs, statistics.median(own / its for own, its in pairs)
 
@@ -116,7 +115,7 @@ def statsmodels_filter(model: DiscreteModel, z: np.ndarray, **options: Any) -> A
         return matrix if matrix.ndim == 2 else np.moveaxis(np.concatenate([matrix[1:], matrix[-1:]])[:STEPS], 0, -1)
 
     kf = KalmanFilter(k_endog=model.m, k_states=model.n, **options)
-    kf.bind(np.ascontiguousarray(z[1:]))
+    kf.bind(np.ascontiguousarray(z))
     kf["design"], kf["obs_cov"], kf["selection"] = moving(model.H), moving(model.R), np.eye(model.n)
     kf["transition"], kf["state_cov"] = moving(model.Phi), moving(model.Qd)
     Phi = model.Phi if model.Phi.ndim == 2 else model.Phi[0]
@@ -128,15 +127,15 @@ def statsmodels_filter(model: DiscreteModel, z: np.ndarray, **options: Any) -> A
 def others() -> None:
     """The slow reference, and what the same record costs elsewhere: no limits."""
     z = montecarlo.simulate(MODEL, STEPS, 1, seed=1).z[:, :, 0]
-    own, looped = records.filter_record(MODEL, z), filterpy_loop(z[: LOOPED + 1])
+    own, looped = kalman_filter(MODEL, z), filterpy_loop(z[:LOOPED])
     difference = np.abs(own.x_plus[1 : LOOPED + 1] - looped).max() / np.abs(looped).max()
     if difference > EQUAL:
         sys.exit(f"filter_record and filterpy's loop differ by {difference:.1e}")
     rows = {
-        f"filterpy's loop ({LOOPED} samples, scaled)": median(lambda: filterpy_loop(z[: LOOPED + 1])) * STEPS / LOOPED,
-        "log_likelihood alone": median(lambda: records.log_likelihood(MODEL, z)),
-        "smooth": median(lambda: smoothing.smooth(MODEL, own)),
-        "fixed_lag, 20 steps": median(lambda: smoothing.fixed_lag(MODEL, z, 20)),
+        f"filterpy's loop ({LOOPED} samples, scaled)": median(lambda: filterpy_loop(z[:LOOPED])) * STEPS / LOOPED,
+        "log_likelihood alone": median(lambda: log_likelihood(MODEL, z)),
+        "smooth": median(lambda: smooth(MODEL, own)),
+        "smooth, lag of 20 steps": median(lambda: smooth(MODEL, z, lag=20)),
     }
     for name, seconds in rows.items():
         print(f"{name:<44} {seconds:7.3f} s")
@@ -149,11 +148,11 @@ def filterpy_loop(z: np.ndarray) -> np.ndarray:
     kf = KalmanFilter(dim_x=MODEL.n, dim_z=MODEL.m)
     kf.x, kf.P = np.array(MODEL.x0)[:, None], np.array(MODEL.P0)
     kf.F, kf.Q, kf.H, kf.R = MODEL.Phi, MODEL.Qd, MODEL.H, MODEL.R
-    found = np.empty((len(z) - 1, MODEL.n))
-    for k in range(1, len(z)):
+    found = np.empty((len(z), MODEL.n))
+    for k in range(len(z)):
         kf.predict()
         kf.update(z[k])
-        found[k - 1] = kf.x[:, 0]
+        found[k] = kf.x[:, 0]
     return found
 
 

@@ -77,14 +77,14 @@ def test_histories_and_statistics_are_of_the_same_runs():
 def test_options_are_passed_to_the_experiment(monkeypatch):
     """Workers and checkpoints are the caller's business, steps and design the lab's."""
     calls = []
-    monkeypatch.setattr(montecarlo, "run", lambda *arguments, **named: calls.append((arguments, named)))
+    monkeypatch.setattr(montecarlo, "monte_carlo", lambda *arguments, **named: calls.append((arguments, named)))
     experiment = Experiment(30, 4, workers=2, checkpoint=Path("kept"))
     experiment.statistics(TRUTH, DESIGN, steps=6, first=0)
     experiment.statistics(TRUTH, steps=6)
     common = {"steps": 6, "runs": 30, "seed": experiment.seed_of(0), "executor": None, "workers": 2}
     assert calls == [
-        ((TRUTH, DESIGN), {**common, "checkpoint": Path("kept/000"), "first": 0}),
-        ((TRUTH, None), {**common, "checkpoint": Path("kept/001")}),
+        ((TRUTH, DESIGN), {**common, "checkpoint": Path("kept/000"), "first": 0, "algorithm": "filterpy"}),
+        ((TRUTH, None), {**common, "checkpoint": Path("kept/001"), "algorithm": "filterpy"}),
     ]
 
 

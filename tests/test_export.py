@@ -46,8 +46,9 @@ def case(request):
 
 def expected(model, result):
     """What a file must hold."""
-    found = {name: getattr(model, name) for name in ("Phi", "Qd", "H", "R", "N", "offset", "x0", "P0", "dt")}
-    found |= {name: getattr(result, name) for name in result.__slots__}
+    names = ("Phi", "Qd", "H", "R", "N", "B", "D", "offset", "measurement_offset", "x0", "P0", "dt")
+    found = {name: getattr(model, name) for name in names}
+    found |= {name: getattr(result, name) for name in result.__slots__ if name != "algorithm"}
     return {name: np.asarray(value) for name, value in found.items() if value is not None}
 
 
@@ -84,7 +85,7 @@ class TestMatlab:
         for name, value in expected(model, result).items():
             if value.ndim == 3:
                 assert same(file[name], np.moveaxis(value, 0, -1)), name
-            elif value.ndim == 2 and name in ("offset", "measured"):
+            elif value.ndim == 2 and name in ("offset", "used"):
                 assert same(file[name], value.T), name
             else:
                 assert same(file[name], value.reshape(-1, 1) if value.ndim < 2 else value), name
@@ -204,7 +205,7 @@ class TestFiles:
             ValueError, match=r"result: expected gains of shape \(2, 2\) as the model's, received \(1, 1\)"
         ):
             export.write(MODEL, steady.solve(other), tmp_path / "gains.h")
-        with pytest.raises(TypeError, match="result: expected a SteadyState or a Schedule, received a ndarray"):
+        with pytest.raises(TypeError, match="result: expected a SteadyState or Covariances, received a ndarray"):
             export.write(MODEL, np.eye(2), tmp_path / "gains.h")
         continuous = ContinuousModel([[0]], [[1]], [[1]], [[1]], P0=[[1]])
         with pytest.raises(TypeError, match="model: expected a DiscreteModel"):

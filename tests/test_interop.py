@@ -376,13 +376,18 @@ def test_an_ensemble_is_a_table_with_a_row_per_run_and_step() -> None:
     runs = kalman_filter(TWO, z[1:])
     table = interop.to_dataframe(runs, **NAMED)
     assert list(table.columns) == [
-        "run", "k", "t", "z[range]", "innovation[range]", "x_minus[x]", "x_minus[v]", "x_plus[x]", "x_plus[v]",
+        "run", "k", "t",
+        "P_minus[x,x]", "P_minus[x,v]", "P_minus[v,v]", "P_plus[x,x]", "P_plus[x,v]", "P_plus[v,v]",
+        "K[x,range]", "K[v,range]", "S[range,range]", "used[range]",
+        "x_minus[x]", "x_minus[v]", "x_plus[x]", "x_plus[v]", "innovation[range]", "nis", "z[range]",
     ]  # fmt: skip
     assert len(table) == 9
     for _, row in table.iterrows():
         run, k = int(row["run"]), int(row["k"])
         assert row["x_plus[v]"] == runs.x_plus[k, 1, run]
         assert row["t"] == runs.t[k]
+        assert row["P_plus[x,v]"] == runs.P_plus[k, 0, 1]
+        assert row["nis"] == runs.nis[k, run] or not k
         assert row["z[range]"] == z[k, 0, run] or np.isnan(z[k, 0, run])
 
 

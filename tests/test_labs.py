@@ -271,6 +271,15 @@ def test_a_lab_is_run_and_written_with_a_summary(two, tmp_path, monkeypatch):
     assert "seconds" not in json.dumps(stored)
 
 
+@pytest.mark.parametrize("name", sorted(labs.catalogue()))
+def test_every_lab_is_a_script(name):
+    """Its file ends by running itself."""
+    path = Path(labs.load(labs.catalogue()[name]).__file__)
+    assert path.read_text(encoding="utf-8").endswith(
+        '\n\nif __name__ == "__main__":\n    from ctlabs.cli import script\n\n    script(META)\n'
+    )
+
+
 def test_a_script_runs_its_own_lab(monkeypatch):
     """``python tasks/task07_….py --runs 5`` is ``ctlabs run task07 --runs 5``."""
     lab = next(iter(labs.catalogue().values()))

@@ -124,7 +124,7 @@ def test_measurements_the_truth_does_not_make_are_missing_for_the_filter(truth: 
     result = sensitivity.actual(truth, design, STEPS, compare=C)
     assert close(result.bias_plus, bias, EXACT)
     assert close(result.P_plus, cov, EXACT)
-    assert not result.claimed.measured[3].any()
+    assert not result.claimed.used[3].any()
 
 
 @given(discrete_models(steps=STEPS), seeds)
@@ -152,7 +152,7 @@ def test_fixed_gain_with_the_optimal_gains_is_the_optimal_schedule(model: Discre
     assert close(same.P_plus, plan.P_plus, EXACT)
     assert close(same.P_minus, plan.P_minus, EXACT)
     assert close(same.S, plan.S, EXACT)
-    assert (same.measured == plan.measured).all()
+    assert (same.used == plan.used).all()
 
 
 def test_an_unstable_truth_does_not_swamp_its_filters_error() -> None:
@@ -453,7 +453,7 @@ def test_bad_input_is_refused_with_what_was_expected() -> None:
         sensitivity.actual(varying, one, 5)
     with pytest.raises(ValueError, match="design: expected constant matrices"):
         sensitivity.steady(one, varying)
-    with pytest.raises(ValueError, match=r"schedule: expected gains of shape \(4, 1, 1\), received \(6, 1, 1\)"):
+    with pytest.raises(ValueError, match=r"gains: expected gains of shape \(4, 1, 1\), received \(6, 1, 1\)"):
         sensitivity.actual(one, one, 3, gains=covariances(one, 5))
     with pytest.raises(TypeError, match="truth: expected a DiscreteModel, received a str"):
         sensitivity.actual("x", one, 3)  # type: ignore[arg-type]

@@ -82,10 +82,10 @@ def test_an_experiment_is_the_librarys_ensemble() -> None:
     stats, some = experiment.statistics(model, steps=40), experiment.histories(model, steps=40, runs=3)
     assert found.statistics is not None
     assert found.truth is not None
-    assert some.x is not None
+    assert some.truth is not None
     np.testing.assert_array_equal(found.statistics.rms, stats.rms)
     np.testing.assert_array_equal(found.statistics.nees_band, np.array(stats.nees_band()))
-    np.testing.assert_array_equal(found.truth, some.x)
+    np.testing.assert_array_equal(found.truth, some.truth)
     np.testing.assert_array_equal(found.z, some.z)
     np.testing.assert_allclose(found.x_plus, some.x_plus, rtol=0, atol=SOLVER)
     np.testing.assert_array_equal(found.P_plus, covariances(model, 40).P_plus)

@@ -20,21 +20,21 @@ import pytest
 
 from ctlabs import DiscreteModel, montecarlo
 from ctlabs.workbench import worker
-from ctlabs.workbench.worker import FUNCTIONS, Progress, RunFailed, Runner, Job, rated
+from ctlabs.workbench.worker import FUNCTIONS, Job, Progress, RunFailed, Runner, rated
 from tests import workbench_functions
 
 TABLE = {
     name: f"tests.workbench_functions:{name}"
     for name, value in vars(workbench_functions).items()
     if inspect.isfunction(value)
-} | {"montecarlo": "ctlabs.montecarlo:run"}
+} | {"montecarlo": "ctlabs.montecarlo:monte_carlo"}
 MODEL = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]])
 
 
 @pytest.fixture(scope="module")
 def runner() -> Iterator[Runner]:
     """Two processes, whatever the machine has, with little memory."""
-    made = Runner(TABLE, size=2, memory=300 * 1024**2, warm=("ctlabs.montecarlo.kernel", "ctlabs.filtering.kalman"))
+    made = Runner(TABLE, size=2, memory=300 * 1024**2, warm=("ctlabs.montecarlo.kernel", "ctlabs.filtering.filter"))
     yield made
     made.close()
 

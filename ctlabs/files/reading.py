@@ -21,7 +21,7 @@ def read_model(path: str | Path) -> ModelFile:
 
 
 def read_record(path: str | Path, model: ModelFile | Sequence[str]) -> Record:
-    """The record in a table, as a model file's measurements (or names) ask for it: :func:`ctlabs.files.datafile.read`.
+    r"""The record in a table, as a model file's measurements (or names) ask for it: :func:`ctlabs.files.datafile.read`.
 
     Returns
     -------
@@ -30,7 +30,7 @@ def read_record(path: str | Path, model: ModelFile | Sequence[str]) -> Record:
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder) / "river.csv"
-    ...     _ = file.write_text("t;flow\\n0,5;1120\\n1;\\n1,5;963,5\\n", encoding="utf-8")
+    ...     _ = file.write_text("t;flow\n0,5;1120\n1;\n1,5;963,5\n", encoding="utf-8")
     ...     read_record(file, ["flow"]).z.ravel()
     array([1120. ,    nan,  963.5])
     """

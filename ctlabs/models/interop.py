@@ -480,12 +480,18 @@ def _size(arrays: dict[str, Array], *names: str) -> int:
     return next((arrays[name].shape[1] for name in names if name in arrays), 0)
 
 
+#: The arrays of an ensemble that have runs for their last axis; the others are those of every run.
+_BY_RUN = {"x_minus", "x_plus", "innovation", "nis", "z", "truth"}
+
+
 def _columns(name: str, array: Array, labels: dict[str, tuple[str, ...]], runs: int) -> dict[str, Array]:
     """One column per element of an array over time; of an ensemble's, one block of rows per run."""
+    if runs and name not in _BY_RUN:
+        return {column: np.tile(values, runs) for column, values in _columns(name, array, labels, 0).items()}
     ndim = array.ndim - 2 if runs else array.ndim - 1
     axes = [labels[kind] for kind in _AXES.get(name, "n" * ndim)]
     if ndim == 0:
-        return {name: array}
+        return {name: array.T.reshape(-1)}
     if ndim == 1:
         return {f"{name}[{label}]": array[:, i].T.reshape(-1) for i, label in enumerate(axes[0])}
     symmetric = axes[0] is axes[1]

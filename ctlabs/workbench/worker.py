@@ -36,7 +36,7 @@ log = logging.getLogger("ctlabs.workbench")
 
 #: What can be run: name → "module:function". Add a line for a new kind of run; the test calls for an importable function.
 FUNCTIONS: Mapping[str, str] = {
-    "montecarlo": "ctlabs.montecarlo:run",
+    "montecarlo": "ctlabs.montecarlo:monte_carlo",
     "simulate": "ctlabs.montecarlo:simulate",
     "experiment": "ctlabs.workbench.experiments:run",
     "lab": "ctlabs.workbench.catalogue:run_lab",
