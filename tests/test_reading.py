@@ -37,7 +37,7 @@ dt = 0.5
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "level.toml").write_text(LEVEL, encoding="utf-8")
-    (tmp_path / "level.csv").write_text("time;gauge;note\n0,5;1,25;a\n1;;b\n1,5;3;c\n", encoding="utf-8")
+    (tmp_path / "level.csv").write_text("t;gauge\n0,5;1,25\n1;\n1,5;3\n", encoding="utf-8")
     return tmp_path
 
 
@@ -58,7 +58,7 @@ def test_a_model_is_what_its_file_says(folder: Path) -> None:
 
 
 def test_a_record_is_read_by_a_model_or_by_names(folder: Path) -> None:
-    """One row for each line, NaN where nothing stands; other columns are left."""
+    """One row for each line, NaN where nothing stands."""
     model = read_model(folder / "level.toml")
     for asked in (model, ["gauge"], ("gauge",)):
         record = read_record(folder / "level.csv", asked)
