@@ -72,7 +72,10 @@ class TestModels:
             (lambda: discrete(D=[[1], [2]]), r"^D: expected shape \(1, r\) or \(steps\+1, 1, r\), received \(2, 1\)$"),
             (lambda: discrete(D=[[1]]), r"^D: expected 2 columns as B has, received 1$"),
             (lambda: discrete(B=np.ones((3, 2, 2)), D=np.ones((3, 1, 2))), r"expected one number of steps, received \{'B': 3, 'D': 2\}$"),
-            (lambda: discrete(measurement_offset=[1, 2]), r"^measurement_offset: expected shape \(1,\) or \(steps\+1, 1\), received \(2,\)$"),
+            (
+                lambda: discrete(measurement_offset=[1, 2]),
+                r"^measurement_offset: expected shape \(1,\) or \(steps\+1, 1\), received \(2,\)$",
+            ),
             (lambda: discrete(measurement_offset=[np.nan]), r"^measurement_offset: expected finite numbers, received nan"),
             (lambda: discrete(measurement_units=["m", "s"]), r"^measurement_units: expected 1 names, received \['m', 's'\]$"),
             (lambda: discrete(first=2), r"^first: expected 0 or 1, received 2$"),

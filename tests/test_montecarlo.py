@@ -609,7 +609,10 @@ def test_any_object_that_filters_is_a_design():
         (lambda: monte_carlo(_polar(), steps=3, runs=3, seed=1, first=2), "first: expected 0 or 1"),
         (lambda: monte_carlo(_polar(), steps=3, runs=3, seed=1, gains=covariances(TRACKING, 3)), "gains: expected none"),
         (lambda: monte_carlo(_polar(), steps=3, runs=3, seed=1, histogram=Bins((0,))), "sd: expected the bins' scale"),
-        (lambda: monte_carlo(dataclasses.replace(_polar(), Qd=np.zeros((2, 2, 2))), steps=3, runs=3, seed=1), "Qd: expected at least 3 entries"),
+        (
+            lambda: monte_carlo(dataclasses.replace(_polar(), Qd=np.zeros((2, 2, 2))), steps=3, runs=3, seed=1),
+            "Qd: expected at least 3 entries",
+        ),
         (lambda: Bins(()), "states: expected different indices"),
     ],
 )  # fmt: skip

@@ -148,7 +148,7 @@ def test_settings_are_left_alone_when_drawing_fails():
 def test_pyplot_is_never_imported():
     """No figure manager, no display, no global figure: drawing in a process of its own loads no pyplot."""
     code = (
-        "import sys\nfrom ctlabs import plots, render\n"
+        "import sys\nfrom ctlabs.reporting import plots, render\n"
         "render.png(plots.lines([0, 1], {'x': [0, 1]}, xlabel='time, s', ylabel='x, m'))\n"
         "assert 'matplotlib.pyplot' not in sys.modules, 'pyplot'"
     )
@@ -244,12 +244,12 @@ class TestRuns:
         drawn = plots.record(found, xlabel="time, s", ylabel="v, m/s", state=1, measurement=None, run=3)
         lines = {line.get_label(): line.get_ydata() for line in drawn.axes[0].lines}
         assert set(lines) == {"truth", "estimate"}
-        assert np.array_equal(lines["truth"], found.x[:, 1, 3])
+        assert np.array_equal(lines["truth"], found.truth[:, 1, 3])
         assert np.array_equal(lines["estimate"], found.x_plus[:, 1, 3])
 
     def test_measured_data_have_no_truth(self):
         """A record of one's own data shows measurements and estimate."""
-        drawn = plots.record(replace(ensemble(), x=None), xlabel="time, s", ylabel="x, m")
+        drawn = plots.record(replace(ensemble(), truth=None), xlabel="time, s", ylabel="x, m")
         assert {line.get_label() for line in drawn.axes[0].lines} == {"measurement", "estimate"}
 
     def test_errors_are_those_of_the_runs_inside_their_bands(self):

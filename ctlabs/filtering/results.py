@@ -105,21 +105,18 @@ def without_runs(found: Filtered) -> Filtered:
 
 def gains(P_minus: Array, H: Array, S: Array, used: Mask) -> Array:
     """K = P⁻HᵀS⁻¹ of every instant, (rows, n, m), 0 where an element does not enter; H (m, n) or (rows, m, n)."""
-    rows, m = used.shape
+    m = used.shape[1]
     cross = np.where(used[:, :, None], H @ np.where(np.isfinite(P_minus), P_minus, 0.0), 0.0)
     finite = used & np.isfinite(np.diagonal(S, axis1=1, axis2=2))
     scale = np.sqrt(np.where(finite, np.diagonal(S, axis1=1, axis2=2), 1.0))  # unit variances: no unit matters
     unit = np.where(finite[:, :, None] & finite[:, None, :], S, np.eye(m)) / (scale[:, :, None] * scale[:, None, :])
-    if m == 1:
-        K = cross / scale[:, :, None] ** 2
-    else:
-        K = np.linalg.solve(unit, cross / scale[:, :, None]) / scale[:, :, None]
+    K = cross / scale[:, :, None] ** 2 if m == 1 else np.linalg.solve(unit, cross / scale[:, :, None]) / scale[:, :, None]
     return np.swapaxes(np.where(finite[:, :, None], K, 0.0), 1, 2)
 
 
 def consistency(innovation: Array, S: Array, used: Mask) -> tuple[Array, Array]:
     """νᵀS⁻¹ν (rows, runs), NaN where nothing enters, and the log-likelihood of each instant (rows, runs), 0 there."""
-    rows, m, runs = innovation.shape
+    rows, _m, runs = innovation.shape
     nis, logs = np.full((rows, runs), np.nan), np.zeros((rows, runs))
     kinds = np.unique(used, axis=0)
     for kind in kinds[kinds.any(axis=1)]:

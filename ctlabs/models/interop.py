@@ -462,13 +462,17 @@ def distinct(names: tuple[str, ...]) -> list[str]:
 # to_dataframe --------------------------------------------------------------------------------------------------------
 
 
+#: What an ensemble has one number of for each run.
+_OF_RUNS = {"log_likelihood", "log_likelihood_diffuse"}
+
+
 def _over_time(result: Any) -> dict[str, Array]:
     """The arrays of a result along its time axis."""
     t = getattr(result, "t", None)
     if not isinstance(t, np.ndarray) or t.ndim != 1 or not hasattr(type(result), "__dataclass_fields__"):
         msg = f"result: expected a result with a time axis t, received a {type(result).__name__}"
         raise TypeError(msg)
-    found = {field.name: getattr(result, field.name) for field in fields(result)}
+    found = {field.name: getattr(result, field.name) for field in fields(result) if field.name not in _OF_RUNS}
     return {name: a for name, a in found.items() if isinstance(a, np.ndarray) and 0 < a.ndim < 4 and len(a) == len(t)}
 
 

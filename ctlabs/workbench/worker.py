@@ -310,10 +310,12 @@ class Job:
         self.process: _Process | None = None
 
     def fail(self, kind: Kind, line: str) -> None:
+        """End it without a result."""
         with contextlib.suppress(Exception):  # it has an outcome already
             self.future.set_exception(RunFailed(kind, line))
 
     def succeed(self, result: Any) -> None:
+        """End it with a result."""
         with contextlib.suppress(Exception):
             self.future.set_result(result)
 
@@ -451,5 +453,6 @@ def _shown(progress: Callable[[Progress], object] | None, state: Progress) -> No
 
 
 def rated(done: int, total: int, seconds: float) -> Progress:
+    """How far a run is, and how fast."""
     fraction = min(max(done / total, 0.0), 1.0) if total > 0 else 0.0
     return Progress(fraction, done / seconds if seconds > 0 else 0.0, done, total)

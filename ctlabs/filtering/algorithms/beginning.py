@@ -42,7 +42,8 @@ class Start:
 class Beginning:
     """The first instants as the filter gives them, and what it goes on from.
 
-    ``x_minus`` … ``nis`` as in :class:`ctlabs.filtering.results.Filtered`, with runs · ``known`` (rows,), whether something was known of every
+    ``x_minus`` … ``nis`` as in :class:`ctlabs.filtering.results.Filtered`, with runs ·
+    ``known`` (rows,), whether something was known of every
     state before the update · ``log_likelihood`` (rows, runs) · ``x`` (n, runs), ``P`` (n, n): the prediction of the next
     instant; ``None`` where the record ends before
     """

@@ -33,7 +33,8 @@ class Estimate(NamedTuple):
     ``t`` s · ``x`` (n,), ``P`` (n, n), estimate and covariance of its error given everything measured so far ·
     ``innovation`` (m,), NaN where an element did not enter the update · ``S`` (m, m), its covariance, ``inf`` on the
     diagonal there · ``nis``, :math:`\nu^TS^{-1}\nu`, NaN where nothing entered · ``contradictions``, the perfect measurements of
-    this instant (``row``, counted as the rows of a record) that disagree with what was known exactly (:mod:`ctlabs.filtering.contradictions`)
+    this instant (``row``, counted as the rows of a record) that disagree with what was known exactly
+    (:mod:`ctlabs.filtering.contradictions`)
     """
 
     t: float
