@@ -13,7 +13,7 @@ from ctlabs.filtering.algorithms.contract import Numbers
 from ctlabs.linalg.checks import Array
 
 if TYPE_CHECKING:
-    from ctlabs.filtering.engines.driver import Record
+    from ctlabs.filtering.engines.record import Record
 
 
 @dataclass(frozen=True, slots=True, eq=False)
