@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctlabs.filtering.measured import perfect
-from ctlabs.filtering.results import Filtered, Mask
+from ctlabs.filtering.results import Contradiction, Filtered, Mask
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.correlated import regression
 from ctlabs.models import DiscreteModel, at
@@ -41,19 +41,6 @@ if TYPE_CHECKING:
     from ctlabs.filtering.engines.rounding import Passed, Rounding
 
 EPS = float(np.finfo(float).eps)
-
-
-class Contradiction(NamedTuple):
-    """A measurement z[row, element] (of ``run``, in an ensemble) that is impossible, as what is known exactly excludes it.
-
-    ``innovation``, its distance from the only possible value · ``allowed``, what rounding may explain of that
-    """
-
-    row: int
-    element: int
-    innovation: float
-    allowed: float
-    run: int = 0
 
 
 def known(model: DiscreteModel, z: Array, used: Mask, first: int) -> Mask:

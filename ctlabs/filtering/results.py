@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import deviations
-
-if TYPE_CHECKING:
-    from ctlabs.filtering.algorithms.beginning import Start
-    from ctlabs.filtering.contradictions import Contradiction
 
 Mask = NDArray[np.bool_]
 
@@ -52,6 +48,41 @@ class Covariances:
     def sd_plus(self) -> Array:
         """Standard deviation of the filtering error, (steps+1, n)."""
         return deviations(self.P_plus)
+
+
+class Contradiction(NamedTuple):
+    """A measurement z[row, element] (of ``run``, in an ensemble) that is impossible, as what is known exactly excludes it.
+
+    ``innovation``, its distance from the only possible value · ``allowed``, what rounding may explain of that
+    """
+
+    row: int
+    element: int
+    innovation: float
+    allowed: float
+    run: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """What a smoother needs of the first instants: x = x̂ + e + Aδ after each update, and how it came about.
+
+    ``x_minus``, ``x_plus`` (rows, n, runs), with any number where a state is not known · ``innovation`` (rows, m, runs) of x_minus,
+    NaN where an element does not enter the update · ``P`` (rows, n, n), the covariance of e · ``A`` (rows, n, n), first the
+    ``unknown`` (rows,) columns, then vague ones with δ ~ N(0, I), then zeros · ``determined`` (rows,), how many of the
+    unknown columns later measurements determine · ``excess`` (rows, m, runs), the innovations of perfect elements that were
+    known already, and the ``terms`` (rows, m) whose rounding may be in them; NaN for all others
+    """
+
+    x_minus: Array
+    x_plus: Array
+    innovation: Array
+    P: Array
+    A: Array
+    unknown: NDArray[np.intp]
+    determined: NDArray[np.intp]
+    excess: Array
+    terms: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
