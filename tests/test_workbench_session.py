@@ -13,9 +13,9 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from ctlabs import covariances
 from ctlabs.files.modelfile import gallery, loads, new, ready
 from ctlabs.filtering import bucy, settling, steady
-from ctlabs.labs.experiment import covariances
 from ctlabs.models import observability, shaping, spectra
 from ctlabs.models.discretisation import interval
 from ctlabs.workbench import commands as c
@@ -415,7 +415,7 @@ def test_understanding_is_the_librarys(session: Session) -> None:
     late = np.exp(-1j * found.bode.value.w * model.dt)
     response = np.polyval(num[::-1], late) / np.polyval(den[::-1], late)
     np.testing.assert_allclose(found.bode.value.gain[1], np.abs(response), rtol=SOLVER)
-    plan = covariances(model, file.experiment.steps, file.experiment.first)
+    plan = covariances(model, file.experiment.steps, first=file.experiment.first)
     np.testing.assert_array_equal(found.transient.value.P_minus, plan.P_minus)
     assert session.understand() is found
     session.do(c.SetDt("0.3"))
