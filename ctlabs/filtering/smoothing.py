@@ -23,12 +23,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ctlabs.filtering.contradictions import Contradiction
 from ctlabs.filtering.engines import compiled
 from ctlabs.filtering.filter import kalman_filter
 from ctlabs.filtering.motion import motion
 from ctlabs.filtering.problem import Model
-from ctlabs.filtering.results import Filtered
+from ctlabs.filtering.results import Contradiction, Filtered
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.models.linear import ContinuousModel, DiscreteModel

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from ctlabs.analysis.diagnosis import Diagnosis
     from ctlabs.files.datafile import Record
     from ctlabs.files.modelfile import ModelFile
-    from ctlabs.filtering.contradictions import Contradiction
-    from ctlabs.filtering.results import Filtered
+    from ctlabs.filtering.results import Contradiction, Filtered
     from ctlabs.filtering.smoothing import Smoothed
 
 #: The second route filters at most so many rows (it is a hundred times slower than the first).

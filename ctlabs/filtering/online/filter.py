@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 from ctlabs.filtering import contradictions, measured
 from ctlabs.filtering.algorithms import contract, vague
 from ctlabs.filtering.algorithms.catalogue import form
-from ctlabs.filtering.contradictions import Contradiction
 from ctlabs.filtering.engines.driver import innovation, taken_over
 from ctlabs.filtering.measured import begins
 from ctlabs.filtering.online import files
 from ctlabs.filtering.online.plants import Given, Instant, finite_time, plant, short
+from ctlabs.filtering.results import Contradiction
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
