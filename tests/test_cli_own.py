@@ -172,7 +172,7 @@ REFUSED = [
     (["filter", "none.toml", "flow.csv"], r"none\.toml: expected a file that can be read, received: No such file.*"),
     (["filter", "nile.toml", "none.csv"], r"none\.csv: expected a file that can be read, received: No such file.*"),
     (["filter", "nile.toml", "nile.toml"], r"nile\.toml: line 1: expected the column flow and optionally t, received .*"),
-    (["filter", "nile.toml", "flow.csv", "--algorithm", "kalman"], r"form: expected one of conventional, .*, received 'kalman'"),
+    (["filter", "nile.toml", "flow.csv", "--algorithm", "kalman"], r"algorithm: expected one of auto, filterpy, conventional, .*, received 'kalman'"),
     (["filter", "nile.toml", "flow.csv", "--design", "none.toml"], r"none\.toml: expected a file .*"),
     (["filter", "nile.toml", "flow.csv", "--export", "gains.txt"], r"--export gains\.txt: expected a name that ends .*"),
     (["filter", "nile.toml", "flow.csv", "--export", "no/gains.h"], r"--export no.gains\.h: expected a new file in a folder .*"),
@@ -327,7 +327,7 @@ class TestHelp:
         import subprocess
 
         code = (
-            "import sys; from ctlabs.cli import cli; import ctlabs.labs; ctlabs.labs.catalogue(); print(*sys.modules)"
+            "import sys; from ctlabs.cli import cli; from ctlabs.labs.catalogue import catalogue; catalogue(); print(*sys.modules)"
         )
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
         assert (

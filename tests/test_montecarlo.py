@@ -185,7 +185,7 @@ def test_missing_and_perfect_measurements():
     R = np.broadcast_to(np.diag([1.0, 2.0]), (21, 2, 2)).copy()
     R[5, 0, 0] = R[7:9, 1, 1] = np.inf
     R[12] = np.diag([0.0, np.inf])
-    truth = dataclasses.replace(TRACKING, H=np.eye(2), R=R, measurements=None)
+    truth = dataclasses.replace(TRACKING, H=np.eye(2), R=R, measurements=None, measurement_units=None)
     stats = monte_carlo(truth, steps=20, runs=1500, seed=3, **QUIET)
     assert agree(stats, by_filter(truth, truth, 20, 1500, 3), 100 * EXACT)
     schedule = covariances(truth, 20)
@@ -239,7 +239,7 @@ def test_more_runs_continue_the_same_experiment():
 
 def test_states_do_not_depend_on_what_is_measured():
     """Two experiments with the same seed and motion have the same states, whatever their sensors."""
-    other = dataclasses.replace(TRACKING, H=[[0, 1], [1, 1]], R=np.eye(2), measurements=None)
+    other = dataclasses.replace(TRACKING, H=[[0, 1], [1, 1]], R=np.eye(2), measurements=None, measurement_units=None)
     assert (simulate(TRACKING, 30, 600, 8).x == simulate(other, 30, 600, 8).x).all()
 
 
@@ -547,7 +547,7 @@ def test_an_extended_filter_of_perfect_measurements_counts_what_is_unknown():
     assert close(found.nees, expected.nees, 1e3 * SOLVER)
     assert close(found.rms, expected.rms, SOLVER, size=float(expected.signal_rms.max()))
     # The same thing measured twice, perfectly: the pseudo-inverse leaves the second out.
-    twice = dataclasses.replace(model, H=[[1, 0], [1, 0]], R=np.zeros((2, 2)), measurements=None)
+    twice = dataclasses.replace(model, H=[[1, 0], [1, 0]], R=np.zeros((2, 2)), measurements=None, measurement_units=None)
     doubled = dataclasses.replace(
         functions,
         h=lambda k, x, v: twice.H @ x + v,
