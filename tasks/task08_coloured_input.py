@@ -565,6 +565,6 @@ def conclusions(r, p, found, lost, cheapest):
 
 
 if __name__ == "__main__":
-    from ctlabs.labs import main
+    from ctlabs.cli import script
 
-    main(__file__)
+    script(META)

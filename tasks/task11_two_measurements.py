@@ -404,6 +404,6 @@ def conclusions(r, p, answer):
 
 
 if __name__ == "__main__":
-    from ctlabs.labs import main
+    from ctlabs.cli import script
 
-    main(__file__)
+    script(META)

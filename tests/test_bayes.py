@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 
 from ctlabs import montecarlo
 from ctlabs.analysis import sensitivity
-from ctlabs.filtering import bayes, kalman
+from ctlabs.filtering import bayes, kalman_filter
 from ctlabs.filtering.bayes import SlowError
+from ctlabs.labs.experiment import covariances
 from ctlabs.models import DiscreteModel
 from ctlabs.montecarlo import chance
 from tests.reference import EXACT, SOLVER, broken, close, log_likelihood
@@ -94,14 +95,14 @@ def test_the_batch_estimate_is_that_of_the_corrected_equations(drawn: tuple[Slow
 def test_the_recursions_are_the_batch_of_the_samples_so_far(drawn: tuple[SlowError, Array]) -> None:
     """After every sample the discrete filter and Potter's recursion give the batch estimate of equally many samples."""
     s, y = drawn
-    filtered = kalman.filter_runs(bayes.model(s), bayes.record(y))
+    filtered = kalman_filter(bayes.model(s), bayes.record(y))
     potter = bayes.recursion(s, y[:, 0])
-    assert close(potter.K, filtered.schedule.K[1:, :, 0], SOLVER)
+    assert close(potter.K, filtered.K[1:, :, 0], SOLVER)
     for k in range(1, s.N + 1):
         so_far = SlowError(s.phi[:k], s.psi[:k] if s.L else None, s.noise[:k], s.K_lambda, s.K_mu, s.m_lambda, s.m_mu)
         found = bayes.batch(so_far, y[:k])
         assert close(filtered.x_plus[k], found.mean, SOLVER)
-        assert close(filtered.schedule.P_plus[k], found.P, SOLVER, size=np.abs(s.covariance).max())
+        assert close(filtered.P_plus[k], found.P, SOLVER, size=np.abs(s.covariance).max())
         assert close(potter.x[k - 1], found.mean[:, 0], SOLVER)
         assert close(potter.P[k - 1], found.P, SOLVER, size=np.abs(s.covariance).max())
     wrong = bayes.recursion(replace(s, noise=broken(s.noise)), y[:, 0])
@@ -115,7 +116,7 @@ def test_the_compiled_recursion_is_the_plain_one() -> None:
     y[7] = np.nan
     keep = np.array([1, 8, 20])
     results = []
-    for function in (bayes._potter, bayes._compiled()):
+    for function in (bayes.potter, bayes.compiled()):
         out = np.empty((3, 2)), np.empty((3, 2, 2)), np.empty((3, 2))
         function(rows, r, y, np.zeros(2), np.eye(2), keep, *out)
         results.append(out)
@@ -201,7 +202,7 @@ def test_missing_samples_are_left_out() -> None:
         assert close(bayes.batch(whole, gap).P, bayes.batch(part, y[kept]).P, EXACT)
     absent = SlowError(phi, psi, [2, 2, np.inf, 2, 2, 2], np.eye(2), [[1]])
     assert close(bayes.batch(absent, y).mean, bayes.recursion(absent, y).x[-1], EXACT)
-    assert close(bayes.batch(absent, y).mean, kalman.filter_runs(bayes.model(absent), bayes.record(y)).x_plus[-1, :, 0], EXACT)  # fmt: skip
+    assert close(bayes.batch(absent, y).mean, kalman_filter(bayes.model(absent), bayes.record(y)).x_plus[-1], EXACT)  # fmt: skip
 
 
 def test_chunks_do_not_change_the_estimate(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -258,7 +259,7 @@ def disturbed(draw: st.DrawFn) -> tuple[DiscreteModel, Array, Array, Array, Arra
     model = draw(discrete_models(correlated=False))
     rng = np.random.default_rng(draw(seeds))
     L = draw(st.integers(1, 2))
-    return model, rng.normal(size=(model.m, L)), covariance(rng, L), rng.normal(size=L), record(model, 6, rng)
+    return model, rng.normal(size=(model.m, L)), covariance(rng, L), rng.normal(size=L), record(model, 6, rng)[1:, :, None]
 
 
 @settings(max_examples=40)
@@ -266,12 +267,12 @@ def disturbed(draw: st.DrawFn) -> tuple[DiscreteModel, Array, Array, Array, Arra
 def test_friedlands_two_filters_are_the_augmented_one(drawn: tuple[DiscreteModel, Array, Array, Array, Array]) -> None:
     """State, error and all covariances of the separate-bias form equal those of the filter of both."""
     model, G, P_b, m_b, z = drawn
-    both = kalman.filter_runs(bayes.augmented(model, G, P_b, m_b), z)
+    both = kalman_filter(bayes.augmented(model, G, P_b, m_b), z)
     apart = bayes.separate_bias(model, G, P_b, z, m_b)
     size = max(np.abs(both.x_plus).max(), np.abs(apart.free.x_plus).max())
     assert close(np.concatenate([apart.x, apart.b], axis=1), both.x_plus, SOLVER, size=size)
-    assert close(apart.P, both.schedule.P_plus, SOLVER)
-    assert not close(bayes.separate_bias(model, broken(G), P_b, z, m_b).P, both.schedule.P_plus, EXACT)
+    assert close(apart.P, both.P_plus, SOLVER)
+    assert not close(bayes.separate_bias(model, broken(G), P_b, z, m_b).P, both.P_plus, EXACT)
 
 
 def test_the_consider_filter_knows_its_own_error() -> None:
@@ -279,12 +280,12 @@ def test_the_consider_filter_knows_its_own_error() -> None:
     walk = DiscreteModel([[0.9]], [[0.5]], [[1]], [[2]], x0=[0], P0=[[10]])
     whole, plan = bayes.consider(walk, [[1]], [[3]], 20)
     assert not plan.K[:, 1].any()
-    assert close(plan.P_plus, sensitivity.actual(whole, whole, 20, schedule=plan).P_plus, EXACT * 10)
-    best = kalman.schedule(whole, 20).P_plus[:, 0, 0]
+    assert close(plan.P_plus, sensitivity.actual(whole, whole, 20, gains=plan).P_plus, EXACT * 10)
+    best = covariances(whole, 20).P_plus[:, 0, 0]
     naive = sensitivity.actual(whole, walk, 20, compare=[[1, 0]]).P_plus[:, 0, 0]
     assert (plan.P_plus[2:, 0, 0] > best[2:]).all()
     assert (plan.P_plus[1:, 0, 0] < naive[1:]).all()
-    stats = montecarlo.monte_carlo(whole, whole, steps=20, runs=400, seed=1, schedule=plan)
+    stats = montecarlo.monte_carlo(whole, whole, steps=20, runs=400, seed=1, gains=plan)
     assert chance.variance(stats, plan.P_plus).passed
     assert not chance.variance(stats, 2 * plan.P_plus).passed
 
@@ -294,7 +295,7 @@ def test_the_consider_filter_without_an_error_is_the_filter() -> None:
     R = np.array([[[1.0]], [[1.0]], [[np.inf]], [[1.0]]])
     walk = DiscreteModel([[1]], [[1]], [[1]], R, x0=[0], P0=[[10]])
     _, plan = bayes.consider(walk, [[1]], [[0]], 3)
-    own = kalman.schedule(walk, 3)
+    own = covariances(walk, 3)
     assert close(plan.P_plus[:, :1, :1], own.P_plus, EXACT)
     assert close(plan.K[:, :1], own.K, EXACT)
     assert close(plan.S, own.S, EXACT)
@@ -307,7 +308,7 @@ def test_the_bank_has_the_likelihood_of_the_joint_distribution(model: DiscreteMo
     rng = np.random.default_rng(seed)
     z = record(model, 5, rng)
     other = replace(model, x0=model.x0 + 0.3)
-    bank = bayes.hypotheses([model, other], z, prior=[0.3, 0.7])
+    bank = bayes.hypotheses([model, other], z[1:], prior=[0.3, 0.7])
     exact = np.array([log_likelihood(one, z) for one in (model, other)])
     assert close(bank.log_likelihood[-1, :, 0], exact, SOLVER, size=1.0)
     odds = np.log(0.7 / 0.3) + exact[1] - exact[0]
@@ -317,17 +318,17 @@ def test_the_bank_has_the_likelihood_of_the_joint_distribution(model: DiscreteMo
 def test_the_mixture_of_one_certain_model_is_that_model() -> None:
     """With prior 1 and 0 the mixture is the first filter; with doubt the spread of the estimates adds to P."""
     one, two = (DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[x], P0=[[1]]) for x in (0.0, 3.0))
-    z = [[np.nan], [1.0], [2.0]]
+    z = [[1.0], [2.0]]
     sure = bayes.hypotheses([one, two], z, prior=[1, 0])
     mean, cov = sure.mixture([[[1]], [[1]]])
     assert close(mean, sure.filters[0].x_plus, EXACT)
-    assert close(cov[..., 0], sure.filters[0].schedule.P_plus, EXACT)
+    assert close(cov[..., 0], sure.filters[0].P_plus, EXACT)
     unsure = bayes.hypotheses([one, two], z)
     p, x = unsure.probability[1, :, 0], [f.x_plus[1, 0, 0] for f in unsure.filters]
     mean, cov = unsure.mixture([[[1]], [[1]]])
     assert mean[1, 0, 0] == pytest.approx(p @ x, rel=EXACT)
     spread = p[0] * p[1] * (x[0] - x[1]) ** 2
-    assert cov[1, 0, 0, 0] == pytest.approx(unsure.filters[0].schedule.P_plus[1, 0, 0] + spread, rel=EXACT)
+    assert cov[1, 0, 0, 0] == pytest.approx(unsure.filters[0].P_plus[1, 0, 0] + spread, rel=EXACT)
 
 
 def test_augmenting_keeps_what_varies_and_what_is_known() -> None:

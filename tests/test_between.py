@@ -6,8 +6,9 @@ import scipy.integrate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs.filtering import bucy, kalman
+from ctlabs.filtering import bucy
 from ctlabs.filtering.between import between
+from ctlabs.labs.experiment import covariances
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
 from tests.reference import EXACT, SOLVER, broken, close
@@ -33,7 +34,7 @@ def lyapunov(model, P, span):
 
 def test_it_follows_the_differential_equation_from_every_update():
     """Inside an interval P obeys the Lyapunov equation from P⁺, and a broken F is noticed."""
-    schedule = kalman.schedule(discretise(OSCILLATOR, 0.7, R=[[0.5]]), 3)
+    schedule = covariances(discretise(OSCILLATOR, 0.7, R=[[0.5]]), 3)
     found = between(OSCILLATOR, schedule, points=4)
     wrong = ContinuousModel(broken(OSCILLATOR.F), OSCILLATOR.G, OSCILLATOR.Q, OSCILLATOR.H, P0=OSCILLATOR.P0)
     for k in range(3):
@@ -46,7 +47,7 @@ def test_it_follows_the_differential_equation_from_every_update():
 @given(model=continuous_models(correlated=False), points=st.integers(1, 5), dt=st.floats(0.01, 1.0))
 def test_at_the_samples_it_is_the_filters_own_covariance(model, points, dt):
     """Before and after each update the curve passes through P⁻ and P⁺; t never decreases."""
-    schedule = kalman.schedule(discretise(model, dt, R=np.eye(model.m)), 3)
+    schedule = covariances(discretise(model, dt, R=np.eye(model.m)), 3)
     found = between(model, schedule, points)
     assert len(found.t) == 3 * (points + 1) + 1
     assert (np.diff(found.t) >= 0).all()
@@ -60,7 +61,7 @@ def test_at_the_samples_it_is_the_filters_own_covariance(model, points, dt):
 
 def test_without_measurements_it_is_continuous():
     """With R = ∞ nothing drops, and the curve is that of the whole time in one interval."""
-    schedule = kalman.schedule(discretise(OSCILLATOR, 0.5, R=[[np.inf]]), 4)
+    schedule = covariances(discretise(OSCILLATOR, 0.5, R=[[np.inf]]), 4)
     found = between(OSCILLATOR, schedule, points=3)
     assert close(found.P[3], found.P[4], EXACT)
     assert close(found.P[-1], lyapunov(OSCILLATOR, OSCILLATOR.P0, 2.0), SOLVER)
@@ -72,7 +73,7 @@ def test_frequent_measurements_tend_to_the_continuous_filter():
     model = ContinuousModel([[-1]], [[1]], [[2]], [[1]], P0=[[3]], Rc=[[0.5]])
     limit, errors = bucy.transient(model, [1.0]).P[0, 0, 0], []
     for steps in (50, 100):
-        schedule = kalman.schedule(discretise(model, 1 / steps), steps)
+        schedule = covariances(discretise(model, 1 / steps), steps)
         errors.append(abs(between(model, schedule, 2).P[-1, 0, 0] - limit))
     assert errors[0] / errors[1] == pytest.approx(2, abs=0.1)
 
@@ -80,11 +81,11 @@ def test_frequent_measurements_tend_to_the_continuous_filter():
 def test_a_schedule_of_another_model_is_refused():
     """The prediction of the schedule must be what the model makes of P⁺: 5 % in Q is noticed."""
     other = ContinuousModel(OSCILLATOR.F, OSCILLATOR.G, 1.05 * OSCILLATOR.Q, OSCILLATOR.H, P0=OSCILLATOR.P0)
-    schedule = kalman.schedule(discretise(other, 0.5, R=[[1]]), 2)
-    with pytest.raises(ValueError, match=r"schedule: expected predictions of this model, received P_minus\[1\]"):
+    schedule = covariances(discretise(other, 0.5, R=[[1]]), 2)
+    with pytest.raises(ValueError, match=r"filtered: expected predictions of this model, received P_minus\[1\]"):
         between(OSCILLATOR, schedule)
     one = ContinuousModel([[0]], [[1]], [[1]], [[1]], P0=[[0]])
-    with pytest.raises(ValueError, match=r"schedule: expected covariances of 1 states, received 2"):
+    with pytest.raises(ValueError, match=r"filtered: expected covariances of 1 states, received 2"):
         between(one, schedule)
     with pytest.raises(TypeError, match="model"):
         between(discretise(OSCILLATOR, 0.5, R=[[1]]), schedule)

@@ -458,7 +458,9 @@ def test_undetectable_mode_is_named(model, mode):
 @pytest.mark.parametrize("q", [1e-100, 1e-30, 1e-8])
 def test_hardly_driven_marginal_mode_has_its_limit(q):
     """√(QRc) of a constant, and of an oscillator P12 = q/(1 + √(1 + q)), P11 = √(2 P12), however small the noise."""
-    assert bucy.steady(wiener(Q=q)).P[0, 0] == pytest.approx(math.sqrt(q) * math.sqrt(wiener().Rc[0, 0]), rel=1e-14, abs=0)
+    assert bucy.steady(wiener(Q=q)).P[0, 0] == pytest.approx(
+        math.sqrt(q) * math.sqrt(wiener().Rc[0, 0]), rel=1e-14, abs=0
+    )
     if q < 1e-50:
         return
     P = bucy.steady(ContinuousModel([[0, 1], [-1, 0]], [[0], [1]], [[q]], [[1, 0]], Rc=[[1]], P0=I2)).P

@@ -9,9 +9,9 @@ import pytest
 from scipy.special import ndtr
 
 from ctlabs import montecarlo
-from ctlabs.filtering import kalman, records, smoothing, steady
+from ctlabs.filtering import kalman_filter, smooth, steady
 from ctlabs.labs import catalogue as labs
-from ctlabs.labs.experiment import Experiment
+from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.models import DiscreteModel
 from ctlabs.models.discretisation import discretise
 from ctlabs.montecarlo import chance
@@ -83,7 +83,9 @@ class TestSecondRoute:
         off = replace(limit, K_pred=limit.K_pred * (1 + 1e-7))
         right = second.covariance_of_gain(PAIR, limit)
         np.testing.assert_allclose(second.covariance_of_gain(PAIR, off), right, rtol=1e-12)
-        assert not np.allclose(second.covariance_of_gain(PAIR, replace(limit, K_pred=limit.K_pred * 1.1)), right, rtol=1e-4)
+        assert not np.allclose(
+            second.covariance_of_gain(PAIR, replace(limit, K_pred=limit.K_pred * 1.1)), right, rtol=1e-4
+        )
 
     def test_correlated_noises_belong_to_it(self):
         """With N the errors under the predictor's gain have the Riccati equation's covariance too."""
@@ -119,7 +121,7 @@ class TestSmoother:
         model = replace(PAIR, H=np.repeat(PAIR.H[None], 13, axis=0) * np.linspace(0.5, 2, 13)[:, None, None])
         z = np.cos(np.arange(13.0))[:, None]
         z[[0, 4, 5]] = np.nan
-        found = smoothing.smooth(model, records.filter_record(model, z))
+        found = smooth(model, kalman_filter(model, z[1:]))
         assert self.passes(model, z, 1, found.x, found.P)
 
     @staticmethod
@@ -139,7 +141,7 @@ class TestEnsembles:
         truth = replace(model, P0=factor * model.P0, Qd=factor * model.Qd, R=factor * model.R)
         steps = 150
         stats = montecarlo.monte_carlo(truth, model, steps=steps, runs=1000, seed=seed)
-        plan = kalman.schedule(model, steps)
+        plan = covariances(model, steps)
         pooled = chance.pooled_variance(stats, plan.P_plus, chance.error_correlation(model, plan))
         return [chance.pooled_nis(stats), pooled]
 

@@ -306,7 +306,7 @@ class TestRun:
         """The number of workers changes no byte of a report, nor the order of the summary."""
         values = labs.parameters([TASK07], {})["task07"]
         jobs = [(TASK07, values, Experiment(20, 3), tmp_path / place) for place in ("first", "second")]
-        done = list(cli.labs._run_all(jobs, together=2))
+        done = list(cli.labs.run_all(jobs, together=2))
         assert [summary["failed"] for summary in done] == [[], []]
         for place in ("first", "second"):
             assert files(tmp_path / place / "task07") == files(once / "task07")
@@ -402,11 +402,11 @@ class TestProgress:
         """It counts labs and passes their summaries on."""
         terminal = self.Terminal()
         monkeypatch.setattr(sys, "stderr", terminal)
-        assert list(cli.labs._progress(iter([{"lab": "a"}, {"lab": "b"}]), 2)) == [{"lab": "a"}, {"lab": "b"}]
+        assert list(cli.labs.progressing(iter([{"lab": "a"}, {"lab": "b"}]), 2)) == [{"lab": "a"}, {"lab": "b"}]
         assert "/2" in terminal.text
 
     @pytest.mark.parametrize("total", [1, 2])
     def test_nothing_elsewhere(self, capsys, total):
         """In a file or a pipe there is no bar."""
-        assert len(list(cli.labs._progress(iter([{}] * total), total))) == total
+        assert len(list(cli.labs.progressing(iter([{}] * total), total))) == total
         assert capsys.readouterr().err == ""

@@ -14,6 +14,7 @@ import pytest
 from ctlabs import cli
 from ctlabs.files import modelfile
 from ctlabs.reporting import render
+from ctlabs.studies import filtering
 from tests.nile import FLOW
 from tests.test_cli import Console, files
 from tests.test_studies import GAPS, NILE
@@ -171,7 +172,7 @@ REFUSED = [
     (["filter", "none.toml", "flow.csv"], r"none\.toml: expected a file that can be read, received: No such file.*"),
     (["filter", "nile.toml", "none.csv"], r"none\.csv: expected a file that can be read, received: No such file.*"),
     (["filter", "nile.toml", "nile.toml"], r"nile\.toml: line 1: expected the column flow and optionally t, received .*"),
-    (["filter", "nile.toml", "flow.csv", "--algorithm", "kalman"], r"form: expected one of conventional, .*, received 'kalman'"),
+    (["filter", "nile.toml", "flow.csv", "--algorithm", "kalman"], r"algorithm: expected one of auto, .*, received 'kalman'"),
     (["filter", "nile.toml", "flow.csv", "--design", "none.toml"], r"none\.toml: expected a file .*"),
     (["filter", "nile.toml", "flow.csv", "--export", "gains.txt"], r"--export gains\.txt: expected a name that ends .*"),
     (["filter", "nile.toml", "flow.csv", "--export", "no/gains.h"], r"--export no.gains\.h: expected a new file in a folder .*"),
@@ -275,7 +276,11 @@ class TestRefusals:
         def interrupted(*_arguments):
             raise KeyboardInterrupt
 
-        for place in ("ctlabs.filtering.steady.solve", "ctlabs.reporting.render.markdown", "ctlabs.reporting.render._swap"):
+        for place in (
+            "ctlabs.filtering.steady.solve",
+            "ctlabs.reporting.render.markdown",
+            "ctlabs.reporting.render._swap",
+        ):
             with monkeypatch.context() as patch:
                 patch.setattr(place, interrupted)
                 assert ctlabs("analyse", "nile.toml", "--set", "q=1") == 130
@@ -283,10 +288,12 @@ class TestRefusals:
 
     def test_a_failed_check_is_exit_1_and_named(self, ctlabs, tmp_path, plain, monkeypatch):
         """Here the two routes to the estimates are torn apart by 5 % in the data of one."""
-        from ctlabs.filtering import kalman
+        right = filtering.kalman_filter
 
-        filter_runs = kalman.filter_runs
-        monkeypatch.setattr(kalman, "filter_runs", lambda model, z, **more: filter_runs(model, 1.05 * z, **more))
+        def torn(model, z, **more):
+            return right(model, 1.05 * z if more.get("algorithm") == "filterpy" else z, **more)
+
+        monkeypatch.setattr(filtering, "kalman_filter", torn)
         assert ctlabs("filter", "nile.toml", "flow.csv") == 1
         assert ctlabs.err == "failed: estimates\n"
         assert (tmp_path / "nile" / "report.html").is_file()
@@ -320,7 +327,7 @@ class TestHelp:
         import subprocess
 
         code = (
-            "import sys; from ctlabs.cli import cli; import ctlabs.labs; ctlabs.labs.catalogue(); print(*sys.modules)"
+            "import sys; from ctlabs.cli import cli; from ctlabs.labs.catalogue import catalogue; catalogue(); print(*sys.modules)"
         )
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
         assert (

@@ -7,7 +7,8 @@ import pytest
 from scipy import stats
 
 from ctlabs.analysis import diagnosis
-from ctlabs.filtering import algorithms, records
+from ctlabs.filtering import kalman_filter, log_likelihood
+from ctlabs.filtering.engines import compiled
 from ctlabs.models import DiscreteModel
 from tests import nile
 from tests.reference import EXACT, at
@@ -33,7 +34,7 @@ def tracked():
 
 def judged(model, truth, seed, steps=STEPS, gaps=0.0, first=1, level=0.01):
     z = record(truth, steps, np.random.default_rng(seed), gaps, first)
-    return diagnosis.diagnose(model, records.filter_record(model, z, first), z, first, level=level)
+    return diagnosis.diagnose(model, z[first:], first=first, level=level)
 
 
 def hum(seed, steps=STEPS):
@@ -42,7 +43,7 @@ def hum(seed, steps=STEPS):
     noise = np.zeros(steps + 1)
     for k in range(2, steps + 1):
         noise[k] = 1.2 * noise[k - 1] - 0.7 * noise[k - 2] + rng.normal()
-    return (3 * rng.normal() + np.cumsum(rng.normal(size=steps + 1)) + noise)[:, None]
+    return (3 * rng.normal() + np.cumsum(rng.normal(size=steps + 1)) + noise)[1:, None]
 
 
 class TestCalibration:
@@ -56,10 +57,10 @@ class TestCalibration:
         """Kolmogorov's distance of the p-values of NIS, mean and independence over an ensemble, at 1e-6."""
         found = []
         for seed in range(400):
-            z = record(level(), 60, np.random.default_rng(seed), 0.2)
-            run = records.filter_record(level(), z)
+            z = record(level(), 60, np.random.default_rng(seed), 0.2)[1:]
+            run = kalman_filter(level(), z)
             own = diagnosis.innovations(run.innovation, run.S, run.nis)
-            found.append(list(diagnosis._tests(level(), own).values()))
+            found.append(list(diagnosis.p_values(level(), own).values()))
         for column in np.array(found).T:
             assert stats.kstest(column, "uniform").pvalue > 1e-6
 
@@ -116,8 +117,8 @@ class TestFaults:
     def test_a_biased_sensor_is_named(self):
         """One of two sensors reads 3 too much: the other one gives it away."""
         truth = tracked()
-        z = record(truth, STEPS, np.random.default_rng(5)) + np.array([0.0, 3.0])
-        found = diagnosis.diagnose(truth, records.filter_record(truth, z), z)
+        z = record(truth, STEPS, np.random.default_rng(5))[1:] + np.array([0.0, 3.0])
+        found = diagnosis.diagnose(truth, z)
         assert found.verdict == "bias"
         assert "z2 has a bias of about 3" in found.suggestion.replace("3.0", "3")
 
@@ -125,7 +126,7 @@ class TestFaults:
         """R and Qd cannot explain it, whatever they are: something is missing in the model."""
         z = hum(3)
         model = level(r=0.2)
-        found = diagnosis.diagnose(model, records.filter_record(model, z), z)
+        found = diagnosis.diagnose(model, z)
         assert found.verdict == "correlated"
         assert "a state or a coloured noise is missing" in found.suggestion
         assert "also after the most likely change" in found.suggestion
@@ -138,7 +139,7 @@ class TestFaults:
         e = np.zeros(401)
         for k in range(1, 401):
             e[k] = -0.5 * e[k - 1] + np.sqrt(2 * 0.75) * rng.normal()
-        found = diagnosis.diagnose(model, records.filter_record(model, e[:, None]), e[:, None])
+        found = diagnosis.diagnose(model, e[1:, None])
         assert found.verdict == "correlated"
         assert (
             found.suggestion
@@ -150,18 +151,18 @@ class TestFaults:
         """At Durbin & Koopman's variances nothing speaks against the model; with a tenth of R something does."""
         model = DiscreteModel([[1]], [[nile.Q]], [[1]], [[nile.R]], x0=[1000], P0=[[1e6]])
         z = nile.FLOW[:, None]
-        found = diagnosis.diagnose(model, records.filter_record(model, z, 0), z, 0)
+        found = diagnosis.diagnose(model, z, first=0)
         assert found.suggestion == "nothing speaks against the model"
         assert found.ok
         assert found.factor_R == pytest.approx(1.0, abs=0.05)
         wrong = replace(model, R=[[nile.R / 10]])
-        assert not diagnosis.diagnose(wrong, records.filter_record(wrong, z, 0), z, 0).ok
+        assert not diagnosis.diagnose(wrong, z, first=0).ok
 
     def test_a_record_that_nothing_explains_is_called_so(self):
         """Six perfect measurements, all of them two standard deviations off: too much together, too little for a bias."""
         model = DiscreteModel(np.eye(6), np.zeros((6, 6)), np.eye(6), np.zeros((6, 6)), x0=np.zeros(6), P0=np.eye(6))
         z = np.full((4, 6), 2.0)
-        found = diagnosis.diagnose(model, records.filter_record(model, z, 0), z, 0)
+        found = diagnosis.diagnose(model, z, first=0)
         assert found.nis_mean == pytest.approx(24.0)
         assert found.verdict == "other"
         assert found.suggestion.startswith("the record does not fit the model (NIS: p = ")
@@ -171,9 +172,9 @@ class TestNumbers:
     def test_the_nis_and_its_band_are_those_of_chi_squared(self):
         """From ν and S of another form: mean per instant, exact quantiles of χ² for all elements together, gaps left out."""
         model = tracked()
-        z = record(model, 50, np.random.default_rng(2), 0.3)
-        found = diagnosis.diagnose(model, algorithms.run(model, z, "ud"), z)
-        run = records.filter_record(model, z)
+        z = record(model, 50, np.random.default_rng(2), 0.3)[1:]
+        found = diagnosis.diagnose(model, kalman_filter(model, z, algorithm="ud"))
+        run = kalman_filter(model, z)
         total = 0.0
         for nu, S in zip(run.innovation, run.S, strict=True):
             used = np.isfinite(nu)
@@ -188,20 +189,20 @@ class TestNumbers:
     def test_of_a_long_record_so_many_rows_are_looked_at(self, R):
         """As if there were no others; and all, where it is no longer."""
         model = replace(level(), R=R)
-        z = record(model, 150, np.random.default_rng(5), 0.1)
-        whole, part = records.filter_record(model, z), records.filter_record(model.cut(80), z[:81])
-        short = diagnosis.diagnose(model.cut(80), part, z[:81])
-        assert diagnosis.diagnose(model, whole, z, longest=81).tests == short.tests
-        every = diagnosis.diagnose(model, whole, z)
-        assert diagnosis.diagnose(model, whole, z, longest=500).tests == every.tests != short.tests
+        z = record(model, 150, np.random.default_rng(5), 0.1)[1:]
+        whole, part = kalman_filter(model, z), kalman_filter(model.cut(80), z[:80])
+        short = diagnosis.diagnose(model.cut(80), part)
+        assert diagnosis.diagnose(model, whole, longest=80).tests == short.tests
+        every = diagnosis.diagnose(model, whole)
+        assert diagnosis.diagnose(model, whole, longest=500).tests == every.tests != short.tests
 
     def test_the_factors_maximise_the_likelihood(self):
         """5 % beside them the record is less likely."""
-        model, z = level(), record(level(q=3.0, r=1.0), 80, np.random.default_rng(0))
-        found = diagnosis.diagnose(model, records.filter_record(model, z), z)
+        model, z = level(), record(level(q=3.0, r=1.0), 80, np.random.default_rng(0))[1:]
+        found = diagnosis.diagnose(model, z)
 
         def likelihood(a, b):
-            return records.log_likelihood(level(b * 1.0, a * 2.0), z)
+            return log_likelihood(level(b * 1.0, a * 2.0), z)
 
         a, b = found.factors
         assert likelihood(found.factor_R, 1) > max(likelihood(found.factor_R * s, 1) for s in (0.95, 1.05))
@@ -212,7 +213,7 @@ class TestNumbers:
         """White measurements of a constant bias: its mean, gained N·mean²/r, with the probability of that."""
         model = DiscreteModel([[0]], [[0]], [[1]], [[4]], x0=[0], P0=[[0]])
         z = 1.5 + 2 * np.random.default_rng(1).normal(size=(51, 1))
-        (bias,) = [c for c in diagnosis._constants(model, z, 1) if c.kind == "bias"]
+        (bias,) = [c for c in diagnosis.constants(model, z, 1) if c.kind == "bias"]
         mean = z[1:].mean()
         assert bias.size[0] == pytest.approx(mean, rel=1e-9)
         assert bias.gain == pytest.approx(50 * mean**2 / 4, rel=1e-9)
@@ -223,7 +224,7 @@ class TestNumbers:
         model = DiscreteModel(np.eye(2), np.zeros((2, 2)), [[1, 0]], [[1.0]], x0=[0, 0], P0=np.zeros((2, 2)))
         k = np.arange(31)
         z = (0.2 * k + np.random.default_rng(0).normal(size=31))[:, None]
-        found = {(c.kind, c.place): c for c in diagnosis._constants(model, z, 1)}
+        found = {(c.kind, c.place): c for c in diagnosis.constants(model, z, 1)}
         assert set(found) == {("input", 0), ("bias", 0)}
         slope = k[1:] @ z[1:, 0] / (k @ k)
         assert found["input", 0].size[0] == pytest.approx(slope, rel=1e-9)
@@ -288,8 +289,8 @@ class TestWhatIsAbsent:
     def test_without_either_the_other_tests_remain(self):
         """Qd = 0 and R = 0: one draw of x0 is all there is."""
         model = DiscreteModel([[1]], [[0]], [[1]], [[0]], x0=[0], P0=[[1]])
-        z = np.full((4, 1), 0.3)
-        found = diagnosis.diagnose(model, records.filter_record(model, z), z)
+        z = np.full((3, 1), 0.3)
+        found = diagnosis.diagnose(model, z)
         assert found.factor_R is None is found.factor_Q
         assert found.ok
         assert "so few innovations, 1, could hardly" in found.suggestion
@@ -297,11 +298,11 @@ class TestWhatIsAbsent:
     def test_one_run_with_an_axis_for_runs_is_a_record(self):
         """Innovations (steps+1, m, 1) are taken as (steps+1, m)."""
         model = level()
-        z = record(model, 30, np.random.default_rng(0))
-        wide = algorithms.run(model, z[:, :, None], "joseph")
-        flat = records.filter_record(model, z)
-        assert diagnosis.diagnose(model, wide, z).tests == pytest.approx(
-            diagnosis.diagnose(model, flat, z).tests, rel=1e-6
+        z = record(model, 30, np.random.default_rng(0))[1:]
+        wide = kalman_filter(model, z[:, :, None], algorithm="joseph")
+        flat = kalman_filter(model, z)
+        assert diagnosis.diagnose(model, wide).tests == pytest.approx(
+            diagnosis.diagnose(model, flat).tests, rel=1e-6
         )
 
     def test_matrices_that_vary_are_scaled_as_they_are(self):
@@ -318,36 +319,36 @@ class TestRefusals:
     def test_several_runs_and_other_shapes_are_refused(self):
         """A diagnosis is of one record."""
         model = level()
-        z = record(model, 30, np.random.default_rng(0))
+        z = record(model, 30, np.random.default_rng(0))[1:]
         both = np.stack([z, z], axis=2)
         with pytest.raises(
-            ValueError, match=r"z: expected one record \(steps\+1, 1\), filtered, received \(31, 1, 2\)"
+            ValueError, match=r"z: expected one record of a linear model, \(rows, m\), received DiscreteModel and shape \(31, 1, 2\)"
         ):
-            diagnosis.diagnose(model, algorithms.run(model, both, "joseph"), both)
-        with pytest.raises(ValueError, match=r"received \(30, 1\) and innovations \(31, 1\)"):
-            diagnosis.diagnose(model, records.filter_record(model, z), z[:-1])
+            diagnosis.diagnose(model, both)
+        with pytest.raises(ValueError, match=r"filtered: expected a record of a model with n, m = \(1, 1\), received one with \(2, 2\)"):
+            diagnosis.diagnose(model, kalman_filter(tracked(), np.ones((5, 2))))
 
     def test_a_record_without_measurements_is_refused(self):
         """Nothing was measured."""
         z = np.full((5, 1), np.nan)
         with pytest.raises(ValueError, match="expected at least one measurement that enters the filter, received none"):
-            diagnosis.diagnose(level(), records.filter_record(level(), z), z)
+            diagnosis.diagnose(level(), z)
 
     @pytest.mark.parametrize("probability", [0.0, 1.0, -1])
     def test_a_level_is_a_probability(self, probability):
         """Strictly between 0 and 1."""
-        z = record(level(), 30, np.random.default_rng(0))
+        z = record(level(), 30, np.random.default_rng(0))[1:]
         with pytest.raises(ValueError, match="level: expected a probability between 0 and 1"):
-            diagnosis.diagnose(level(), records.filter_record(level(), z), z, level=probability)
+            diagnosis.diagnose(level(), z, level=probability)
 
 
 @pytest.mark.parametrize(("a", "b"), [(1.0, 1.0), (5.0, 1.0), (9.0, 9.0)])
 def test_a_verdict_takes_few_likelihoods(a, b, monkeypatch):
     """It filters the record some hundred times, so that long records can be judged."""
     model, calls = tracked(), []
-    z = record(diagnosis._scaled(model, a, b), 400, np.random.default_rng(0))
-    own = records.log_likelihood
-    monkeypatch.setattr(records, "log_likelihood", lambda *given: calls.append(0) or own(*given))
-    found = diagnosis.diagnose(model, records.filter_record(model, z), z)
+    z = record(diagnosis.scaled(model, a, b), 400, np.random.default_rng(0))[1:]
+    own = compiled.log_likelihood
+    monkeypatch.setattr(compiled, "log_likelihood", lambda *given: calls.append(0) or own(*given))
+    found = diagnosis.diagnose(model, z)
     assert found.factors == pytest.approx((a, b), rel=0.5)
     assert 20 < len(calls) < 200

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from ctlabs import montecarlo
-from ctlabs.filtering import kalman
-from ctlabs.labs.experiment import Experiment
+from ctlabs.labs.experiment import Experiment, filtered
 from ctlabs.models import DiscreteModel
 from tests.reference import EXACT, close
 
@@ -36,7 +35,7 @@ def test_the_same_seed_gives_the_same_numbers():
 
 def test_seeds_of_streams_do_not_meet():
     """Stream 1 of seed 1 is neither seed 2 nor stream 0 of any seed nearby."""
-    seeds = {Experiment(1, seed)._seed(stream) for seed in range(50) for stream in range(20)}
+    seeds = {Experiment(1, seed).seed_of(stream) for seed in range(50) for stream in range(20)}
     assert len(seeds) == 1000
 
 
@@ -44,7 +43,7 @@ def test_filters_are_compared_on_the_same_data():
     """Two designs get the same truth and measurements: with equal designs the statistics are equal."""
     experiment = Experiment(30, 4)
     optimal, other = (experiment.histories(TRUTH, design, steps=6, runs=5) for design in (None, DESIGN))
-    assert np.array_equal(optimal.x, other.x)
+    assert np.array_equal(optimal.truth, other.truth)
     assert np.array_equal(optimal.z, other.z, equal_nan=True)
     assert not np.isclose(optimal.x_plus[1:], other.x_plus[1:]).any()
     assert np.array_equal(experiment.statistics(TRUTH, TRUTH, steps=6).rms, experiment.statistics(TRUTH, steps=6).rms)
@@ -53,10 +52,10 @@ def test_filters_are_compared_on_the_same_data():
 def test_histories_are_the_filter_of_the_design_on_data_of_the_truth():
     """The estimates are those that the filter makes of the measurements shown."""
     found = Experiment(30, 4).histories(TRUTH, DESIGN, steps=6, runs=5)
-    again = kalman.filter_runs(DESIGN, found.z)
-    assert found.x.shape == (7, 1, 5)
+    again = filtered(DESIGN, found.z[1:])
+    assert found.truth.shape == (7, 1, 5)
     assert np.array_equal(found.x_plus, again.x_plus)
-    assert close(found.error("plus"), again.x_plus - found.x, EXACT)
+    assert close(found.error("plus"), again.x_plus - found.truth, EXACT)
 
 
 @pytest.mark.parametrize("first", [0, 1])
@@ -65,7 +64,7 @@ def test_histories_begin_to_measure_where_asked(first):
     found = Experiment(30, 4).histories(TRUTH, steps=6, runs=5, first=first)
     assert np.isnan(found.z[0]).all() == bool(first)
     assert not np.isnan(found.z[1:]).any()
-    assert (found.schedule.K[0] == 0).all() == bool(first)
+    assert (found.K[0] == 0).all() == bool(first)
 
 
 def test_histories_and_statistics_are_of_the_same_runs():
@@ -78,14 +77,14 @@ def test_histories_and_statistics_are_of_the_same_runs():
 def test_options_are_passed_to_the_experiment(monkeypatch):
     """Workers and checkpoints are the caller's business, steps and design the lab's."""
     calls = []
-    monkeypatch.setattr(montecarlo, "run", lambda *arguments, **named: calls.append((arguments, named)))
+    monkeypatch.setattr(montecarlo, "monte_carlo", lambda *arguments, **named: calls.append((arguments, named)))
     experiment = Experiment(30, 4, workers=2, checkpoint=Path("kept"))
     experiment.statistics(TRUTH, DESIGN, steps=6, first=0)
     experiment.statistics(TRUTH, steps=6)
-    common = {"steps": 6, "runs": 30, "seed": experiment._seed(0), "executor": None, "workers": 2}
+    common = {"steps": 6, "runs": 30, "seed": experiment.seed_of(0), "executor": None, "workers": 2}
     assert calls == [
-        ((TRUTH, DESIGN), {**common, "checkpoint": Path("kept/000"), "first": 0}),
-        ((TRUTH, None), {**common, "checkpoint": Path("kept/001")}),
+        ((TRUTH, DESIGN), {**common, "checkpoint": Path("kept/000"), "first": 0, "algorithm": "filterpy"}),
+        ((TRUTH, None), {**common, "checkpoint": Path("kept/001"), "algorithm": "filterpy"}),
     ]
 
 

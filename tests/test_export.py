@@ -11,7 +11,8 @@ import pytest
 from scipy.io import loadmat
 
 from ctlabs.files import export
-from ctlabs.filtering import kalman, steady
+from ctlabs.filtering import steady
+from ctlabs.labs.experiment import covariances
 from ctlabs.models import ContinuousModel, DiscreteModel
 
 MODEL = DiscreteModel(
@@ -32,8 +33,8 @@ CASES = {
     "steady": lambda: (MODEL, steady.solve(MODEL)),
     "correlated": lambda: (N, steady.solve(N)),
     "absent": lambda: (GONE, steady.solve(GONE)),
-    "schedule": lambda: (MODEL, kalman.schedule(MODEL, 4)),
-    "varying": lambda: (VARYING, kalman.schedule(VARYING, 3, first=0)),
+    "schedule": lambda: (MODEL, covariances(MODEL, 4)),
+    "varying": lambda: (VARYING, covariances(VARYING, 3, first=0)),
     "hostile": lambda: (HOSTILE, steady.solve(HOSTILE)),
 }
 
@@ -45,8 +46,9 @@ def case(request):
 
 def expected(model, result):
     """What a file must hold."""
-    found = {name: getattr(model, name) for name in ("Phi", "Qd", "H", "R", "N", "offset", "x0", "P0", "dt")}
-    found |= {name: getattr(result, name) for name in result.__slots__}
+    names = ("Phi", "Qd", "H", "R", "N", "B", "D", "offset", "measurement_offset", "x0", "P0", "dt")
+    found = {name: getattr(model, name) for name in names}
+    found |= {name: getattr(result, name) for name in result.__slots__ if name != "algorithm"}
     return {name: np.asarray(value) for name, value in found.items() if value is not None}
 
 
@@ -83,7 +85,7 @@ class TestMatlab:
         for name, value in expected(model, result).items():
             if value.ndim == 3:
                 assert same(file[name], np.moveaxis(value, 0, -1)), name
-            elif value.ndim == 2 and name in ("offset", "measured"):
+            elif value.ndim == 2 and name in ("offset", "used"):
                 assert same(file[name], value.T), name
             else:
                 assert same(file[name], value.reshape(-1, 1) if value.ndim < 2 else value), name
@@ -114,7 +116,7 @@ class TestHeader:
 
     def test_dimensions_equations_names_and_units_are_there(self, tmp_path):
         """A reader needs no other file."""
-        text = export.write(MODEL, kalman.schedule(MODEL, 4), tmp_path / "track.h").read_text(encoding="utf-8")
+        text = export.write(MODEL, covariances(MODEL, 4), tmp_path / "track.h").read_text(encoding="utf-8")
         assert "#ifndef CTLABS_TRACK_H\n#define CTLABS_TRACK_H" in text
         assert "static const double track_K[5][2][2] = " in text
         assert "#define track_steps 4" in text
@@ -203,7 +205,7 @@ class TestFiles:
             ValueError, match=r"result: expected gains of shape \(2, 2\) as the model's, received \(1, 1\)"
         ):
             export.write(MODEL, steady.solve(other), tmp_path / "gains.h")
-        with pytest.raises(TypeError, match="result: expected a SteadyState or a Schedule, received a ndarray"):
+        with pytest.raises(TypeError, match="result: expected a SteadyState or Covariances, received a ndarray"):
             export.write(MODEL, np.eye(2), tmp_path / "gains.h")
         continuous = ContinuousModel([[0]], [[1]], [[1]], [[1]], P0=[[1]])
         with pytest.raises(TypeError, match="model: expected a DiscreteModel"):

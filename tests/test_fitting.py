@@ -7,7 +7,7 @@ import pytest
 from scipy import optimize, stats
 
 from ctlabs.analysis import fitting
-from ctlabs.filtering import records
+from ctlabs.filtering import log_likelihood
 from ctlabs.models import DiscreteModel
 from tests import nile, reference
 from tests.reference import EXACT, SOLVER, close
@@ -130,11 +130,11 @@ class TestProfiles:
         for i in (1, 8, 20):
 
             def loss(log_r, q=values[i]):
-                return -records.log_likelihood(level({"q": q, "r": np.exp(log_r)}), nile.FLOW[:, None], 0)
+                return -log_likelihood(level({"q": q, "r": np.exp(log_r)}), nile.FLOW[:, None], 0)
 
             best = optimize.minimize_scalar(loss, bounds=(7, 12), method="bounded", options={"xatol": 1e-9})
             assert likelihood[i] == pytest.approx(-best.fun, abs=1e-6)
-            fixed = records.log_likelihood(level({"q": values[i], "r": flow().estimates["r"]}), nile.FLOW[:, None], 0)
+            fixed = log_likelihood(level({"q": values[i], "r": flow().estimates["r"]}), nile.FLOW[:, None], 0)
             assert likelihood[i] > fixed + 1e-4
 
     def test_the_interval_ends_where_the_profile_has_fallen_by_half_the_quantile(self):
@@ -145,7 +145,7 @@ class TestProfiles:
                 other = "r" if name == "q" else "q"
 
                 def loss(log_other, end=end, name=name, other=other):
-                    return -records.log_likelihood(level({name: end, other: np.exp(log_other)}), nile.FLOW[:, None], 0)
+                    return -log_likelihood(level({name: end, other: np.exp(log_other)}), nile.FLOW[:, None], 0)
 
                 best = optimize.minimize_scalar(loss, bounds=(0, 15), method="bounded", options={"xatol": 1e-9})
                 drop = flow().log_likelihood + best.fun
@@ -164,9 +164,9 @@ class TestProfiles:
 class TestAccuracy:
     def test_mean_and_variance_have_their_classical_errors(self):
         """The mean's is √(r/N), the variance's r√(2/N), and they are uncorrelated."""
-        z = 4.0 + 3.0 * np.random.default_rng(8).normal(size=(51, 1))
+        z = 4.0 + 3.0 * np.random.default_rng(8).normal(size=(51, 1))[1:]
         found = fitting.fit(scatter, z, {"mu": 1.0, "r": 2.0}, {"r": (0, None)}, profiles=False)
-        N, sample = 50, z[1:, 0]
+        N, sample = 50, z[:, 0]
         r = sample.var()
         assert found.estimates == {"mu": pytest.approx(sample.mean(), rel=1e-7), "r": pytest.approx(r, rel=1e-7)}
         assert close(found.covariance, np.diag([r / N, 2 * r**2 / N]), 1e-7)
@@ -176,9 +176,9 @@ class TestAccuracy:
 
     def test_the_profile_interval_of_a_variance_is_that_of_the_exact_likelihood(self):
         """Its ends solve ln(s²/r) − s²/r + 1 = −χ²/N, whatever s²."""
-        z = 3.0 * np.random.default_rng(5).normal(size=(31, 1))
+        z = 3.0 * np.random.default_rng(5).normal(size=(31, 1))[1:]
         found = fitting.fit(scatter, z, {"r": 1.0}, {"r": (0, None)})
-        s2 = float((z[1:] ** 2).mean())
+        s2 = float((z**2).mean())
         for end in found.intervals["r"]:
             assert np.log(s2 / end) - s2 / end + 1 == pytest.approx(-stats.chi2.ppf(0.95, 1) / 30, rel=1e-5)
 
@@ -193,7 +193,7 @@ class TestAccuracy:
         def build(c):
             return DiscreteModel([[c["a"]]], [[c["q"]]], [[1]], [[0]], x0=[0], P0=[[0]])
 
-        found = fitting.fit(build, z, {"a": 0.5, "q": 1.0}, {"a": (-1, 1), "q": (0, None)}, profiles=False, starts=0)
+        found = fitting.fit(build, z[1:], {"a": 0.5, "q": 1.0}, {"a": (-1, 1), "q": (0, None)}, profiles=False, starts=0)
         before, after = z[:-1, 0], z[1:, 0]
         a = before @ after / (before @ before)
         q = ((after - a * before) ** 2).mean()
@@ -205,7 +205,7 @@ class TestAccuracy:
         truth, within, halved, below, runs = {"q": 1.0, "r": 2.0}, 0, 0, 0, 100
         model = level(truth, P0=1.0)
         for seed in range(runs):
-            z = record(model, 200, np.random.default_rng(seed))
+            z = record(model, 200, np.random.default_rng(seed))[1:]
             found = fitting.fit(lambda c: level(c, P0=1.0), z, truth, POSITIVE, profiles=False, starts=0)
             deviation = abs(found.estimates["r"] - 2.0) / found.standard_errors["r"]
             within, halved = within + (deviation < 1.96), halved + (deviation < 0.98)
@@ -245,15 +245,15 @@ class TestBounds:
 
     def test_perfect_measurements_that_contradict_the_model_are_not_likely(self):
         """A constant measured several times: r = 0 would leave the filter one measurement and drop the others."""
-        z = np.array([0.0, 1.0, 1.4, 0.7, 1.1])[:, None]
+        z = np.array([1.0, 1.4, 0.7, 1.1])[:, None]
         found = fitting.fit(lambda c: level({**c, "q": 0.0}), z, {"r": 1.0}, {"r": (0, None)})
         assert found.estimates["r"] > 0.05
         assert found.observations == 4
 
     def test_an_estimate_beside_its_bound_says_so(self):
         """The maximum lies inside, but nearer to the bound than its error can be told."""
-        z = 3.0 * np.random.default_rng(5).normal(size=(31, 1))
-        best = float((z[1:] ** 2).mean())
+        z = 3.0 * np.random.default_rng(5).normal(size=(31, 1))[1:]
+        best = float((z**2).mean())
         found = fitting.fit(scatter, z, {"r": 2 * best}, {"r": (best * (1 - 1e-4), None)}, profiles=False)
         assert found.estimates["r"] == pytest.approx(best, rel=1e-6)
         assert found.standard_errors["r"] is None
@@ -261,7 +261,7 @@ class TestBounds:
 
     def test_an_edge_that_is_no_bound_is_no_maximum(self):
         """Variances below 20 make no model, and nobody said so: the search ends there without a claim."""
-        z = 3.0 * np.random.default_rng(5).normal(size=(31, 1))
+        z = 3.0 * np.random.default_rng(5).normal(size=(31, 1))[1:]
 
         def build(c):
             if c["r"] < 20.0:
@@ -305,7 +305,7 @@ class TestWhatTheRecordDoesNotTell:
     def test_a_frequency_is_found_from_a_wrong_start(self):
         """The likelihood of a frequency has many peaks: the search from several starts takes the highest."""
         w, k = 0.8, np.arange(81)
-        z = (np.sin(w * k) + 0.3 * np.random.default_rng(1).normal(size=81))[:, None]
+        z = (np.sin(w * k) + 0.3 * np.random.default_rng(1).normal(size=81))[1:, None]
 
         def build(c):
             cos, sin = np.cos(c["w"]), np.sin(c["w"])
@@ -318,8 +318,8 @@ class TestWhatTheRecordDoesNotTell:
 
     def test_a_higher_maximum_met_on_a_profile_is_climbed(self):
         """From the lower of two peaks, 0.1 below the other one, its own interval leads across the valley."""
-        z = np.random.default_rng(5).normal(size=(31, 1))
-        best = float((z[1:] ** 2).mean())
+        z = np.random.default_rng(5).normal(size=(31, 1))[1:]
+        best = float((z**2).mean())
 
         def build(c):
             a = c["a"]
@@ -356,7 +356,7 @@ class TestRefusals:
     def test_data_that_do_not_fit_are_refused_with_the_reason(self):
         """The filter's own message is passed on."""
         with pytest.raises(
-            ValueError, match=r"start: expected constants .*z: expected shape \(steps\+1, 1\), received \(50, 2\)"
+            ValueError, match=r"start: expected constants .*z: expected shape \(rows, 1\) or \(rows, 1, runs\), received \(50, 2\)"
         ):
             fitting.fit(level, np.zeros((50, 2)), {"q": 1.0, "r": 1.0})
 
@@ -371,7 +371,7 @@ class TestRefusals:
 
     def test_an_invalid_region_met_on_the_way_is_avoided(self):
         """Without bounds the search steps into negative variances, and comes back."""
-        z = walk(60, 0.5, 4.0, seed=4)
+        z = walk(60, 0.5, 4.0, seed=4)[1:]
         free = fitting.fit(lambda c: level(c, 1.0), z, {"q": 0.01, "r": 30.0}, profiles=False)
         held = fitting.fit(lambda c: level(c, 1.0), z, {"q": 0.01, "r": 30.0}, POSITIVE, profiles=False)
         assert free.log_likelihood == pytest.approx(held.log_likelihood, abs=1e-6)
@@ -393,6 +393,6 @@ def test_the_estimates_alone_are_those_of_the_whole_fit(start):
     whole = flow()
     assert top == pytest.approx(whole.log_likelihood, abs=1e-4)
     assert all(abs(found[name] - whole.estimates[name]) < 0.01 * whole.standard_errors[name] for name in found)
-    z = np.random.default_rng(3).normal(size=(200, 1))
+    z = np.random.default_rng(3).normal(size=(200, 1))[1:]
     on_bound, _top = fitting.most_likely(lambda c: level({"q": c["q"], "r": 1.0}), z, {"q": 1.0}, {"q": (0, None)})
     assert 0.0 <= on_bound["q"] < 1e-6

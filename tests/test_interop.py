@@ -15,7 +15,8 @@ from hypothesis import given, settings
 from numpy.typing import NDArray
 
 from ctlabs.analysis import sensitivity
-from ctlabs.filtering import bucy, kalman
+from ctlabs.filtering import bucy, kalman_filter
+from ctlabs.labs.experiment import covariances
 from ctlabs.models import ContinuousModel, DiscreteModel, interop, shaping
 from tests.cases import numerics
 from tests.reference import EXACT, SOLVER, broken, close
@@ -154,7 +155,8 @@ def test_the_response_is_the_ratio_of_the_polynomials(
     with mpmath.workdps(60):
         for w in 10.0 ** rng.uniform(-decades / n - 1, decades / n + 1, size=4):
             x = mpmath.lu_solve(
-                mpmath.mpc(0, w) * mpmath.eye(n) - mpmath.matrix(model.F.tolist()), mpmath.matrix(model.G[:, 0].tolist())
+                mpmath.mpc(0, w) * mpmath.eye(n) - mpmath.matrix(model.F.tolist()),
+                mpmath.matrix(model.G[:, 0].tolist()),
             )
             found = mpmath.fsum(mpmath.mpf(h) * v for h, v in zip(model.H[0].tolist(), x, strict=True)) + D
             top, bottom = (mpmath.polyval(p.tolist(), mpmath.mpc(0, w)) for p in (num, den))
@@ -311,15 +313,15 @@ def test_models_that_are_no_system_are_refused() -> None:
 @given(discrete_models(varying=False, correlated=False, offset=False))
 @settings(max_examples=20)
 def test_filterpy_runs_the_exported_filter_as_ctlabs_does(model: DiscreteModel) -> None:
-    """A loop over predict and update gives the estimates and covariances of kalman.filter_runs."""
+    """A loop over predict and update gives the estimates and covariances of kalman_filter."""
     z = record(model, 6, np.random.default_rng(5))
-    expected = kalman.filter_runs(model, z)
+    expected = kalman_filter(model, z[1:])
     kf = interop.to_filterpy(model)
     for k in range(1, 7):
         kf.predict()
         kf.update(z[k][:, None])
-        assert close(kf.x[:, 0], expected.x_plus[k, :, 0], SOLVER)
-        assert close(kf.P, expected.schedule.P_plus[k], SOLVER)
+        assert close(kf.x[:, 0], expected.x_plus[k], SOLVER)
+        assert close(kf.P, expected.P_plus[k], SOLVER)
 
 
 def test_the_exported_filter_is_a_copy() -> None:
@@ -355,12 +357,12 @@ NAMED: dict[str, Any] = {"states": ["x", "v"], "measurements": ["range"]}
 
 def test_a_schedule_is_a_table_with_a_row_per_step() -> None:
     """Covariances by their upper triangle, gains by state and measurement, numbers unchanged."""
-    plan = kalman.schedule(TWO, 5)
+    plan = covariances(TWO, 5)
     table = interop.to_dataframe(plan, **NAMED)
     assert list(table.columns) == [
         "k", "t",
         "P_minus[x,x]", "P_minus[x,v]", "P_minus[v,v]", "P_plus[x,x]", "P_plus[x,v]", "P_plus[v,v]",
-        "K[x,range]", "K[v,range]", "S[range,range]", "measured[range]",
+        "K[x,range]", "K[v,range]", "S[range,range]", "used[range]",
     ]  # fmt: skip
     assert len(table) == 6
     assert (table["P_plus[x,v]"].to_numpy() == plan.P_plus[:, 0, 1]).all()
@@ -371,16 +373,21 @@ def test_an_ensemble_is_a_table_with_a_row_per_run_and_step() -> None:
     """Every value stands in the row of its run and step; also where runs, steps and states are equally many."""
     rng = np.random.default_rng(6)
     z = np.stack([record(TWO, 2, rng) for _ in range(3)], axis=-1)
-    runs = kalman.filter_runs(TWO, z)
+    runs = kalman_filter(TWO, z[1:])
     table = interop.to_dataframe(runs, **NAMED)
     assert list(table.columns) == [
-        "run", "k", "t", "z[range]", "innovation[range]", "x_minus[x]", "x_minus[v]", "x_plus[x]", "x_plus[v]",
+        "run", "k", "t",
+        "P_minus[x,x]", "P_minus[x,v]", "P_minus[v,v]", "P_plus[x,x]", "P_plus[x,v]", "P_plus[v,v]",
+        "K[x,range]", "K[v,range]", "S[range,range]", "used[range]",
+        "x_minus[x]", "x_minus[v]", "x_plus[x]", "x_plus[v]", "innovation[range]", "nis", "z[range]",
     ]  # fmt: skip
     assert len(table) == 9
     for _, row in table.iterrows():
         run, k = int(row["run"]), int(row["k"])
         assert row["x_plus[v]"] == runs.x_plus[k, 1, run]
         assert row["t"] == runs.t[k]
+        assert row["P_plus[x,v]"] == runs.P_plus[k, 0, 1]
+        assert row["nis"] == runs.nis[k, run] or not k
         assert row["z[range]"] == z[k, 0, run] or np.isnan(z[k, 0, run])
 
 
@@ -397,11 +404,11 @@ def test_a_result_without_time_is_refused() -> None:
     with pytest.raises(TypeError, match="result: expected a result with a time axis t, received a DiscreteModel"):
         interop.to_dataframe(TWO)
     with pytest.raises(ValueError, match="states: expected 2 names"):
-        interop.to_dataframe(kalman.schedule(TWO, 2), states=["x"])
+        interop.to_dataframe(covariances(TWO, 2), states=["x"])
 
 
 def test_without_pandas_the_message_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     """pandas is optional."""
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(ModuleNotFoundError, match="to_dataframe: expected pandas to be installed"):
-        interop.to_dataframe(kalman.schedule(TWO, 2))
+        interop.to_dataframe(covariances(TWO, 2))

@@ -18,8 +18,9 @@ from ctlabs.tasks import task04_wiener_acceleration as lab4
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs.filtering import kalman, steady
+from ctlabs.filtering import steady
 from ctlabs.labs import catalogue as labs
+from ctlabs.labs.experiment import covariances
 from ctlabs.linalg.factors import factor, unit_triangular
 from ctlabs.models import ContinuousModel, kinematics, observability
 from ctlabs.models.discretisation import discretise
@@ -60,10 +61,10 @@ def test_the_constant_and_the_brownian_motion_add_up_to_the_last_state(n: int) -
     whole = discretise(model(n), 0.7, [[2.0]])
     apart = discretise(kinematics.with_constant(model(n)), 0.7, [[2.0]])
     add = np.hstack([np.eye(n), np.eye(n)[:, -1:]])
-    one, two = kalman.schedule(whole, 12), kalman.schedule(apart, 12)
+    one, two = covariances(whole, 12), covariances(apart, 12)
     assert close(add @ two.P_plus @ add.T, one.P_plus, SOLVER)
     assert close(add @ two.K, one.K, SOLVER)
-    wrong = kalman.schedule(replace(apart, Qd=1.05 * apart.Qd), 12)
+    wrong = covariances(replace(apart, Qd=1.05 * apart.Qd), 12)
     assert not close(add @ wrong.P_plus @ add.T, one.P_plus, 1e-4)
 
 
@@ -75,7 +76,7 @@ def test_the_constant_alone_is_not_observable(n: int) -> None:
     assert seen.rank == n
     assert not seen.detectable
     assert close(np.abs(seen.unobservable[:, 0]), [*np.zeros(n - 1), math.sqrt(0.5), math.sqrt(0.5)], EXACT)
-    variance = kalman.schedule(discretise(apart, 1.0, [[1.0]]), 80).P_plus[:, n - 1, n - 1]
+    variance = covariances(discretise(apart, 1.0, [[1.0]]), 80).P_plus[:, n - 1, n - 1]
     assert (np.diff(variance) <= EXACT).all()
     assert variance[-1] > 0.99 * variance[40] > 0
 
@@ -188,7 +189,7 @@ def test_the_table_of_units_is_that_of_dimensional_analysis(n: int) -> None:
             for a in range(n)
         ]
     standardised = [[lower[i][j] * d[j] ** 0.5 for j in range(n)] for i in range(n)]
-    plan, (L, variances) = kalman.schedule(library, 3), unit_triangular(library.Qd)
+    plan, (L, variances) = covariances(library, 3), unit_triangular(library.Qd)
     elements = {"Phi": (Phi, library.Phi), "Qd": (Qd, library.Qd), "P": (P, plan.P_plus[3]), "Gd": (lower, L)}
     elements["Gd_standardised"] = (standardised, factor(library.Qd))
     for name, (found, number) in elements.items():
@@ -221,8 +222,8 @@ def test_other_units_change_the_numbers_as_the_table_says(n: int, metre: float, 
     """Discretisation and filter commute with a change of units; a wrong exponent is noticed."""
     source = model(n)
     table, other = kinematics.units(source), kinematics.rescaled(source, metre, second)
-    here = kalman.schedule(discretise(source, tau, [[2.0]]), 4)
-    there = kalman.schedule(discretise(other, tau / second, [[2.0 / metre**2]]), 4)
+    here = covariances(discretise(source, tau, [[2.0]]), 4)
+    there = covariances(discretise(other, tau / second, [[2.0 / metre**2]]), 4)
     assert close(there.P_plus[4], kinematics.converted(here.P_plus[4], table["P"], metre, second), SOLVER)
     assert close(there.K[4], kinematics.converted(here.K[4], table["K"], metre, second), SOLVER)
     if n > 1 and abs(math.log(second)) > 0.1:
@@ -299,7 +300,7 @@ def test_arrays_and_least_squares_are_the_textbook_filter(n: int, strength: floa
         now, start = by_hand.least_squares(system.Phi, factor(system.Qd), R, P0[:n, :n], 8)
         assert close(now, plain.P_plus[8], SOLVER)
         apart = discretise(kinematics.with_constant(kinematics.integrators(n, strength, P0=P0[:n, :n])), 0.7, [[R]])
-        assert math.isclose(start[-1, -1], kalman.schedule(apart, 8).P_plus[8, n - 1, n - 1], rel_tol=SOLVER)
+        assert math.isclose(start[-1, -1], covariances(apart, 8).P_plus[8, n - 1, n - 1], rel_tol=SOLVER)
 
 
 @pytest.mark.parametrize("n", [2, 3])
@@ -308,7 +309,7 @@ def test_the_polynomial_through_the_last_measurements_bounds_the_filter(n: int) 
     bound = np.diag(by_hand.backward_differences(n, 1.3, 0.7, 2.0))
     for scale in (0.0, 1.0, 1e8):
         system = discretise(kinematics.integrators(n, 1.3, P0=scale * np.eye(n)), 0.7, [[2.0]])
-        variances = np.diagonal(kalman.schedule(system, 40).P_plus, axis1=1, axis2=2)
+        variances = np.diagonal(covariances(system, 40).P_plus, axis1=1, axis2=2)
         assert (variances[n:] <= bound * (1 + SOLVER)).all()
     assert (variances[n - 1] > bound).any()
 

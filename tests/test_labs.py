@@ -200,7 +200,7 @@ class TestCatalogue:
     def test_every_script_in_tasks_is_a_lab(self):
         """Names are those of the files, parts are letters, and the module has what the catalogue needs."""
         found = labs.catalogue()
-        folder = Path(labs.__file__).parents[1] / "tasks"
+        folder = Path(labs.__file__).parents[2] / "tasks"
         assert {lab.module.rpartition(".")[2] for lab in found.values()} == {
             path.stem for path in folder.glob("[a-z]*.py")
         }
@@ -269,6 +269,15 @@ def test_a_lab_is_run_and_written_with_a_summary(two, tmp_path, monkeypatch):
     stored = json.loads((tmp_path / "task07/results.json").read_text(encoding="utf-8"))
     assert (stored["runs"], stored["seed"], stored["parameters"]["Q"]) == (5, 2, 3.0)
     assert "seconds" not in json.dumps(stored)
+
+
+@pytest.mark.parametrize("name", sorted(labs.catalogue()))
+def test_every_lab_is_a_script(name):
+    """Its file ends by running itself."""
+    path = Path(labs.load(labs.catalogue()[name]).__file__)
+    assert path.read_text(encoding="utf-8").endswith(
+        '\n\nif __name__ == "__main__":\n    from ctlabs.cli import script\n\n    script(META)\n'
+    )
 
 
 def test_a_script_runs_its_own_lab(monkeypatch):

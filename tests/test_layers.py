@@ -1,4 +1,4 @@
-"""The architecture: layers, no cycles, one home for every heavy dependency, and an import that costs nothing."""
+"""The architecture: rooms, arrows that go down, public names, one home for every heavy dependency, and an import that costs nothing."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from graphlib import TopologicalSorter
+from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,43 +17,34 @@ import ctlabs
 
 ROOT = Path(ctlabs.__file__).parent
 
-#: Modules and packages of ctlabs, lowest layer first. A name that does not exist yet is no error; one that is missing here is.
-LAYERS: list[set[str]] = [
-    {"_check", "compiled", "linalg", "text"},
-    {"models", "interop"},
-    {"discretise", "shaping", "kinematics", "observability", "spectra", "symbolic", "linearise"},
-    {
-        "between",
-        "bucy",
-        "contradictions",
-        "forms",
-        "kalman",
-        "online",
-        "records",
-        "recursions",
-        "smoothing",
-        "steady",
-        "updates",
-        "varying",
-    },
-    {
-        "bayes",
-        "diagnosis",
-        "experiment",
-        "export",
-        "fields",
-        "fitting",
-        "likelihood",
-        "maximum",
+#: The rooms of ctlabs, lowest first, and what each may import. Every arrow goes down, and every one is needed.
+ROOMS: dict[str, set[str]] = {
+    "text": set(),
+    "_front": set(),
+    "linalg": set(),
+    "models": {"text", "_front", "linalg"},
+    "filtering": {"text", "_front", "linalg", "models"},
+    "analysis": {"text", "_front", "linalg", "models", "filtering"},
+    "montecarlo": {"text", "linalg", "models", "filtering"},
+    "files": {"text", "_front", "linalg", "models", "filtering"},
+    "reporting": {"text", "linalg", "filtering", "montecarlo"},
+    "labs": {"text", "models", "filtering", "montecarlo", "reporting"},
+    "studies": {"text", "linalg", "models", "filtering", "analysis", "montecarlo", "files", "reporting", "labs"},
+    "workbench": {
+        "text",
+        "linalg",
+        "models",
+        "filtering",
+        "analysis",
         "montecarlo",
-        "reduced",
-        "scheduling",
-        "sensitivity",
+        "files",
+        "reporting",
+        "labs",
+        "studies",
     },
-    {"datafile", "mathml", "modelfile", "params", "plots", "portrait", "render", "report", "studies"},
-    {"labs", "cli", "workbench", "__main__"},
-]
-LAYER = {name: number for number, names in enumerate(LAYERS) for name in names}
+    "cli": {"text", "linalg", "montecarlo", "files", "reporting", "labs", "studies", "workbench"},
+    "__main__": {"cli"},
+}
 
 FILES = sorted(path for path in ROOT.rglob("*.py") if "__pycache__" not in path.parts)
 
@@ -78,8 +70,8 @@ def dotted(path: Path) -> str:
 MODULES = {dotted(path) for path in FILES}
 
 
-def unit(module: str) -> str | None:
-    """The part of ctlabs a full name belongs to ("ctlabs.plots.base" → "plots"); None outside and for ctlabs itself."""
+def room(module: str) -> str | None:
+    """The room a full name belongs to ("ctlabs.models.linear" → "models"); None outside and for ctlabs itself."""
     parts = module.split(".")
     return parts[1] if parts[0] == "ctlabs" and len(parts) > 1 else None
 
@@ -89,7 +81,7 @@ def is_type_checking(node: ast.AST) -> bool:
 
 
 def targets(node: ast.AST, path: Path) -> list[str]:
-    """Full names that a statement imports; "from ctlabs import kalman" is ctlabs.kalman."""
+    """Full names that a statement imports; "from ctlabs import models" is ctlabs.models."""
     if isinstance(node, ast.Import):
         return [alias.name for alias in node.names]
     if isinstance(node, ast.ImportFrom):
@@ -122,31 +114,49 @@ def imports(path: Path) -> Iterator[Import]:
 
 
 ALL = [found for path in FILES for found in imports(path)]
-#: ctlabs/__init__.py only names what is loaded lazily; the layers are those of the modules.
+#: ctlabs/__init__.py only names what is loaded lazily; the arrows are those of the modules.
 INTERNAL = [i for i in ALL if i.target.startswith("ctlabs.") and i.file != ROOT / "__init__.py"]
+#: What the front doors name, and the module that is its home: ctlabs.models.discretise → ctlabs.models.discretisation.discretise.
+DOORS = {
+    f"{dotted(path)}.{name}": f"{dotted(path)}.{home}.{name}"
+    for path in FILES
+    if path.name == "__init__.py"
+    for node in ast.parse(path.read_text(encoding="utf-8")).body
+    if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_HOME"
+    for name, home in ast.literal_eval(node.value).items()
+}
+
+
+def at_home(target: str) -> str:
+    """A full name with the module in which it is defined, where a front door names it."""
+    while target in DOORS:
+        target = DOORS[target]
+    return target
 
 
 def home(found: Import) -> str:
-    """The part of ctlabs that imports."""
-    return unit(dotted(found.file)) or "ctlabs"
+    """The room that imports."""
+    return room(dotted(found.file)) or "ctlabs"
 
 
-def is_upwards(found: Import) -> bool:
-    """Whether the target's layer is above (a module without a layer is the affair of the first test)."""
-    return LAYER.get(unit(found.target) or "", 0) > LAYER.get(home(found), len(LAYERS))
+def forbidden(found: Import) -> bool:
+    """Whether the table has no arrow for an import ("from ctlabs import __version__" is the version's, and no room's)."""
+    target = room(at_home(found.target))
+    return target not in {home(found), "__version__", *ROOMS[home(found)]}
 
 
-def test_every_module_has_a_layer() -> None:
-    """A new module is entered in the table above, where its layer is a decision."""
-    assert {unit(dotted(path)) for path in FILES} - {None} <= set(LAYER)
-    assert len(LAYER) == sum(map(len, LAYERS)), "a module stands in two layers"
+def test_every_room_is_in_the_table_and_every_arrow_goes_down() -> None:
+    """A new room is entered above, where what it may import is a decision."""
+    assert {room(dotted(path)) for path in FILES} - {None} == set(ROOMS)
+    order = list(ROOMS)
+    assert [(a, b) for a, below in ROOMS.items() for b in below if order.index(b) >= order.index(a)] == []
 
 
 def test_the_walk_sees_imports_of_every_kind() -> None:
     """Inside functions, relative, by importlib, and under TYPE_CHECKING."""
     source = """
 import a.b
-from ctlabs import kalman, steady
+from ctlabs import filtering, kalman_filter
 from .base import lines
 if TYPE_CHECKING:
     from ctlabs.models import at
@@ -154,54 +164,117 @@ def f():
     import control
     importlib.import_module("filterpy.kalman")
 """
-    path = ROOT / "plots" / "somewhere.py"
+    path = ROOT / "reporting" / "plots" / "somewhere.py"
     tree, found = ast.parse(source), []
     for node in ast.walk(tree):
         found += targets(node, path)
     assert set(found) == {
-        "a.b", "ctlabs.kalman", "ctlabs.steady", "ctlabs.plots.base.lines", "ctlabs.models.at", "control", "filterpy.kalman",
+        "a.b", "ctlabs.filtering", "ctlabs.kalman_filter", "ctlabs.reporting.plots.base.lines", "ctlabs.models.at", "control",
+        "filterpy.kalman",
     }  # fmt: skip
-    assert targets(ast.parse("from . import base").body[0], ROOT / "plots" / "__init__.py") == ["ctlabs.plots.base"]
-    assert len(INTERNAL) > 20
+    assert targets(ast.parse("from . import base").body[0], ROOT / "models" / "__init__.py") == ["ctlabs.models.base"]
+    assert at_home("ctlabs.kalman_filter") == "ctlabs.filtering.filter.kalman_filter"
+    assert len(INTERNAL) > 200
 
 
-def test_modules_import_from_their_own_or_lower_layers_only() -> None:
-    """Not upwards: neither at the top of a file, nor inside a function, nor through importlib."""
-    assert [str(i) for i in INTERNAL if not i.typing_only and is_upwards(i)] == []
+def test_rooms_import_from_rooms_below_only() -> None:
+    """As the table says: at the top of a file, inside a function, through importlib, and for type checkers alike."""
+    assert [str(i) for i in INTERNAL if forbidden(i)] == []
 
 
-def test_types_alone_are_no_way_around_the_layers() -> None:
-    """An annotation may not look upwards either."""
-    assert [str(i) for i in INTERNAL if i.typing_only and is_upwards(i)] == []
+def test_no_arrow_is_idle() -> None:
+    """What the table allows is used."""
+    used = {(home(i), room(at_home(i.target))) for i in INTERNAL}
+    assert [(a, b) for a, below in ROOMS.items() for b in below if (a, b) not in used] == []
 
 
 def test_there_are_no_cycles() -> None:
-    """The graph of run-time imports between modules, packages opened up, can be sorted."""
+    """The graph of imports between modules can be sorted, packages opened up and what type checkers see included."""
     graph: dict[str, set[str]] = {module: set() for module in MODULES}
     for found in INTERNAL:
-        source, target = dotted(found.file), found.target
+        source, target = dotted(found.file), at_home(found.target)
         while target not in MODULES and "." in target:
             target = target.rpartition(".")[0]
-        # A package's own __init__ collects its modules; a module below it that imports a sibling passes through no cycle.
-        if not found.typing_only and target not in {source, "ctlabs"} and not source.startswith(f"{target}."):
+        # A package's __init__ names what is in it; a module of it that imports a sibling passes through no cycle.
+        if target not in {source, "ctlabs"} and not source.startswith(f"{target}."):
             graph[source].add(target)
     TopologicalSorter(graph).prepare()
 
 
+#: Underscores that are part of a public interface: of named tuples, and the translation.
+PUBLIC = {"_", "_fields", "_replace", "_asdict", "_make"}
+OURS = {"ctlabs", "tasks", "tests"}
+
+
+def private(tree: ast.AST) -> list[str]:
+    """The private names of other modules of ours that a module uses, with their lines.
+
+    A module whose own name begins with an underscore is shared by its folder (a lab's second half, the front doors); its public
+    names are public.
+    """
+    found, known = [], set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in OURS:
+            known |= {alias.asname or alias.name for alias in node.names}
+            found += [
+                f"{node.lineno}: from {node.module} import {alias.name}"
+                for alias in node.names
+                if alias.name.startswith("_") and alias.name not in PUBLIC
+                and not alias.name.startswith("__") and node.module != "ctlabs.tasks"
+            ]  # fmt: skip
+        elif isinstance(node, ast.Import):
+            known |= {
+                alias.asname or alias.name.split(".")[0] for alias in node.names if alias.name.split(".")[0] in OURS
+            }
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and node.attr.startswith("_") and not node.attr.startswith("__"):
+            base: ast.expr = node.value
+            while isinstance(base, ast.Attribute):
+                base = base.value
+            if isinstance(base, ast.Name) and base.id in known and node.attr not in PUBLIC:
+                found.append(f"{node.lineno}: {ast.unparse(node)}")
+    return found
+
+
+def test_no_private_name_of_another_module_is_used() -> None:
+    """A module that other modules need exports what they need: in the library, the labs and the tests."""
+    source = """
+from ctlabs.filtering import bayes
+from ctlabs.models.linear import _labels
+from ctlabs.text import _
+bayes._noise(_)
+bayes.potter._fields
+"""
+    assert private(ast.parse(source)) == ["3: from ctlabs.models.linear import _labels", "5: bayes._noise"]
+    files = [*FILES, *(p for folder in ("tasks", "tests") for p in sorted((ROOT.parent / folder).rglob("*.py")))]
+    used = [
+        f"{p.relative_to(ROOT.parent)}:{line}"
+        for p in files
+        for line in private(ast.parse(p.read_text(encoding="utf-8")))
+    ]
+    assert used == []
+
+
 #: Where a dependency may be imported; a test of every row below shows that the row is not empty talk.
 HOMES = {
-    "filterpy": {"kalman", "interop"},
-    "control": {"interop", "shaping", "bucy", "linalg", "observability"},
-    "pydantic": set().union(*LAYERS[5:]),
-    "matplotlib": set().union(*LAYERS[5:]),
+    "filterpy": {"filtering/engines/adapter.py", "models/interop.py"},
+    "control": {"linalg", "models", "filtering/bucy.py"},
+    "matplotlib": {"files", "labs", "reporting", "studies", "workbench", "cli"},
+    "pydantic": {"files", "labs", "reporting", "studies", "workbench", "cli"},
 }
 
 
 @pytest.mark.parametrize("package", HOMES)
 def test_dependencies_have_homes(package: str) -> None:
-    """filterpy in kalman and interop, python-control where systems are, pydantic at the edge, matplotlib in pictures."""
-    users = {home(i): str(i) for i in ALL if i.target.split(".")[0] == package and not i.typing_only}
-    assert set(users) <= HOMES[package], users
+    """filterpy in its adapter and the exports, python-control where systems are, pydantic at the edge, matplotlib in pictures."""
+    users = {
+        i.file.relative_to(ROOT).as_posix(): str(i)
+        for i in ALL
+        if i.target.split(".")[0] == package and not i.typing_only
+    }
+    assert [
+        s for user, s in users.items() if not any(user == h or user.startswith(f"{h}/") for h in HOMES[package])
+    ] == []
     assert users, f"nobody uses {package}"
 
 
@@ -215,16 +288,16 @@ def test_nobody_imports_pyplot() -> None:
 
 
 def test_only_the_catalogue_reaches_the_labs() -> None:
-    """No module imports ctlabs.tasks; labs finds them, by name."""
-    assert [str(i) for i in INTERNAL if unit(i.target) == "tasks"] == []
+    """No module imports ctlabs.tasks; the catalogue finds them, by name."""
+    assert [str(i) for i in INTERNAL if room(i.target) == "tasks"] == []
     naming = {
-        path.name
+        path.relative_to(ROOT).as_posix()
         for path in FILES
         if "ctlabs.tasks" in (text := path.read_text(encoding="utf-8"))
         for node in ast.walk(ast.parse(text))
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value.startswith("ctlabs.tasks")
     }
-    assert naming <= {"labs.py"}
+    assert naming <= {"labs/catalogue.py"}
 
 
 def loaded(statement: str) -> set[str]:
@@ -242,20 +315,52 @@ def test_importing_ctlabs_costs_nothing() -> None:
     assert loaded("import ctlabs") & HEAVY == set()
 
 
-@pytest.mark.parametrize("module", ["models", "discretise", "kalman", "steady"])
+@pytest.mark.parametrize(
+    "module", ["models", "models.discretisation", "filtering.filter", "filtering.steady", "analysis.sensitivity"]
+)
 def test_modules_load_their_dependencies_when_needed(module: str) -> None:
     """filterpy, python-control, matplotlib, sympy and numba are loaded by the call that needs them, not by the import."""
-    assert (
-        loaded(f"import ctlabs.{module}") & {"filterpy", "control", "matplotlib", "sympy", "numba", "pydantic"} == set()
-    )
+    heavy = {"filterpy", "control", "matplotlib", "sympy", "numba", "pydantic"}
+    assert loaded(f"import ctlabs.{module}") & heavy == set()
 
 
-def test_lazy_names_are_the_modules_and_types_they_name() -> None:
-    """``ctlabs.kalman`` and ``ctlabs.DiscreteModel`` work after ``import ctlabs`` alone; unknown names say so."""
-    assert "filterpy" in loaded("import ctlabs; ctlabs.kalman.update([[1]], [[1]], [[1]])")
-    from ctlabs import models
+FRONT_DOORS = ["ctlabs", *(f"ctlabs.{name}" for name in ROOMS if (ROOT / name / "__init__.py").exists())]
 
-    assert ctlabs.DiscreteModel is models.DiscreteModel
-    assert {"kalman", "DiscreteModel"} <= set(dir(ctlabs))
+
+@pytest.mark.parametrize("package", FRONT_DOORS)
+def test_what_a_front_door_names_is_there_and_explained(package: str) -> None:
+    """Every name of ``__all__`` resolves and has a docstring; the functions of the main door have an example that runs."""
+    door = import_module(package)
+    names = getattr(door, "__all__", ())
+    assert sorted(names) == list(names)
+    assert set(names) <= set(dir(door)) or package != "ctlabs"
+    for name in names:
+        doc = getattr(door, name).__doc__
+        assert doc, name
+        if package == "ctlabs":
+            assert ">>>" in doc, name
+
+
+@pytest.mark.parametrize(
+    "package", sorted(module for module in MODULES if any(m.startswith(f"{module}.") for m in MODULES))
+)
+def test_modules_and_verbs_do_not_share_names(package: str) -> None:
+    """``ctlabs.discretise`` is a function, whatever was imported before: no module of a package has the name of what it offers."""
+    inside = {
+        module.removeprefix(f"{package}.").split(".")[0] for module in MODULES if module.startswith(f"{package}.")
+    }
+    offered = {name.rpartition(".")[2] for name in DOORS if name.rpartition(".")[0] == package}
+    assert inside & offered == set()
+
+
+def test_lazy_names_are_the_types_and_verbs_they_name() -> None:
+    """``ctlabs.covariances`` and ``ctlabs.DiscreteModel`` work after ``import ctlabs`` alone; unknown names say so."""
+    assert "filterpy" in loaded("import ctlabs.filtering; ctlabs.filtering.update([[1]], [[1]], [[1]])")
+    from ctlabs.filtering import kalman_filter
+    from ctlabs.models.linear import DiscreteModel
+
+    assert ctlabs.DiscreteModel is DiscreteModel
+    assert ctlabs.kalman_filter is kalman_filter
+    assert {"kalman_filter", "DiscreteModel"} <= set(dir(ctlabs))
     with pytest.raises(AttributeError, match="module 'ctlabs' has no attribute 'nonsense'"):
         _ = ctlabs.nonsense

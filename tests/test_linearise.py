@@ -5,6 +5,7 @@ import pytest
 import sympy
 from scipy.integrate import solve_ivp
 
+from ctlabs.models import linearisation
 from ctlabs.models.discretisation import interval
 from ctlabs.models.linearisation import Dynamics
 from tests.reference import EXACT, SOLVER
@@ -77,7 +78,9 @@ def test_the_flow_solves_the_equations_with_order_four():
         return pendulum.y[:, -1]
 
     exact = np.transpose([solved(column) for column in start.T])
-    errors = [np.abs(linearisation.flow(PENDULUM, {"k": 2}, 1.0, parts).f(start) - exact).max() for parts in (16, 32, 64)]
+    errors = [
+        np.abs(linearisation.flow(PENDULUM, {"k": 2}, 1.0, parts).f(start) - exact).max() for parts in (16, 32, 64)
+    ]
     assert errors[-1] < SOLVER
     assert abs(np.log2(errors[0] / errors[1]) - 4) < 0.2
     assert abs(np.log2(errors[1] / errors[2]) - 4) < 0.2

@@ -18,6 +18,7 @@ from ctlabs.files.modelfile.checks import SHAPES, TEXTS
 from ctlabs.files.modelfile.errors import Problem, place, shown
 from ctlabs.files.modelfile.expressions import CONSTANTS, DEPTH, DIGITS, FUNCTIONS, LENGTH
 from ctlabs.files.modelfile.schema import ALGORITHMS, LARGEST, SECTIONS, Constant, Document, Settings
+from ctlabs.filtering.algorithms import catalogue
 from ctlabs.models import ContinuousModel, DiscreteModel
 from tests.strategies import continuous_models, discrete_models
 
@@ -132,10 +133,7 @@ def test_a_continuous_file_is_its_models():
 
 def test_the_algorithms_are_the_forms():
     """Every form of the filter may be named, and nothing else."""
-    forms = pytest.importorskip("ctlabs.filtering.algorithms")
-    if not hasattr(forms, "FORMS"):  # pragma: no cover
-        pytest.skip("the forms are one module still")
-    assert tuple(algorithms.FORMS) == ALGORITHMS
+    assert tuple(catalogue.FORMS) == ALGORITHMS
 
 
 def test_the_tables_of_keys_agree():

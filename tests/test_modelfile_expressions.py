@@ -47,7 +47,9 @@ def by_python(text: str) -> float:
         if isinstance(node, ast.UnaryOp):
             return PYTHON[type(node.op)](value(node.operand))
         if isinstance(node, ast.Call):
-            function = {"abs": abs, "min": min, "max": max, "ln": math.log}.get(node.func.id) or getattr(math, node.func.id)
+            function = {"abs": abs, "min": min, "max": max, "ln": math.log}.get(node.func.id) or getattr(
+                math, node.func.id
+            )
             return checked(function, *(value(a) for a in node.args))
         left, right = value(node.left), value(node.right)
         if isinstance(node.op, ast.Pow) and abs(right) > EXPONENT:

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.linalg
-from ctlabs.filtering.kalman import schedule
 
 from ctlabs.files.modelfile import gallery, ready
 from ctlabs.files.modelfile.catalogue import FOLDER
 from ctlabs.filtering import bayes, steady
 from ctlabs.labs import catalogue as labs
+from ctlabs.labs.experiment import covariances
 from ctlabs.models import ContinuousModel, DiscreteModel, observability
 from ctlabs.models.discretisation import discretise
 from tests.reference import EXACT, SOLVER, broken, close, deviation
@@ -38,7 +38,7 @@ def test_a_ready_model_works(name):
     )
     assert all([entry.title, entry.description, entry.source])
     steps = min(file.experiment.steps, 5)
-    plan = schedule(file.discrete(steps=steps), steps, first=file.experiment.first)
+    plan = covariances(file.discrete(steps=steps), steps, first=file.experiment.first)
     assert np.isfinite(plan.P_plus).all()
 
 

@@ -147,7 +147,11 @@ REFUSED: dict[str, tuple[Any, str]] = {
     "N without Rc": (lambda: continuous(Rc=None, N=[[1]]), r"^N: expected Rc beside it .* received None$"),
     "N": (lambda: continuous(N=[[1, 2]]), r"^N: expected shape \(1, 1\), received \(1, 2\)$"),
     "states": (lambda: continuous(states=["a"]), r"^states: expected 2 names, received \['a'\]$"),
-    "Phi": (lambda: discrete(Phi=np.eye(3)), r"^Phi: expected shape \(2, 2\) or \(steps, 2, 2\), received \(3, 3\)$"),
+    "Phi": (lambda: discrete(Phi=np.eye(3)), r"^x0: expected shape \(3,\), received \(2,\)$"),
+    "Phi not square": (
+        lambda: discrete(Phi=[np.ones((2, 3))]),
+        r"^Phi: expected shape \(3, 3\) or \(steps, 3, 3\), received \(1, 2, 3\)$",
+    ),
     "NaN": (lambda: discrete(Phi=[[nan, 0], [0, 1]]), r"^Phi: expected finite numbers, received nan at \[0, 0\]$"),
     "Qd": (lambda: discrete(Qd=[[1, 0.3], [0, 1]]), r"^Qd: expected a symmetric matrix"),
     "one Qd of many": (lambda: discrete(Qd=[np.eye(2), -np.eye(2)]), r"^Qd: expected variances >= 0 on the diagonal, received -1$"),

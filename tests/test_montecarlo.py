@@ -8,15 +8,16 @@ import pytest
 from hypothesis import given, settings
 
 from ctlabs.analysis import sensitivity
-from ctlabs.filtering import kalman
+from ctlabs.filtering import kalman_filter
+from ctlabs.labs.experiment import covariances
 from ctlabs.models import DiscreteModel
+from ctlabs.models.histories import Normals, Shape, histories, shape, truth_arrays
 from ctlabs.models.nonlinear import NonlinearModel
 from ctlabs.montecarlo import Bins, chance, kernel, monte_carlo, plan, simulate, streams, sweep
 from ctlabs.montecarlo.executors import one_thread
 from ctlabs.montecarlo.functional import functional
 from ctlabs.montecarlo.histogram import Counter
 from ctlabs.montecarlo.linear import linear
-from ctlabs.montecarlo.simulation import histories, shape
 from ctlabs.montecarlo.statistics import from_sums
 from ctlabs.montecarlo.sums import columns
 from tests.reference import EXACT, SOLVER, broken, close
@@ -48,14 +49,13 @@ def of_errors(e, e_minus, P, nu, S, used):
     return e.mean(axis=2), np.sqrt((e**2).mean(axis=2)), np.sqrt((e_minus**2).mean(axis=2)), cov, nees, nis
 
 
-def by_filter_runs(truth, design, steps, runs, seed, first=1, E=None):
-    """The same statistics by :func:`kalman.filter_runs` on the simulated records."""
+def by_filter(truth, design, steps, runs, seed, first=1, E=None):
+    """The same statistics by :func:`ctlabs.kalman_filter` on the simulated records."""
     records = simulate(truth, steps, runs, seed, first)
-    ensemble = kalman.filter_runs(design, records.z, first=first)
+    ensemble = kalman_filter(design, records.z, first=first)
     x = records.x if E is None else np.einsum("ij,kjr->kir", E, records.x)
-    plan_ = ensemble.schedule
     return of_errors(
-        ensemble.x_plus - x, ensemble.x_minus - x, plan_.P_plus, ensemble.innovation, plan_.S, plan_.measured
+        ensemble.x_plus - x, ensemble.x_minus - x, ensemble.P_plus, ensemble.innovation, ensemble.S, ensemble.used
     )
 
 
@@ -82,28 +82,28 @@ def random_model(n, m, seed=0):
 @settings(max_examples=40)
 @given(discrete_models(stable=None), st.sampled_from([0, 1]), st.integers(0, 99))
 def test_statistics_equal_those_of_stored_histories(model, first, seed):
-    """The streamed statistics are those of filter_runs on the simulated records, for every kind of model."""
+    """The streamed statistics are those of kalman_filter on the simulated records, for every kind of model."""
     stats = monte_carlo(model, steps=6, runs=40, seed=seed, first=first, **QUIET)
     # NEES counts directions down to a relative variance of 1e-10, whose weights magnify rounding.
-    assert agree(stats, by_filter_runs(model, model, 6, 40, seed, first), 1e4 * EXACT)
+    assert agree(stats, by_filter(model, model, 6, 40, seed, first), 1e4 * EXACT)
 
 
 @pytest.mark.parametrize("first", [0, 1])
 def test_statistics_equal_those_of_stored_histories_to_the_last_digits(first):
     """For a well-conditioned model the two agree to 1e-12, and not if a gain is 5 % wrong."""
     stats = monte_carlo(TRACKING, steps=30, runs=700, seed=5, first=first, **QUIET)
-    expected = by_filter_runs(TRACKING, TRACKING, 30, 700, 5, first)
+    expected = by_filter(TRACKING, TRACKING, 30, 700, 5, first)
     assert agree(stats, expected)
-    schedule = kalman.schedule(TRACKING, 30, first)
+    schedule = covariances(TRACKING, 30, first)
     wrong = dataclasses.replace(schedule, K=broken(schedule.K))
-    assert not agree(monte_carlo(TRACKING, schedule=wrong, steps=30, runs=700, seed=5, first=first, **QUIET), expected)
+    assert not agree(monte_carlo(TRACKING, gains=wrong, steps=30, runs=700, seed=5, first=first, **QUIET), expected)
 
 
 def test_large_models_use_matrix_products_and_give_the_same_statistics():
     """Twenty states go through BLAS instead of loops, with the same result to 1e-12."""
     model = random_model(20, 5)
     assert model.Phi.size >= kernel.LARGE
-    assert agree(monte_carlo(model, steps=12, runs=300, seed=2, **QUIET), by_filter_runs(model, model, 12, 300, 2))
+    assert agree(monte_carlo(model, steps=12, runs=300, seed=2, **QUIET), by_filter(model, model, 12, 300, 2))
 
 
 def test_the_compiled_kernel_equals_its_plain_python_on_numpys_normals():
@@ -152,7 +152,7 @@ def test_the_random_numbers_of_a_block_are_numpys():
     buffer = np.empty((3, 50))
     kernel.normals(streams.generators(4, 2)[0], buffer)
     layout = plan.Layout(50, 1)
-    tile = next(streams.tiles(4, 2, layout, streams.Shape(3, 0, 0, 1, 1), 50))
+    tile = next(streams.tiles(4, 2, layout, Shape(3, 0, 0, 1, 1), 50))
     assert (tile.start == buffer).all()
 
 
@@ -175,7 +175,7 @@ def test_a_design_of_another_order_is_compared_through_a_selection():
     design = DiscreteModel([[1]], [[2.0]], [[1]], [[1]], x0=[3], P0=[[100]])
     E = [[1.0, 0.0]]
     stats = monte_carlo(TRACKING, design, steps=20, runs=900, seed=4, compare=E, **QUIET)
-    assert agree(stats, by_filter_runs(TRACKING, design, 20, 900, 4, E=np.array(E)))
+    assert agree(stats, by_filter(TRACKING, design, 20, 900, 4, E=np.array(E)))
     actual = sensitivity.actual(TRACKING, design, 20, compare=E)
     assert chance.variance(stats, actual.P_plus, actual.bias_plus)
 
@@ -185,10 +185,10 @@ def test_missing_and_perfect_measurements():
     R = np.broadcast_to(np.diag([1.0, 2.0]), (21, 2, 2)).copy()
     R[5, 0, 0] = R[7:9, 1, 1] = np.inf
     R[12] = np.diag([0.0, np.inf])
-    truth = dataclasses.replace(TRACKING, H=np.eye(2), R=R, measurements=None)
+    truth = dataclasses.replace(TRACKING, H=np.eye(2), R=R, measurements=None, measurement_units=None)
     stats = monte_carlo(truth, steps=20, runs=1500, seed=3, **QUIET)
-    assert agree(stats, by_filter_runs(truth, truth, 20, 1500, 3), 100 * EXACT)
-    schedule = kalman.schedule(truth, 20)
+    assert agree(stats, by_filter(truth, truth, 20, 1500, 3), 100 * EXACT)
+    schedule = covariances(truth, 20)
     assert chance.variance(stats, schedule.P_plus)
     assert chance.nees(stats)
     assert chance.nis(stats)
@@ -197,7 +197,9 @@ def test_missing_and_perfect_measurements():
     assert stats.rms[12, 0] < 1e-12 * stats.signal_rms[12, 0]
     # A design that thinks everything is measured leaves out what the truth does not give.
     trusting = dataclasses.replace(truth, R=np.diag([1.0, 2.0]))
-    assert agree(monte_carlo(truth, trusting, steps=20, runs=300, seed=3, **QUIET), by_filter_runs(truth, trusting, 20, 300, 3))
+    assert agree(
+        monte_carlo(truth, trusting, steps=20, runs=300, seed=3, **QUIET), by_filter(truth, trusting, 20, 300, 3)
+    )
 
 
 def test_nees_counts_only_directions_with_a_variance():
@@ -208,7 +210,7 @@ def test_nees_counts_only_directions_with_a_variance():
     stats = monte_carlo(model, steps=10, runs=2000, seed=1, first=0, **QUIET)
     assert (stats.nees_dof == 1).all()
     assert chance.nees(stats)
-    assert agree(stats, by_filter_runs(model, model, 10, 2000, 1, first=0))
+    assert agree(stats, by_filter(model, model, 10, 2000, 1, first=0))
 
 
 def test_nothing_known_and_nothing_measured_has_no_consistency():
@@ -237,7 +239,7 @@ def test_more_runs_continue_the_same_experiment():
 
 def test_states_do_not_depend_on_what_is_measured():
     """Two experiments with the same seed and motion have the same states, whatever their sensors."""
-    other = dataclasses.replace(TRACKING, H=[[0, 1], [1, 1]], R=np.eye(2), measurements=None)
+    other = dataclasses.replace(TRACKING, H=[[0, 1], [1, 1]], R=np.eye(2), measurements=None, measurement_units=None)
     assert (simulate(TRACKING, 30, 600, 8).x == simulate(other, 30, 600, 8).x).all()
 
 
@@ -248,21 +250,23 @@ def test_simulated_moments_are_those_of_the_model():
     s = simulate(model, 3, runs, seed=6)
     # x3 − Φx2 − c = w2 and z2 − Hx2 = v2 have the joint covariance [[Qd, N], [Nᵀ, R]].
     w = s.x[3] - model.Phi @ s.x[2] - model.offset[:, None]
-    noise = np.vstack([w, s.z[2] - model.H @ s.x[2]])
+    noise = np.vstack([w, s.z[1] - model.H @ s.x[2]])
     joint = np.block([[model.Qd, model.N], [model.N.T, model.R]])
     whitened = np.linalg.solve(np.linalg.cholesky(joint), noise)
     assert (np.abs(whitened.mean(axis=1)) < 6 / np.sqrt(runs)).all()
     assert (np.abs(whitened @ whitened.T / runs - np.eye(3)) < 6 * np.sqrt(2 / runs)).all()
     assert close(s.x[0, 0] - 3, 2 * (s.x[0, 1] + 1), EXACT)
-    assert np.isnan(s.z[0]).all()
+    assert s.z.shape == (3, 1, runs)
+    assert np.isfinite(s.z).all()
+    assert simulate(model, 3, 5, seed=6, first=0).z.shape == (4, 1, 5)
     assert np.isfinite(simulate(model, 3, 5, seed=6, first=0).z).all()
 
 
 def test_histories_made_from_no_noise_are_the_mean():
     """With ξ = 0 the truth follows its mean, which is what sums are taken about."""
-    truth = plan.truth_arrays(TRACKING, 4)
+    truth = truth_arrays(TRACKING, 4)
     sizes = shape(truth, 4, 1)
-    none = streams.Normals(np.zeros((sizes.start, 1)), np.zeros((4, sizes.w, 1)), np.zeros((5, sizes.v, 1)))
+    none = Normals(np.zeros((sizes.start, 1)), np.zeros((4, sizes.w, 1)), np.zeros((5, sizes.v, 1)))
     x, z = histories(truth, none, 1)
     assert close(x[:, 0, 0], 3 - np.arange(5.0), EXACT)
     assert close(z[1:, 0, 0], x[1:, 0, 0], EXACT)
@@ -282,7 +286,7 @@ def test_histogram_counts_every_error_in_its_bin():
     """Counts equal numpy's histogram of the stored errors, and quantiles those of the sorted ones to a bin's width."""
     stats = monte_carlo(TRACKING, steps=5, runs=3000, seed=7, histogram=Bins((1, 0), 40, 4.0), **QUIET)
     records = simulate(TRACKING, 5, 3000, 7)
-    e = kalman.filter_runs(TRACKING, records.z).x_plus - records.x
+    e = kalman_filter(TRACKING, records.z).x_plus - records.x
     found = stats.histogram
     assert found is not None
     for k in range(6):
@@ -302,10 +306,10 @@ def test_bands_hold_their_share_and_a_wrong_filter_leaves_them():
     """Over 200 seeds the 95 % bands of NEES and NIS hold about 190 times, those of a wrong filter hardly ever."""
     wrong = dataclasses.replace(TRACKING, R=[[1.5]])
     inside, inside_wrong, verdicts = np.zeros(2), np.zeros(2), []
-    schedule, other = kalman.schedule(TRACKING, 12), kalman.schedule(wrong, 12)
+    schedule, other = covariances(TRACKING, 12), covariances(wrong, 12)
     for seed in range(200):
-        right = monte_carlo(TRACKING, schedule=schedule, steps=12, runs=200, seed=seed, **QUIET)
-        bad = monte_carlo(TRACKING, wrong, schedule=other, steps=12, runs=2000, seed=seed, **QUIET)
+        right = monte_carlo(TRACKING, gains=schedule, steps=12, runs=200, seed=seed, **QUIET)
+        bad = monte_carlo(TRACKING, wrong, gains=other, steps=12, runs=2000, seed=seed, **QUIET)
         verdicts.append(all((chance.nees(right), chance.nis(right), chance.variance(right, schedule.P_plus))))
         for stats, tally in ((right, inside), (bad, inside_wrong)):
             for j, (value, band) in enumerate(((stats.nees, stats.nees_band()), (stats.nis, stats.nis_band()))):
@@ -319,7 +323,7 @@ def test_bands_hold_their_share_and_a_wrong_filter_leaves_them():
 def test_rms_and_bias_bands_hold_the_ensemble():
     """The 99.9999 % bands around theory hold every rms and bias; around a variance 30 % wrong they do not."""
     stats = monte_carlo(TRACKING, steps=20, runs=2000, seed=1, **QUIET)
-    P = kalman.schedule(TRACKING, 20).P_plus
+    P = covariances(TRACKING, 20).P_plus
     low, high = stats.rms_band(P, 1 - 1e-8)
     assert ((low <= stats.rms) & (stats.rms <= high)).all()
     low, high = stats.bias_band(P, 1 - 1e-8)
@@ -363,7 +367,7 @@ def test_an_overflow_is_reported_with_its_time():
         ({"design": random_model(3, 1)}, ValueError, r"compare: expected a matrix of shape \(3, 2\)"),
         ({"design": random_model(2, 2)}, ValueError, "design: expected 1 measurements as the truth has, received 2"),
         ({"compare": np.eye(3)}, ValueError, r"compare: expected shape \(2, 2\), received \(3, 3\)"),
-        ({"schedule": kalman.schedule(TRACKING, 4)}, ValueError, "schedule: expected gains of shape"),
+        ({"gains": covariances(TRACKING, 4)}, ValueError, "gains: expected gains of shape"),
         ({"design": 3}, TypeError, "design: expected a DiscreteModel"),
         ({"truth": 3}, TypeError, "truth: expected a DiscreteModel or a NonlinearModel, received a int"),
         ({"runs": 0}, ValueError, "runs: expected a whole number >= 1"),
@@ -543,7 +547,7 @@ def test_an_extended_filter_of_perfect_measurements_counts_what_is_unknown():
     assert close(found.nees, expected.nees, 1e3 * SOLVER)
     assert close(found.rms, expected.rms, SOLVER, size=float(expected.signal_rms.max()))
     # The same thing measured twice, perfectly: the pseudo-inverse leaves the second out.
-    twice = dataclasses.replace(model, H=[[1, 0], [1, 0]], R=np.zeros((2, 2)), measurements=None)
+    twice = dataclasses.replace(model, H=[[1, 0], [1, 0]], R=np.zeros((2, 2)), measurements=None, measurement_units=None)
     doubled = dataclasses.replace(
         functions,
         h=lambda k, x, v: twice.H @ x + v,
@@ -603,9 +607,12 @@ def test_any_object_that_filters_is_a_design():
         (lambda: monte_carlo(_polar(), TRACKING, steps=3, runs=3, seed=1), "design: expected 2 measurements"),
         (lambda: monte_carlo(TRACKING, _polar(), steps=3, runs=3, seed=1), "design: expected 1 measurements"),
         (lambda: monte_carlo(_polar(), steps=3, runs=3, seed=1, first=2), "first: expected 0 or 1"),
-        (lambda: monte_carlo(_polar(), steps=3, runs=3, seed=1, schedule=kalman.schedule(TRACKING, 3)), "schedule: expected none"),
+        (lambda: monte_carlo(_polar(), steps=3, runs=3, seed=1, gains=covariances(TRACKING, 3)), "gains: expected none"),
         (lambda: monte_carlo(_polar(), steps=3, runs=3, seed=1, histogram=Bins((0,))), "sd: expected the bins' scale"),
-        (lambda: monte_carlo(dataclasses.replace(_polar(), Qd=np.zeros((2, 2, 2))), steps=3, runs=3, seed=1), "Qd: expected at least 3 entries"),
+        (
+            lambda: monte_carlo(dataclasses.replace(_polar(), Qd=np.zeros((2, 2, 2))), steps=3, runs=3, seed=1),
+            "Qd: expected at least 3 entries",
+        ),
         (lambda: Bins(()), "states: expected different indices"),
     ],
 )  # fmt: skip

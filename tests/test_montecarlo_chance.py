@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from ctlabs.filtering import kalman
+from ctlabs.labs.experiment import covariances
 from ctlabs.models import DiscreteModel
 from ctlabs.montecarlo import chance, monte_carlo
 from tests.reference import SOLVER, broken, close
@@ -52,9 +52,9 @@ def test_quantiles_stay_finite_at_the_end_of_the_range():
 @pytest.mark.parametrize("runs", [1, 2, 30, 3000])
 def test_a_correct_theory_passes_with_any_number_of_runs(runs):
     """Bias, variance, NEES and NIS of a matched filter pass for one run as for thousands."""
-    schedule = kalman.schedule(MODEL, 25)
+    schedule = covariances(MODEL, 25)
     for seed in range(30):
-        stats = experiment(runs, seed, schedule=schedule)
+        stats = experiment(runs, seed, gains=schedule)
         for verdict in (
             chance.bias(stats, schedule.P_plus),
             chance.variance(stats, schedule.P_plus),
@@ -69,10 +69,10 @@ def test_a_correct_theory_passes_with_any_number_of_runs(runs):
 
 def test_deviations_are_standard_normal():
     """Over 400 seeds the deviation of one variance and one mean, as quantiles, have the spread and mean of N(0, 1)."""
-    schedule = kalman.schedule(MODEL, 25)
+    schedule = covariances(MODEL, 25)
     scores = []
     for seed in range(400):
-        stats = experiment(5, seed, schedule=schedule)
+        stats = experiment(5, seed, gains=schedule)
         square = stats.cov[9, 1, 1] + stats.bias[9, 1] ** 2
         scores.append(
             [
@@ -90,7 +90,7 @@ def test_deviations_are_standard_normal():
 def test_an_error_of_five_per_cent_is_found():
     """With enough runs one entry of the theory that is 5 % wrong fails, and the verdict says where."""
     stats = experiment(60_000)
-    P = kalman.schedule(MODEL, 25).P_plus
+    P = covariances(MODEL, 25).P_plus
     assert chance.variance(stats, P)
     verdict = chance.variance(stats, broken(P, (11, 1, 1)))
     assert not verdict
@@ -108,7 +108,7 @@ def test_an_error_of_five_per_cent_is_found():
 def test_a_variance_of_zero_is_met_to_rounding():
     """An exactly known state passes with an exact zero, and fails when theory says zero and the ensemble does not."""
     known = dataclasses.replace(MODEL, R=[[0.0]])
-    schedule = kalman.schedule(known, 25)
+    schedule = covariances(known, 25)
     stats = monte_carlo(known, steps=25, runs=50, seed=1, progress=False)
     assert (schedule.P_plus[1:, 0, 0] == 0).all()
     for check in (chance.bias, chance.variance):

@@ -14,16 +14,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ctlabs.models import DiscreteModel
+from ctlabs.models import DiscreteModel, NonlinearModel
 from ctlabs.montecarlo import (
     BlockFailed,
     Interrupted,
-    NonlinearModel,
     checkpoint,
     executors,
     identity,
+    monte_carlo,
     plan,
-    run,
     simulate,
     sweep,
     team,
@@ -73,34 +72,34 @@ def expected():
     """The statistics that one worker gives, made with the blocks of these tests."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("ctlabs.montecarlo.linear.layout", lambda n, steps: plan.Layout(50, 2))
-        return run(MODEL, **EXPERIMENT, workers=1)
+        return monte_carlo(MODEL, **EXPERIMENT, workers=1)
 
 
 @pytest.mark.parametrize("workers", [1, 2, 3])
 def test_any_number_of_threads_gives_the_same_bytes(workers, expected):
     """One, two or three threads: every byte of the statistics agrees; another seed differs."""
-    assert same(run(MODEL, **EXPERIMENT, workers=workers), expected)
-    assert not same(run(MODEL, **{**EXPERIMENT, "seed": 4}, workers=workers), expected)
+    assert same(monte_carlo(MODEL, **EXPERIMENT, workers=workers), expected)
+    assert not same(monte_carlo(MODEL, **{**EXPERIMENT, "seed": 4}, workers=workers), expected)
 
 
 def test_an_executor_of_ones_own_is_used_and_left_running(expected):
     """Thread pools and any other executor give the same bytes, and are not shut down."""
     with ThreadPoolExecutor(2) as pool:
-        assert same(run(MODEL, **EXPERIMENT, executor=pool), expected)
+        assert same(monte_carlo(MODEL, **EXPERIMENT, executor=pool), expected)
         assert pool.submit(int, 3).result() == 3
-    executors._EXPERIMENTS.clear()
-    assert same(run(MODEL, **EXPERIMENT, executor=Here()), expected)
+    executors.EXPERIMENTS.clear()
+    assert same(monte_carlo(MODEL, **EXPERIMENT, executor=Here()), expected)
 
 
 def test_a_worker_without_the_experiment_is_sent_it(expected):
     """A worker that lost the experiment asks for it, and nothing is computed from another one."""
-    executor = Here(lambda number: executors._EXPERIMENTS.clear() if number == 5 else None)
-    executors._EXPERIMENTS.clear()
-    assert same(run(MODEL, **EXPERIMENT, executor=executor), expected)
+    executor = Here(lambda number: executors.EXPERIMENTS.clear() if number == 5 else None)
+    executors.EXPERIMENTS.clear()
+    assert same(monte_carlo(MODEL, **EXPERIMENT, executor=executor), expected)
     assert 12 <= executor.number < 24  # twelve blocks, some of them sent twice
     for seed in range(6):  # a worker keeps only a few experiments
-        run(DiscreteModel([[0.5]], [[1]], [[1]], [[1 + seed]], x0=[0], P0=[[1]]), **EXPERIMENT, executor=Here())
-    assert len(executors._EXPERIMENTS) <= 4
+        monte_carlo(DiscreteModel([[0.5]], [[1]], [[1]], [[1 + seed]], x0=[0], P0=[[1]]), **EXPERIMENT, executor=Here())
+    assert len(executors.EXPERIMENTS) <= 4
 
 
 def test_failed_blocks_are_tried_again(expected):
@@ -110,7 +109,7 @@ def test_failed_blocks_are_tried_again(expected):
         if number % 3 == 1:
             raise OSError("lost")
 
-    assert same(run(MODEL, **EXPERIMENT, executor=Here(now_and_then)), expected)
+    assert same(monte_carlo(MODEL, **EXPERIMENT, executor=Here(now_and_then)), expected)
 
 
 def test_a_block_that_always_fails_is_an_error_that_keeps_the_rest(tmp_path, expected):
@@ -123,13 +122,13 @@ def test_a_block_that_always_fails_is_an_error_that_keeps_the_rest(tmp_path, exp
     with pytest.raises(
         BlockFailed, match=r"block \d+ \(runs \d+00 to \d+99\): failed 4 times.*OSError: no such worker"
     ) as caught:
-        run(MODEL, **EXPERIMENT, executor=Here(from_the_sixth), checkpoint=tmp_path)
+        monte_carlo(MODEL, **EXPERIMENT, executor=Here(from_the_sixth), checkpoint=tmp_path)
     assert f"checkpoint={str(tmp_path)!r} resumes" in str(caught.value)
     counting = Here()
-    assert same(run(MODEL, **EXPERIMENT, executor=counting, checkpoint=tmp_path), expected)
+    assert same(monte_carlo(MODEL, **EXPERIMENT, executor=counting, checkpoint=tmp_path), expected)
     assert counting.number + 1 == 12 - 5
     with pytest.raises(BlockFailed, match="nothing is kept"):
-        run(MODEL, **EXPERIMENT, executor=Here(from_the_sixth))
+        monte_carlo(MODEL, **EXPERIMENT, executor=Here(from_the_sixth))
 
 
 def test_an_executor_that_breaks_and_is_not_ours_is_an_error():
@@ -140,11 +139,11 @@ def test_an_executor_that_breaks_and_is_not_ours_is_an_error():
             raise BrokenExecutor("all workers died")
 
     with pytest.raises(BlockFailed, match="all workers died"):
-        run(MODEL, **EXPERIMENT, executor=Here(broken))
+        monte_carlo(MODEL, **EXPERIMENT, executor=Here(broken))
     pool = ThreadPoolExecutor(1)
     pool.shutdown()
     with pytest.raises(BlockFailed, match="shutdown"):
-        run(MODEL, **EXPERIMENT, executor=pool)
+        monte_carlo(MODEL, **EXPERIMENT, executor=pool)
 
 
 def test_workers_of_our_own_that_die_are_replaced(expected, monkeypatch):
@@ -160,8 +159,8 @@ def test_workers_of_our_own_that_die_are_replaced(expected, monkeypatch):
         return made[-1]
 
     monkeypatch.setattr(executors, "_processes", processes)
-    executors._EXPERIMENTS.clear()
-    assert same(run(MODEL, **EXPERIMENT, executor="processes", workers=2), expected)
+    executors.EXPERIMENTS.clear()
+    assert same(monte_carlo(MODEL, **EXPERIMENT, executor="processes", workers=2), expected)
     assert len(made) == 2
 
 
@@ -169,8 +168,8 @@ def test_functions_that_cannot_travel_are_refused():
     """A lambda cannot go to another process: the error says what to do."""
     model = NonlinearModel(lambda k, x, w: x + w, lambda k, x, v: x + v, [[1]], [[1]], [0], [[1]])
     with pytest.raises(TypeError, match="expected functions defined at the top of a module"):
-        run(model, steps=3, runs=3, seed=1, executor=Here())
-    assert run(model, steps=3, runs=3, seed=1, progress=False).runs == 3
+        monte_carlo(model, steps=3, runs=3, seed=1, executor=Here())
+    assert monte_carlo(model, steps=3, runs=3, seed=1, progress=False).runs == 3
 
 
 def test_an_overflow_is_not_tried_again():
@@ -181,7 +180,7 @@ def test_an_overflow_is_not_tried_again():
 
     executor = Here(overflow)
     with pytest.raises(FloatingPointError, match="overflow at step 3"):
-        run(MODEL, **EXPERIMENT, executor=executor)
+        monte_carlo(MODEL, **EXPERIMENT, executor=executor)
     assert executor.number <= 5
 
 
@@ -204,9 +203,9 @@ def test_an_interrupted_experiment_resumes_with_the_same_bytes(tmp_path, where, 
     with pytest.raises(
         Interrupted, match=rf"interrupted after \d+ of 1150 runs; .*checkpoint={str(tmp_path)!r} resumes"
     ):
-        run(MODEL, **{**EXPERIMENT, "progress": stop_at(where)}, workers=2, checkpoint=tmp_path)
+        monte_carlo(MODEL, **{**EXPERIMENT, "progress": stop_at(where)}, workers=2, checkpoint=tmp_path)
     seen = []
-    again = run(MODEL, **{**EXPERIMENT, "progress": lambda done, _: seen.append(done)}, checkpoint=tmp_path)
+    again = monte_carlo(MODEL, **{**EXPERIMENT, "progress": lambda done, _: seen.append(done)}, checkpoint=tmp_path)
     assert same(again, expected)
     assert seen[0] >= where - where % 100
 
@@ -214,25 +213,25 @@ def test_an_interrupted_experiment_resumes_with_the_same_bytes(tmp_path, where, 
 def test_an_interrupt_without_a_checkpoint_says_so():
     """Without a folder nothing is kept, and the message says how to keep it."""
     with pytest.raises(Interrupted, match="nothing is kept"):
-        run(MODEL, **{**EXPERIMENT, "progress": stop_at(500)})
+        monte_carlo(MODEL, **{**EXPERIMENT, "progress": stop_at(500)})
 
 
 def test_more_runs_go_on_from_the_record(tmp_path, expected):
     """A record of some runs serves for more, not for fewer, and is never spoilt by either."""
-    short = run(MODEL, **{**EXPERIMENT, "runs": 450}, checkpoint=tmp_path)
+    short = monte_carlo(MODEL, **{**EXPERIMENT, "runs": 450}, checkpoint=tmp_path)
     counting = Here()
-    assert same(run(MODEL, **EXPERIMENT, executor=counting, checkpoint=tmp_path), expected)
+    assert same(monte_carlo(MODEL, **EXPERIMENT, executor=counting, checkpoint=tmp_path), expected)
     assert counting.number + 1 <= 8
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    assert same(run(MODEL, **{**EXPERIMENT, "runs": 450}, checkpoint=tmp_path), short)
+    assert same(monte_carlo(MODEL, **{**EXPERIMENT, "runs": 450}, checkpoint=tmp_path), short)
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_the_finished_experiment_is_read_back(tmp_path, expected):
     """A second call computes nothing."""
-    run(MODEL, **EXPERIMENT, checkpoint=tmp_path)
+    monte_carlo(MODEL, **EXPERIMENT, checkpoint=tmp_path)
     counting = Here()
-    assert same(run(MODEL, **EXPERIMENT, checkpoint=tmp_path, executor=counting), expected)
+    assert same(monte_carlo(MODEL, **EXPERIMENT, checkpoint=tmp_path, executor=counting), expected)
     assert counting.number == -1
 
 
@@ -240,23 +239,23 @@ def test_the_finished_experiment_is_read_back(tmp_path, expected):
 def test_truncated_files_are_computed_again(tmp_path, share, expected):
     """Any file cut anywhere counts as absent: the result has the same bytes."""
     with pytest.raises(Interrupted):
-        run(MODEL, **{**EXPERIMENT, "progress": stop_at(900)}, checkpoint=tmp_path)
+        monte_carlo(MODEL, **{**EXPERIMENT, "progress": stop_at(900)}, checkpoint=tmp_path)
     files = sorted(tmp_path.iterdir())
     assert len(files) > 3
     for path in files[:: 2 if share else 1]:
         content = path.read_bytes()
         path.write_bytes(content[: int(share * len(content))])
-    assert same(run(MODEL, **EXPERIMENT, checkpoint=tmp_path), expected)
+    assert same(monte_carlo(MODEL, **EXPERIMENT, checkpoint=tmp_path), expected)
 
 
 def test_one_damaged_record_of_the_merged_sums_is_not_missed(tmp_path, monkeypatch, expected):
     """The merged sums are kept twice; with the newer one damaged nothing is lost."""
     monkeypatch.setattr(checkpoint, "INTERVAL", 0.0)
-    run(MODEL, **EXPERIMENT, workers=1, checkpoint=tmp_path)
+    monte_carlo(MODEL, **EXPERIMENT, workers=1, checkpoint=tmp_path)
     newest = max(tmp_path.glob("merged-*"), key=lambda path: path.stat().st_mtime_ns)
     newest.write_bytes(newest.read_bytes()[:-1] + b"?")
     counting = Here()
-    assert same(run(MODEL, **EXPERIMENT, executor=counting, checkpoint=tmp_path), expected)
+    assert same(monte_carlo(MODEL, **EXPERIMENT, executor=counting, checkpoint=tmp_path), expected)
     assert counting.number == -1
 
 
@@ -278,29 +277,29 @@ def test_one_damaged_record_of_the_merged_sums_is_not_missed(tmp_path, monkeypat
 )
 def test_a_checkpoint_of_another_experiment_is_refused(tmp_path, change, message):
     """Another seed, length, truth or design is refused, and the message says which it is."""
-    run(MODEL, **EXPERIMENT, checkpoint=tmp_path)
+    monte_carlo(MODEL, **EXPERIMENT, checkpoint=tmp_path)
     with pytest.raises(ValueError, match=f"expected the same experiment in .*{message}"):
-        run(**{"truth": MODEL, **EXPERIMENT, **change}, checkpoint=tmp_path)
+        monte_carlo(**{"truth": MODEL, **EXPERIMENT, **change}, checkpoint=tmp_path)
 
 
 def test_a_checkpoint_of_another_version_is_refused(tmp_path, monkeypatch):
     """Sums of another version of the kernel are not mixed with ours, with or without the description."""
-    run(MODEL, **EXPERIMENT, checkpoint=tmp_path)
+    monte_carlo(MODEL, **EXPERIMENT, checkpoint=tmp_path)
     monkeypatch.setattr(identity, "FORMAT", "0")
     with pytest.raises(
         ValueError, match=f"format {json.loads((tmp_path / 'experiment.json').read_text())['format']} there, 0 here"
     ):
-        run(MODEL, **EXPERIMENT, checkpoint=tmp_path)
+        monte_carlo(MODEL, **EXPERIMENT, checkpoint=tmp_path)
     (tmp_path / "experiment.json").write_text("{")
     with pytest.raises(ValueError, match="received another one"):
-        run(MODEL, **EXPERIMENT, checkpoint=tmp_path)
+        monte_carlo(MODEL, **EXPERIMENT, checkpoint=tmp_path)
 
 
 def test_a_folder_that_cannot_be_is_refused(tmp_path):
     """A checkpoint inside a file is one line."""
     (tmp_path / "file").write_text("")
     with pytest.raises(ValueError, match="checkpoint: expected a folder that can be written"):
-        run(MODEL, **EXPERIMENT, checkpoint=tmp_path / "file" / "folder")
+        monte_carlo(MODEL, **EXPERIMENT, checkpoint=tmp_path / "file" / "folder")
 
 
 def test_a_full_disk_is_reported_and_costs_nothing_but_the_record(tmp_path, monkeypatch, expected):
@@ -315,12 +314,12 @@ def test_a_full_disk_is_reported_and_costs_nothing_but_the_record(tmp_path, monk
 
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.warns(RuntimeWarning, match="No space left on device.*goes on") as caught:
-        assert same(run(MODEL, **EXPERIMENT, checkpoint=tmp_path), expected)
+        assert same(monte_carlo(MODEL, **EXPERIMENT, checkpoint=tmp_path), expected)
     assert len(caught) == 1
     monkeypatch.setattr(Path, "write_bytes", write)
     assert not list(tmp_path.glob(".*"))
     counting = Here()
-    assert same(run(MODEL, **EXPERIMENT, executor=counting, checkpoint=tmp_path), expected)
+    assert same(monte_carlo(MODEL, **EXPERIMENT, executor=counting, checkpoint=tmp_path), expected)
     assert 0 < counting.number + 1 < 12
 
 
@@ -330,7 +329,7 @@ def test_what_a_killed_process_left_is_swept_up(tmp_path):
     for path in (old, young):
         path.write_bytes(b"")
     os.utime(old, (1, 1))
-    run(MODEL, **EXPERIMENT, checkpoint=tmp_path)
+    monte_carlo(MODEL, **EXPERIMENT, checkpoint=tmp_path)
     assert not old.exists()
     assert young.exists()
 
@@ -371,7 +370,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch):
     """Without dask, or without a scheduler, the message says what was expected."""
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ValueError, match=r"expected the extra 'cluster' for tcp://nowhere:1"):
-        run(MODEL, **EXPERIMENT, executor="tcp://nowhere:1")
+        monte_carlo(MODEL, **EXPERIMENT, executor="tcp://nowhere:1")
 
 
 # In processes of their own
@@ -380,7 +379,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch):
 SCRIPT = """
 import sys, numpy as np
 from ctlabs.models import DiscreteModel
-from ctlabs.montecarlo import Interrupted, run
+from ctlabs.montecarlo import Interrupted, monte_carlo
 
 MODEL = DiscreteModel([[0.9, 0.2], [0, 0.8]], [[1, 0.2], [0.2, 0.5]], [[1, 0]], [[0.7]], x0=[1, 2], P0=[[4, 1], [1, 2]])
 
@@ -388,7 +387,7 @@ if __name__ == "__main__":
     folder, runs, executor, workers = sys.argv[1], int(sys.argv[2]), sys.argv[3], int(sys.argv[4])
     print("ready", flush=True)
     try:
-        stats = run(MODEL, steps=1000, runs=runs, seed=3, executor=executor, workers=workers, checkpoint=folder or None)
+        stats = monte_carlo(MODEL, steps=1000, runs=runs, seed=3, executor=executor, workers=workers, checkpoint=folder or None)
     except Interrupted as why:
         print(why)
         sys.exit(130)
@@ -523,8 +522,8 @@ def test_a_dask_cluster_gives_the_bytes_of_threads(tmp_path):
         assert (lost / "result.npy").read_bytes() == threads
         with distributed.Client(cluster) as client:
             pool = client.get_executor()
-            here = run(MODEL, steps=1000, runs=1000, seed=3, executor=pool, progress=False)
-        assert close(here.rms, run(MODEL, steps=1000, runs=1000, seed=3, progress=False).rms, EXACT)
+            here = monte_carlo(MODEL, steps=1000, runs=1000, seed=3, executor=pool, progress=False)
+        assert close(here.rms, monte_carlo(MODEL, steps=1000, runs=1000, seed=3, progress=False).rms, EXACT)
 
 
 @pytest.mark.slow
@@ -546,7 +545,7 @@ def test_mpi_workers_give_the_bytes_of_threads(tmp_path):
         "if __name__ == '__main__':\n"
         "    how = dict(steps=1000, runs=20_500, seed=3, progress=False)\n"
         "    with MPIPoolExecutor(max_workers=2) as pool:\n"
-        "        print('same', same(run(MODEL, **how, executor=pool), run(MODEL, **how)))\n"
+        "        print('same', same(monte_carlo(MODEL, **how, executor=pool), monte_carlo(MODEL, **how)))\n"
     )
     allowed = {
         "OMPI_ALLOW_RUN_AS_ROOT": "1",
@@ -566,7 +565,7 @@ def test_memory_does_not_grow_with_runs():
     peaks = []
     for runs in (2000, 40_000):
         tracemalloc.start()
-        run(MODEL, **{**EXPERIMENT, "runs": runs}, workers=2)
+        monte_carlo(MODEL, **{**EXPERIMENT, "runs": runs}, workers=2)
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 2 * peaks[0] + 200_000

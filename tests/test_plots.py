@@ -12,7 +12,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ctlabs import montecarlo
-from ctlabs.filtering import kalman
+from ctlabs.filtering import Covariances, Filtered, kalman_filter
+from ctlabs.labs.experiment import covariances
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting import plots
 from ctlabs.reporting.plots.base import STYLE
@@ -25,18 +26,18 @@ STEPS, RUNS = 12, 40
 X = np.linspace(0.0, 2.0, 30)
 
 
-def ensemble() -> kalman.Ensemble:
+def ensemble() -> Filtered:
     simulation = montecarlo.simulate(MODEL, STEPS, RUNS, seed=5)
-    return replace(kalman.filter_runs(MODEL, simulation.z), x=simulation.x)
+    return replace(kalman_filter(MODEL, simulation.z), truth=simulation.x)
 
 
-def schedules() -> dict[str, kalman.Schedule]:
-    return {f"R = {R}": kalman.schedule(replace(MODEL, R=[[R]]), 4) for R in (0.1, 1.0, 5.0, 20.0)}
+def schedules() -> dict[str, Covariances]:
+    return {f"R = {R}": covariances(replace(MODEL, R=[[R]]), 4) for R in (0.1, 1.0, 5.0, 20.0)}
 
 
 def theory() -> Figure:
     statistics = montecarlo.monte_carlo(MODEL, steps=STEPS, runs=RUNS, seed=5)
-    P = kalman.schedule(MODEL, STEPS).P_plus
+    P = covariances(MODEL, STEPS).P_plus
     return plots.ensemble_against_theory(statistics, P, xlabel="time, s", units=["m", "m/s"], names=["x", "v"])
 
 
@@ -147,7 +148,7 @@ def test_settings_are_left_alone_when_drawing_fails():
 def test_pyplot_is_never_imported():
     """No figure manager, no display, no global figure: drawing in a process of its own loads no pyplot."""
     code = (
-        "import sys\nfrom ctlabs import plots, render\n"
+        "import sys\nfrom ctlabs.reporting import plots, render\n"
         "render.png(plots.lines([0, 1], {'x': [0, 1]}, xlabel='time, s', ylabel='x, m'))\n"
         "assert 'matplotlib.pyplot' not in sys.modules, 'pyplot'"
     )
@@ -213,7 +214,7 @@ class TestSawtooth:
 
     def test_a_measurement_at_t0_has_its_prediction_too(self):
         """With first = 0 the saw begins with P0⁻."""
-        found = kalman.schedule(MODEL, 3, first=0)
+        found = covariances(MODEL, 3, first=0)
         drawn = plots.sawtooth({"": found}, xlabel="measurement number i", ylabel="variance, m²")
         line = drawn.axes[0].lines[0]
         assert line.get_ydata().tolist() == np.stack([found.P_minus, found.P_plus], axis=1)[..., 0, 0].ravel().tolist()
@@ -230,7 +231,7 @@ class TestSawtooth:
 
     def test_a_variance_of_zero_has_an_axis_too(self):
         """A state that is known from the start."""
-        known = kalman.schedule(replace(MODEL, P0=np.zeros((2, 2)), Qd=np.zeros((2, 2))), 3)
+        known = covariances(replace(MODEL, P0=np.zeros((2, 2)), Qd=np.zeros((2, 2))), 3)
         drawn = plots.sawtooth({"known": known}, xlabel="measurement number i", ylabel="variance, m²")
         FigureCanvasAgg(drawn).draw()
         assert drawn.axes[0].get_ylim()[0] == 0
@@ -243,12 +244,12 @@ class TestRuns:
         drawn = plots.record(found, xlabel="time, s", ylabel="v, m/s", state=1, measurement=None, run=3)
         lines = {line.get_label(): line.get_ydata() for line in drawn.axes[0].lines}
         assert set(lines) == {"truth", "estimate"}
-        assert np.array_equal(lines["truth"], found.x[:, 1, 3])
+        assert np.array_equal(lines["truth"], found.truth[:, 1, 3])
         assert np.array_equal(lines["estimate"], found.x_plus[:, 1, 3])
 
     def test_measured_data_have_no_truth(self):
         """A record of one's own data shows measurements and estimate."""
-        drawn = plots.record(replace(ensemble(), x=None), xlabel="time, s", ylabel="x, m")
+        drawn = plots.record(replace(ensemble(), truth=None), xlabel="time, s", ylabel="x, m")
         assert {line.get_label() for line in drawn.axes[0].lines} == {"measurement", "estimate"}
 
     def test_errors_are_those_of_the_runs_inside_their_bands(self):
@@ -261,7 +262,7 @@ class TestRuns:
             "filtering error, m",
         ]
         for axes, when in zip(drawn.axes[1:], ("minus", "plus"), strict=True):
-            e, sd = found.error(when)[:, 0], np.sqrt(getattr(found.schedule, f"P_{when}")[:, 0, 0])
+            e, sd = found.error(when)[:, 0], np.sqrt(getattr(found, f"P_{when}")[:, 0, 0])
             drawn_lines = [line.get_ydata() for line in axes.lines]
             assert len(drawn_lines) == 7 + 1 + 4
             assert all(np.array_equal(drawn_lines[run], e[:, run]) for run in range(7))
@@ -276,7 +277,7 @@ class TestRuns:
         assert len(labels) == 6
         assert labels[0].endswith("x, m")
         assert labels[2].endswith("v, m/s")
-        P = kalman.schedule(MODEL, STEPS).P_plus
+        P = covariances(MODEL, STEPS).P_plus
         for i in range(2):
             lines = {line.get_label(): line.get_ydata() for line in drawn.axes[2 * i].lines}
             assert np.allclose(lines["theory"], np.sqrt(P[:, i, i]), rtol=1e-12, atol=0)

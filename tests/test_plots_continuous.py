@@ -12,7 +12,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from ctlabs import montecarlo
-from ctlabs.filtering import bucy, kalman, steady
+from ctlabs.filtering import bucy, steady
+from ctlabs.labs.experiment import covariances
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
@@ -193,7 +194,7 @@ class TestTransient:
 class TestSampled:
     def test_the_sawtooth_is_the_schedule_and_the_curve_is_p_of_t(self):
         """Teeth P⁻, P⁺ at every measurement, and the continuous variance through them."""
-        schedule = kalman.schedule(discretise(WIENER, 1.0), 8)
+        schedule = covariances(discretise(WIENER, 1.0), 8)
         P = bucy.transient(WIENER, T).P[:, 0, 0]
         figure = drawn(plots.sampled({"dt = 1 s": schedule}, T, P, ylabel="variance, m²", limit=8.0))
         found = curves(figure.axes[0])
@@ -206,14 +207,14 @@ class TestSampled:
 
     def test_only_the_time_of_the_curve_is_shown(self):
         """A schedule that goes on longer is cut; one panel for each schedule."""
-        schedule = kalman.schedule(discretise(WIENER, 1.0), 20)
+        schedule = covariances(discretise(WIENER, 1.0), 20)
         figure = drawn(plots.sampled({"one": schedule, "two": schedule}, T, np.ones(41), ylabel="P, m²"))
         assert [axes.get_title() for axes in figure.axes] == ["one", "two"]
         assert curves(figure.axes[1])["filtering P⁺"][0].max() == 8.0
 
     def test_a_logarithmic_time_begins_after_t0(self):
         """t0 has no place on a logarithmic axis, and is left out rather than drawn at the edge."""
-        schedule = kalman.schedule(discretise(WIENER, 1.0), 8)
+        schedule = covariances(discretise(WIENER, 1.0), 8)
         axes = drawn(plots.sampled({"": schedule}, T[1:], T[1:], ylabel="P, m²", log="xy")).axes[0]
         found = curves(axes)
         assert found["filtering P⁺"][0][0] == found["prediction P⁻"][0][0] == 1.0
@@ -221,8 +222,8 @@ class TestSampled:
 
     def test_many_measurements_are_lines_not_points(self):
         """More than sixty markers would be a smear."""
-        dense = kalman.schedule(discretise(WIENER, 0.05), 160)
-        few = kalman.schedule(discretise(WIENER, 0.5), 16)
+        dense = covariances(discretise(WIENER, 0.05), 160)
+        few = covariances(discretise(WIENER, 0.5), 16)
         lines = [plots.sampled({"": s}, T, T, ylabel="P, m²").axes[0].lines[2] for s in (dense, few)]
         assert [(line.get_marker(), line.get_linestyle()) for line in lines] == [("", "-"), ("o", "None")]
 
@@ -230,7 +231,7 @@ class TestSampled:
 class TestGains:
     def test_discrete_gains_are_shown_over_the_period(self):
         """K/dt, from the first measurement on, beside Kc(t)."""
-        schedule, transient = kalman.schedule(discretise(WIENER, 0.5), 16), bucy.transient(WIENER, T)
+        schedule, transient = covariances(discretise(WIENER, 0.5), 16), bucy.transient(WIENER, T)
         figure = drawn(plots.gains(T, transient.K, schedule, names=["K"], units=["1/s"]))
         found = curves(figure.axes[0])
         assert close(found["continuous filter"][1], transient.K[:, 0, 0], EXACT)
@@ -241,7 +242,7 @@ class TestGains:
 
     def test_negative_gains_on_a_logarithmic_axis_are_shown_by_their_size(self):
         """The caller says so in the name."""
-        schedule = kalman.schedule(discretise(WIENER, 0.5), 16)
+        schedule = covariances(discretise(WIENER, 0.5), 16)
         axes = drawn(plots.gains(T[1:], -T[1:, None, None], schedule, names=["|K|"], units=["1/s"], log="y")).axes[0]
         assert (axes.lines[0].get_ydata() > 0).all()
 
@@ -273,7 +274,7 @@ class TestEnsembleLog:
     def test_errors_that_shrink_are_shown_relative_to_theory(self):
         """RMS on a logarithmic axis, the mean error in σ, from the first measurement on."""
         model = discretise(WIENER, 0.5)
-        theory, stats = kalman.schedule(model, 20), montecarlo.monte_carlo(model, steps=20, runs=50, seed=1)
+        theory, stats = covariances(model, 20), montecarlo.monte_carlo(model, steps=20, runs=50, seed=1)
         figure = drawn(plots.ensemble_log(stats, theory.P_plus, xlabel="t, s", units=["m"], names=["x"], log="xy"))
         rms, bias, nees, nis = figure.axes
         assert rms.get_yscale() == "log"
@@ -287,7 +288,7 @@ class TestEnsembleLog:
         """A variance of zero has no logarithm and no relative error."""
         known = ContinuousModel([[0, 0], [0, 0]], [[1], [0]], [[4]], [[1, 0]], Rc=[[16]], P0=[[25, 0], [0, 0]])
         model = discretise(known, 0.5)
-        theory, stats = kalman.schedule(model, 5), montecarlo.monte_carlo(model, steps=5, runs=20, seed=1)
+        theory, stats = covariances(model, 5), montecarlo.monte_carlo(model, steps=5, runs=20, seed=1)
         figure = drawn(plots.ensemble_log(stats, theory.P_plus, xlabel="t, s", units=["m", "m"], names=["x", "y"]))
         assert np.isnan(curves(figure.axes[2])["ensemble"][1]).all()
         assert np.isnan(curves(figure.axes[3])["ensemble"][1]).all()

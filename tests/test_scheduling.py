@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ctlabs.analysis import scheduling
-from ctlabs.filtering import kalman
+from ctlabs.labs.experiment import covariances
 from ctlabs.models import DiscreteModel
 from tests.reference import EXACT, close
 from tests.strategies import seeds
@@ -29,7 +29,7 @@ def through_the_filter(model, instants, horizon):
     R = np.full((horizon + 1, 1, 1), np.inf)
     R[list(instants)] = model.R
     timed = DiscreteModel(model.Phi, model.Qd, model.H, R, x0=model.x0, P0=model.P0)
-    schedule = kalman.schedule(timed, horizon, first=0)
+    schedule = covariances(timed, horizon, first=0)
     rms = np.sqrt(np.einsum("i,kij,j->k", model.H[0], schedule.P_minus, model.H[0]))
     return rms[-1], rms[list(instants)].max()
 

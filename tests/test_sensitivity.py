@@ -12,7 +12,8 @@ from hypothesis import given, settings
 from numpy.typing import NDArray
 
 from ctlabs.analysis import sensitivity
-from ctlabs.filtering import kalman, steady
+from ctlabs.filtering import steady
+from ctlabs.labs.experiment import covariances
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.models.discretisation import discretise
 from tests import reference
@@ -87,7 +88,7 @@ def densely(truth: DiscreteModel, design: DiscreteModel, C: Array, first: int = 
 def test_the_right_design_has_the_filters_covariance_and_no_bias(model: DiscreteModel, first: int) -> None:
     """With design = truth the true covariance is the filter's own, and the mean error is zero at every step."""
     result = sensitivity.actual(model, model, STEPS, first=first)
-    plan = kalman.schedule(model, STEPS, first)
+    plan = covariances(model, STEPS, first)
     assert close(result.P_minus, plan.P_minus, EXACT)
     assert close(result.P_plus, plan.P_plus, EXACT)
     assert not result.bias_minus.any()
@@ -123,19 +124,19 @@ def test_measurements_the_truth_does_not_make_are_missing_for_the_filter(truth: 
     result = sensitivity.actual(truth, design, STEPS, compare=C)
     assert close(result.bias_plus, bias, EXACT)
     assert close(result.P_plus, cov, EXACT)
-    assert not result.claimed.measured[3].any()
+    assert not result.claimed.used[3].any()
 
 
 @given(discrete_models(steps=STEPS), seeds)
 def test_no_other_unbiased_linear_filter_is_better(truth: DiscreteModel, seed: int) -> None:
     """A filter with other noise covariances, or any gains, has P_actual − P nonnegative definite at every step."""
     rng = np.random.default_rng(seed)
-    best = kalman.schedule(truth, STEPS)
+    best = covariances(truth, STEPS)
     design = replace(truth, N=None, Qd=covariance(rng, truth.n), R=covariance(rng, truth.m, size=3.0))
     arbitrary = sensitivity.fixed_gain(replace(truth, N=None), 0.3 * rng.normal(size=(truth.n, truth.m)), STEPS)
     for result in (
         sensitivity.actual(truth, design, STEPS),
-        sensitivity.actual(truth, replace(truth, N=None), STEPS, schedule=arbitrary),
+        sensitivity.actual(truth, replace(truth, N=None), STEPS, gains=arbitrary),
     ):
         excess = np.linalg.eigvalsh(result.P_plus - best.P_plus)
         size = np.abs(result.P_plus).max(axis=(1, 2))
@@ -146,18 +147,18 @@ def test_no_other_unbiased_linear_filter_is_better(truth: DiscreteModel, seed: i
 @given(discrete_models(steps=STEPS, correlated=False))
 def test_fixed_gain_with_the_optimal_gains_is_the_optimal_schedule(model: DiscreteModel) -> None:
     """The Joseph recursion with the filter's own gains returns its own covariances and innovations."""
-    plan = kalman.schedule(model, STEPS)
+    plan = covariances(model, STEPS)
     same = sensitivity.fixed_gain(model, plan.K, STEPS)
     assert close(same.P_plus, plan.P_plus, EXACT)
     assert close(same.P_minus, plan.P_minus, EXACT)
     assert close(same.S, plan.S, EXACT)
-    assert (same.measured == plan.measured).all()
+    assert (same.used == plan.used).all()
 
 
 def test_an_unstable_truth_does_not_swamp_its_filters_error() -> None:
     """Where the state's variance grows to 1e40 the error of the right filter keeps its digits."""
     truth = DiscreteModel([[1.3, 1.0], [0.0, 1.2]], np.eye(2), [[1.0, 0.0]], [[0.1]], x0=[1e3, 0.0], P0=1e3 * np.eye(2))
-    assert close(sensitivity.actual(truth, truth, 300).P_plus, kalman.schedule(truth, 300).P_plus, EXACT)
+    assert close(sensitivity.actual(truth, truth, 300).P_plus, covariances(truth, 300).P_plus, EXACT)
 
 
 def test_an_overflow_names_its_step() -> None:
@@ -205,8 +206,8 @@ def test_each_source_of_the_budget_is_what_it_is_alone() -> None:
     assert result.names == tuple(alone)
     for part, source in zip(result.parts, alone.values(), strict=True):
         truth = replace(model, **(quiet | source))
-        plan = kalman.schedule(model, 8)
-        assert close(part, sensitivity.actual(truth, model, 8, schedule=plan).P_plus, EXACT)
+        plan = covariances(model, 8)
+        assert close(part, sensitivity.actual(truth, model, 8, gains=plan).P_plus, EXACT)
 
 
 def test_correlated_quantities_are_one_source() -> None:
@@ -316,7 +317,7 @@ def test_the_constant_gain_formula_of_lab_7(Phi: float, K: float) -> None:
     model = scalar(Phi=Phi, Qd=Q, R=R, P0=1.0)
     expected = ((1 - K) ** 2 * Q / R + K**2) / (1 - (1 - K) ** 2 * Phi**2)
     assert close(sensitivity.steady(model, model, K=[[K]]).P_plus / R, [[expected]], EXACT)
-    late = sensitivity.actual(model, model, 600, schedule=sensitivity.fixed_gain(model, [[K]], 600)).P_plus[-1]
+    late = sensitivity.actual(model, model, 600, gains=sensitivity.fixed_gain(model, [[K]], 600)).P_plus[-1]
     assert close(late / R, [[expected]], EXACT)
     assert not close(sensitivity.steady(model, model, K=[[1.05 * K]]).P_plus / R, [[expected]], 1e-6)
 
@@ -452,7 +453,7 @@ def test_bad_input_is_refused_with_what_was_expected() -> None:
         sensitivity.actual(varying, one, 5)
     with pytest.raises(ValueError, match="design: expected constant matrices"):
         sensitivity.steady(one, varying)
-    with pytest.raises(ValueError, match=r"schedule: expected gains of shape \(4, 1, 1\), received \(6, 1, 1\)"):
-        sensitivity.actual(one, one, 3, schedule=kalman.schedule(one, 5))
+    with pytest.raises(ValueError, match=r"gains: expected gains of shape \(4, 1, 1\), received \(6, 1, 1\)"):
+        sensitivity.actual(one, one, 3, gains=covariances(one, 5))
     with pytest.raises(TypeError, match="truth: expected a DiscreteModel, received a str"):
         sensitivity.actual("x", one, 3)  # type: ignore[arg-type]

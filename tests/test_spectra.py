@@ -306,7 +306,9 @@ def expanded(factors: list[tuple[Fraction, Fraction, int]]) -> list[Fraction]:
     for a, b, m in factors:
         for _ in range(m):
             q = [Fraction(1), -2 * a, a * a + b]
-            p = [sum((q[j] * p[i - j] for j in range(3) if 0 <= i - j < len(p)), Fraction(0)) for i in range(len(p) + 2)]
+            p = [
+                sum((q[j] * p[i - j] for j in range(3) if 0 <= i - j < len(p)), Fraction(0)) for i in range(len(p) + 2)
+            ]
     return p
 
 
@@ -324,8 +326,12 @@ def test_zeros_of_any_even_order_factor(product: tuple[list[tuple[Fraction, Frac
         with mpmath.workdps(60):
             for w in (0.0, 0.3, 1.1, *(float(a) ** 0.5 for a, _, _ in factors), 7.0):
                 x, s = mpmath.mpf(w) ** 2, mpmath.mpc(0, w * 2.0 ** (5 * unit))
-                right = mpmath.fprod(((x - float(a)) ** 2 + float(b)) ** m for a, b, m in factors) / (x + 1) ** (2 * degree)
-                terms = mpmath.fprod(((x + float(a)) ** 2 + float(b)) ** m for a, b, m in factors) / (x + 1) ** (2 * degree)
+                right = mpmath.fprod(((x - float(a)) ** 2 + float(b)) ** m for a, b, m in factors) / (x + 1) ** (
+                    2 * degree
+                )
+                terms = mpmath.fprod(((x + float(a)) ** 2 + float(b)) ** m for a, b, m in factors) / (x + 1) ** (
+                    2 * degree
+                )
                 found = abs(mpmath.polyval(top.tolist(), s) / mpmath.polyval(bottom.tolist(), s)) ** 2
                 assert abs(found / mpmath.mpf(2.0) ** (10 * unit * (len(num) - len(den))) - right) < 1e-13 * terms
         assert _left_half(top.tolist())
@@ -395,7 +401,9 @@ def test_fractions_are_exact_and_numbers_are_rounded() -> None:
         spectra.parse("1/(w^2-1)^2")
     with pytest.raises(ValueError, match="received a negative one for w → ∞"):
         Spectrum([-1.0, 1.0], [1.0, 2.0, 1.0])
-    with pytest.raises(ValueError, match=r"num: expected coefficients within double precision .*, received smaller ones"):
+    with pytest.raises(
+        ValueError, match=r"num: expected coefficients within double precision .*, received smaller ones"
+    ):
         Spectrum([1e-300], [1e30, 1e30])
 
 

@@ -12,7 +12,8 @@ from scipy.optimize import minimize
 
 from ctlabs.analysis import sensitivity
 from ctlabs.files import datafile, modelfile
-from ctlabs.filtering import algorithms, steady
+from ctlabs.filtering import steady
+from ctlabs.filtering.algorithms import catalogue
 from ctlabs.reporting import render
 from ctlabs.studies import analysis, clock, common, comparison, filtering, fitting, second, simulation
 from tests import reference
@@ -259,12 +260,12 @@ class TestSteadyGain:
             found = solve(model)
             return dataclasses.replace(found, K=1.05 * found.K) if off[0] else found
 
-        run = filtering._run(*nile(), "steady", smooth=False)
+        run = filtering.filtered_run(*nile(), "steady", smooth=False)
         off[0] = True
         monkeypatch.setattr(steady, "solve", torn)
         report = common.begin("filter", "", *nile()[:1], "b", common.settings(nile()[0]))
         report.section("b", "")
-        filtering._steady_route(report, run)
+        filtering.steady_route(report, run)
         assert not report.passed
 
 
@@ -519,7 +520,7 @@ class TestComparison:
     def test_all_forms_are_listed_with_numbers_or_a_reason(self, ill):
         """In the design's order; a form that refuses has nulls and says why."""
         entries = ill.results()["algorithms"]
-        assert [entry["name"] for entry in entries] == list(algorithms.FORMS)
+        assert [entry["name"] for entry in entries] == list(catalogue.FORMS)
         for entry in entries:
             keys = ("max_relative_error_P", "max_error_x", "seconds_per_step")
             assert all((entry[key] is None) == bool(entry["failed"]) for key in keys)

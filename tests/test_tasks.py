@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ctlabs.filtering import kalman, steady
+from ctlabs.filtering import settling
+from ctlabs.filtering.engines import adapter, compiled
 from ctlabs.labs import catalogue as labs
 from ctlabs.labs.experiment import Experiment
 from ctlabs.reporting import plots
@@ -97,9 +98,9 @@ class TestLab:
     @pytest.mark.parametrize("wrong", ["K", "Qd", "R"])
     def test_a_filter_wrong_by_five_percent_is_noticed(self, name, wrong, monkeypatch):
         """At least one check fails when K, Qd or R of the discrete filter is multiplied by 1.05."""
-        right, touched = kalman._covariances, []
+        touched = []
 
-        def mutated(model, *rest):
+        def mutated(right, model, *rest):
             if wrong == "K":
                 schedule = right(model, *rest)
                 touched.append(bool(schedule.K.any()))
@@ -109,9 +110,10 @@ class TestLab:
             touched.append(bool(finite.any()))
             return right(replace(model, **{wrong: np.where(np.isfinite(matrix), 1.05 * matrix, matrix)}), *rest)
 
-        monkeypatch.setattr(kalman, "_covariances", mutated)
+        for engine in (adapter, compiled):
+            monkeypatch.setattr(engine, "covariances", partial(mutated, engine.covariances))
         # A wrong filter never comes near the right limit: the search for its settling need not go to the end.
-        monkeypatch.setattr(steady, "settling", partial(steady.settling, longest=500))
+        monkeypatch.setattr(settling, "__defaults__", (0.01, None, 500))
         try:
             until_a_check_fails(LABS[name])
         except (FailedError, ValueError, FloatingPointError):
@@ -145,7 +147,9 @@ def test_the_sheets_answers_owe_nothing_to_the_library(name):
     ours = {
         alias.asname or alias.name
         for node in ast.walk(tree)
-        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "ctlabs" and node.module != "ctlabs.tasks"
+        if isinstance(node, ast.ImportFrom)
+        and (node.module or "").split(".")[0] == "ctlabs"
+        and node.module != "ctlabs.tasks"
         for alias in node.names
     }
     assert ours

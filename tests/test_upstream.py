@@ -58,7 +58,9 @@ def information_filter(fk: Any, model: DiscreteModel, P_inv: Array) -> Any:
     return kf
 
 
-@pytest.mark.xfail(reason="InformationFilter takes HᵀR⁻¹H + P⁻¹ for the covariance of the innovation", raises=AssertionError)
+@pytest.mark.xfail(
+    reason="InformationFilter takes HᵀR⁻¹H + P⁻¹ for the covariance of the innovation", raises=AssertionError
+)
 def test_likelihood_of_the_information_filter(fk: Any) -> None:
     """log N(ν; 0, HP⁻Hᵀ + R) for a scalar, where the shapes at least agree."""
     model = DiscreteModel([[1]], [[1]], [[1]], [[3]], x0=[0], P0=[[2]])
@@ -68,7 +70,9 @@ def test_likelihood_of_the_information_filter(fk: Any) -> None:
     assert close(kf.log_likelihood, scipy.stats.norm.logpdf(1.5, scale=math.sqrt(6)), EXACT)
 
 
-@pytest.mark.xfail(reason="InformationFilter's start from P⁻¹ = 0 inverts a singular matrix", raises=np.linalg.LinAlgError)
+@pytest.mark.xfail(
+    reason="InformationFilter's start from P⁻¹ = 0 inverts a singular matrix", raises=np.linalg.LinAlgError
+)
 def test_information_filter_starts_from_nothing(fk: Any) -> None:
     """P⁻¹ = 0 and no disturbances: two exact positions of a line give its slope."""
     kf = information_filter(fk, tracking(0.0), np.zeros((2, 2)))
@@ -78,7 +82,10 @@ def test_information_filter_starts_from_nothing(fk: Any) -> None:
     assert close(np.linalg.solve(kf.P_inv, kf.P_inv @ kf.x)[:, 0], [7.0, 2.0], SOLVER)
 
 
-@pytest.mark.xfail(reason="without information InformationFilter predicts with (A + Q)⁻¹ and leaves P⁻¹ as it was", raises=AssertionError)
+@pytest.mark.xfail(
+    reason="without information InformationFilter predicts with (A + Q)⁻¹ and leaves P⁻¹ as it was",
+    raises=AssertionError,
+)
 def test_information_filter_recovers_from_nothing(fk: Any) -> None:
     """P⁻¹ = 0 with disturbances: after twenty measurements it is the filter with a very wide prior."""
     model = tracking()
@@ -98,12 +105,15 @@ def test_information_filter_in_batch(fk: Any) -> None:
     model = tracking()
     kf = information_filter(fk, model, np.linalg.inv(model.P0))
     means, _ = kf.batch_filter([np.array([[1.0]])])
-    expected, _, _ = information_update(model.x0, model.Phi @ model.P0 @ model.Phi.T + model.Qd, np.ones(1), model.H, model.R)
+    expected, _, _ = information_update(
+        model.x0, model.Phi @ model.P0 @ model.Phi.T + model.Qd, np.ones(1), model.H, model.R
+    )
     assert close(means[0, :, 0], expected, EXACT)
 
 
 @pytest.mark.xfail(
-    reason="FixedLagSmoother's gains start from P⁺ instead of P⁻, leave out Φ and suppose the steady state", raises=AssertionError
+    reason="FixedLagSmoother's gains start from P⁺ instead of P⁻, leave out Φ and suppose the steady state",
+    raises=AssertionError,
 )
 def test_fixed_lag_smoother_is_optimal(fk: Any) -> None:
     """x_{k−1} given the measurements up to k, against joint conditioning (and x_{k−2}, should the lag mean that)."""
@@ -154,7 +164,9 @@ def test_sequential_update_with_correlated_noises(fk: Any) -> None:
     assert close(kf.P, P, EXACT)
 
 
-@pytest.mark.xfail(reason="SquareRootKalmanFilter.P_post returns the covariance before the update", raises=AssertionError)
+@pytest.mark.xfail(
+    reason="SquareRootKalmanFilter.P_post returns the covariance before the update", raises=AssertionError
+)
 def test_square_root_filter_reports_its_posterior(fk: Any) -> None:
     """P_post is the covariance after the update."""
     kf = filterpys(fk.SquareRootKalmanFilter, tracking())
@@ -163,7 +175,9 @@ def test_square_root_filter_reports_its_posterior(fk: Any) -> None:
     assert close(kf.P_post, kf.P, EXACT)
 
 
-@pytest.mark.xfail(reason="SquareRootKalmanFilter factors by Cholesky, which refuses singular matrices", raises=np.linalg.LinAlgError)
+@pytest.mark.xfail(
+    reason="SquareRootKalmanFilter factors by Cholesky, which refuses singular matrices", raises=np.linalg.LinAlgError
+)
 @pytest.mark.parametrize("field", ["Q", "P"])
 def test_square_root_filter_takes_singular_covariances(fk: Any, field: str) -> None:
     """A state without disturbance, or known at the start, is a legitimate model."""
@@ -172,7 +186,9 @@ def test_square_root_filter_takes_singular_covariances(fk: Any, field: str) -> N
     assert close(getattr(kf, field), np.diag([0.0, 1.0]), EXACT)
 
 
-@pytest.mark.xfail(reason="a scalar assigned to Q is added to every element of P, not to its diagonal", raises=AssertionError)
+@pytest.mark.xfail(
+    reason="a scalar assigned to Q is added to every element of P, not to its diagonal", raises=AssertionError
+)
 def test_scalar_process_noise_is_diagonal(fk: Any) -> None:
     """kf.Q = q means what predict(Q=q) means, P + qI."""
     kf = fk.KalmanFilter(dim_x=2, dim_z=1)
@@ -197,7 +213,9 @@ def test_infinite_noise_is_no_measurement(fk: Any) -> None:
     assert close(kf.P, 1.0, EXACT)
 
 
-@pytest.mark.xfail(reason="van_loan_discretization takes the exponential of −F dt and F dt in one block", raises=AssertionError)
+@pytest.mark.xfail(
+    reason="van_loan_discretization takes the exponential of −F dt and F dt in one block", raises=AssertionError
+)
 def test_van_loan_discretisation_of_a_stiff_model() -> None:
     """At |λ|dt = 50 against the library's doubling, which agrees with 60 digits."""
     F, G = np.array([[-50.0, 3.0], [2.0, -1.0]]), np.eye(2)
@@ -245,7 +263,9 @@ def test_lqe_accepts_every_strength(control: Any) -> None:
 
 # Two eigenvalues of its pencil are 1: rounding moves them by √ε, off the unit circle or along it, and decides what dare says.
 @pytest.mark.xfail(
-    reason="dare refuses a constant without disturbances beside a growing state", raises=np.linalg.LinAlgError, strict=False
+    reason="dare refuses a constant without disturbances beside a growing state",
+    raises=np.linalg.LinAlgError,
+    strict=False,
 )
 def test_dare_of_a_growing_state_and_a_constant(control: Any) -> None:
     """Φ = diag(1.2, 1), Q = 0: the recursion's limit is diag(1.2² − 1, 0), as steady.solve says."""
@@ -255,7 +275,9 @@ def test_dare_of_a_growing_state_and_a_constant(control: Any) -> None:
     assert close(P, np.diag([1.2**2 - 1, 0]), 100 * EPS**0.5)
 
 
-@pytest.mark.xfail(reason="gram, MIMO tf2ss and state-space minreal need slycot", raises=(ImportError, NotImplementedError, TypeError))
+@pytest.mark.xfail(
+    reason="gram, MIMO tf2ss and state-space minreal need slycot", raises=(ImportError, NotImplementedError, TypeError)
+)
 @pytest.mark.parametrize(
     "call",
     [

@@ -466,7 +466,7 @@ def test_a_state_of_which_nothing_is_known_leaves_a_gap() -> None:
 
 def test_the_numbers_of_a_family_are_told_apart() -> None:
     """No two of the first 24 curves have the same colour and dash."""
-    styles = figures._styles(24)
+    styles = figures.line_styles(24)
     assert len(set(styles)) == 24
     assert {style for _, style in styles} == {"line", "dash", "dot"}
 

@@ -13,13 +13,14 @@ from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule
 
+from ctlabs import covariances
 from ctlabs.files.modelfile import gallery, loads, new, ready
-from ctlabs.filtering import bucy, kalman, steady
+from ctlabs.filtering import bucy, settling, steady
 from ctlabs.models import observability, shaping, spectra
 from ctlabs.models.discretisation import interval
 from ctlabs.workbench import commands as c
 from ctlabs.workbench.blocks import InsertBlock, block, rational
-from ctlabs.workbench.kinds import _before_sampling
+from ctlabs.workbench.kinds import before_sampling
 from ctlabs.workbench.outcomes import Anomaly, Plan
 from ctlabs.workbench.session import Session
 from ctlabs.workbench.sheet import Sheet
@@ -259,7 +260,7 @@ def test_a_large_discrete_model_has_its_continuous_one_too() -> None:
     G = rng.normal(size=(40, 2))
     made = interval(F, G @ G.T, 0.5)
     assert np.linalg.det(made.Phi) < 1e-20
-    found_F, found_Q = _before_sampling(made.Phi, made.Qd, 0.5)
+    found_F, found_Q = before_sampling(made.Phi, made.Qd, 0.5)
     np.testing.assert_allclose(found_F, F, rtol=0, atol=SOLVER)
     np.testing.assert_allclose(found_Q, G @ G.T, rtol=0, atol=SOLVER * np.abs(G @ G.T).max())
 
@@ -405,7 +406,7 @@ def test_understanding_is_the_librarys(session: Session) -> None:
     model = file.discrete()
     limit = steady.solve(model)
     np.testing.assert_array_equal(found.limit.value.state.P_plus, limit.P_plus)
-    assert found.limit.value.settled == steady.settling(model)
+    assert found.limit.value.settled == settling(model)
     assert found.observability.value.rank == observability.analyse(model).rank
     num, den = steady.transfer_function(model, 1, 0)
     transfer = found.transfers.value[1]
@@ -414,7 +415,7 @@ def test_understanding_is_the_librarys(session: Session) -> None:
     late = np.exp(-1j * found.bode.value.w * model.dt)
     response = np.polyval(num[::-1], late) / np.polyval(den[::-1], late)
     np.testing.assert_allclose(found.bode.value.gain[1], np.abs(response), rtol=SOLVER)
-    plan = kalman.schedule(model, file.experiment.steps, file.experiment.first)
+    plan = covariances(model, file.experiment.steps, first=file.experiment.first)
     np.testing.assert_array_equal(found.transient.value.P_minus, plan.P_minus)
     assert session.understand() is found
     session.do(c.SetDt("0.3"))

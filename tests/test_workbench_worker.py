@@ -20,21 +20,21 @@ import pytest
 
 from ctlabs import DiscreteModel, montecarlo
 from ctlabs.workbench import worker
-from ctlabs.workbench.worker import FUNCTIONS, Progress, RunFailed, Runner, _Job, _rated
+from ctlabs.workbench.worker import FUNCTIONS, Job, Progress, RunFailed, Runner, rated
 from tests import workbench_functions
 
 TABLE = {
     name: f"tests.workbench_functions:{name}"
     for name, value in vars(workbench_functions).items()
     if inspect.isfunction(value)
-} | {"montecarlo": "ctlabs.montecarlo:run"}
+} | {"montecarlo": "ctlabs.montecarlo:monte_carlo"}
 MODEL = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]])
 
 
 @pytest.fixture(scope="module")
 def runner() -> Iterator[Runner]:
     """Two processes, whatever the machine has, with little memory."""
-    made = Runner(TABLE, size=2, memory=300 * 1024**2, warm=("ctlabs.montecarlo.kernel", "ctlabs.filtering.kalman"))
+    made = Runner(TABLE, size=2, memory=300 * 1024**2, warm=("ctlabs.montecarlo.kernel", "ctlabs.filtering.filter"))
     yield made
     made.close()
 
@@ -129,7 +129,7 @@ def test_progress_rises_to_one_with_a_rate(runner: Runner) -> None:
     assert (seen[-1].fraction, seen[-1].done, seen[-1].total) == (1.0, 40, 40)
     assert threads == {threading.get_ident()}
     assert seen[-1].rate > 0
-    assert (middle := _rated(50, 100, 2.5)) == Progress(0.5, 20.0, 50, 100)
+    assert (middle := rated(50, 100, 2.5)) == Progress(0.5, 20.0, 50, 100)
     assert middle.left == 2.5
     assert Progress(0, 0, 0, 100).left is None
 
@@ -319,7 +319,7 @@ def test_a_session_with_many_runs_does_not_keep_others_waiting(runner: Runner, t
 def test_the_next_process_goes_to_who_has_fewest_and_waited_longest() -> None:
     """The rule itself, without processes: fewest running, then served longest ago, then first come."""
     runner = Runner(TABLE, size=3)
-    jobs = {name: _Job("double", {}, name[0], 1.0, lambda _: None) for name in ("a1", "a2", "a3", "b1", "c1")}
+    jobs = {name: Job("double", {}, name[0], 1.0, lambda _: None) for name in ("a1", "a2", "a3", "b1", "c1")}
     runner._waiting = [jobs[name] for name in ("a2", "a3", "b1", "c1")]
     runner._running = [jobs["a1"]]
     runner._served = {"b": 5, "c": 4, "a": 6}

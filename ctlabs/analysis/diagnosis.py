@@ -26,7 +26,8 @@ from scipy import special
 from ctlabs.analysis import fitting
 from ctlabs.filtering.filter import kalman_filter, log_likelihood
 from ctlabs.filtering.measured import begins
-from ctlabs.filtering.results import Filtered
+from ctlabs.filtering.results import Filtered, without_runs
+from ctlabs.filtering.smoothing import belongs
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
@@ -136,14 +137,18 @@ def diagnose(
     'R'
     """
     first = begins(model, first)
-    filtered = z if isinstance(z, Filtered) else kalman_filter(model, z, first=first)
-    model, data, own = _record(filtered, longest)
+    if isinstance(z, Filtered):
+        belongs(model, z)
+        filtered = without_runs(z) if z.z.ndim == 3 and z.z.shape[2] == 1 else z
+    else:
+        filtered = kalman_filter(model, z, first=first)
+    model, data, own = _record(filtered, longest, first)
     if not 0 < level < 1:
         msg = f"level: expected a probability between 0 and 1, received {level!r}"
         raise ValueError(msg)
     excluded = [c for c in filtered.contradictions if c.row + first < len(data)]
     scales = [] if excluded else _scales(model, data, first)
-    tests = _tests(model, own)
+    tests = p_values(model, own)
     if scales:
         tests[_("size of R and Qd")] = scales[-1].p
     suspicious = min(tests.values()) < _share(level, len(tests))
@@ -328,7 +333,7 @@ def innovations(innovation: ArrayLike, S: ArrayLike, nis: ArrayLike) -> Innovati
     )
 
 
-def _tests(model: DiscreteModel, own: Innovations) -> dict[str, float]:
+def p_values(model: DiscreteModel, own: Innovations) -> dict[str, float]:
     """The p-values on which a verdict rests."""
     p = {_("NIS"): own.nis_p}
     for name, by_mean, independent in zip(model.measurements, own.mean_p, own.whiteness, strict=True):
@@ -339,13 +344,13 @@ def _tests(model: DiscreteModel, own: Innovations) -> dict[str, float]:
     return p
 
 
-def _record(filtered: Filtered, longest: int | None) -> tuple[DiscreteModel, Array, Innovations]:
+def _record(filtered: Filtered, longest: int | None, first: int) -> tuple[DiscreteModel, Array, Innovations]:
     """The model, the record by instants and its innovations, cut to their first rows."""
     model, data, innovation = filtered.model, filtered.z, filtered.innovation
     if not isinstance(model, DiscreteModel) or data.ndim != 2:
         msg = f"z: expected one record of a linear model, (rows, m), received {type(model).__name__} and shape {data.shape}"
         raise ValueError(msg)
-    rows = len(data) if longest is None else min(len(data), checks.count("longest", longest, least=2))
+    rows = len(data) if longest is None else min(len(data), checks.count("longest", longest, least=2) + first)
     own = innovations(innovation[:rows], filtered.S[:rows], filtered.nis[:rows])
     return model.cut(rows - 1), data[:rows], own
 
@@ -371,7 +376,7 @@ def _farthest(model: DiscreteModel, filtered: Filtered, rows: int, first: int) -
 # --- what would make the record more likely --------------------------------------------------------------------------
 
 
-def _scaled(model: DiscreteModel, a: float, b: float) -> DiscreteModel:
+def scaled(model: DiscreteModel, a: float, b: float) -> DiscreteModel:
     """aR, bQd, and N between them."""
     R = np.where(np.isinf(model.R), model.R, a * np.where(np.isinf(model.R), 0.0, model.R))
     return replace(model, R=R, Qd=b * model.Qd, N=None if model.N is None else np.sqrt(a * b) * model.N)
@@ -390,7 +395,7 @@ def _scales(model: DiscreteModel, z: Array, first: int) -> list[Candidate]:
         start = {name: best[name] if name == leading else 1.0 for name in names}
 
         def build(c: dict[str, float]) -> DiscreteModel:
-            return _scaled(model, c.get("R", 1.0), c.get("Qd", 1.0))
+            return scaled(model, c.get("R", 1.0), c.get("Qd", 1.0))
 
         bounds = {"R": (NOTHING, None), "Qd": (0.0, None)}  # R = 0 itself would take the filter's slow way
         own = {name: bounds[name] for name in names}
@@ -402,7 +407,7 @@ def _scales(model: DiscreteModel, z: Array, first: int) -> list[Candidate]:
     return found
 
 
-def _constants(model: DiscreteModel, z: Array, first: int) -> list[Candidate]:
+def constants(model: DiscreteModel, z: Array, first: int) -> list[Candidate]:
     """The most likely constant input of each state and bias of each measurement; the likelihood is quadratic in them."""
     record = kalman_filter(model, z[first:], first=first)
     here, found = record.log_likelihood_diffuse, []
@@ -468,9 +473,9 @@ def _explained(
     """Verdict and words where a test has failed: up to two changes, and what they leave unexplained."""
     changes: list[Candidate] = []
     words: list[str] = []
-    left, tests = own, _tests(model, own)
+    left, tests = own, p_values(model, own)
     for again in range(2):
-        candidates = [*(_scales(model, z, first) if again else scales), *_constants(model, z, first)]
+        candidates = [*(_scales(model, z, first) if again else scales), *constants(model, z, first)]
         best = _best(candidates, level)
         if best is None:
             break
@@ -479,7 +484,7 @@ def _explained(
         model, z = best.model, z - best.shift
         found = kalman_filter(model, z[first:], first=first)
         left = innovations(found.innovation, found.S, found.nis)
-        tests = _tests(model, left)
+        tests = p_values(model, left)
         if min(tests.values()) >= _share(level, len(tests)):
             break
     share = _share(level, len(tests))

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from ctlabs.analysis import maximum
 from ctlabs.analysis.likelihood import Build, Likelihood, named, possible, separate
 from ctlabs.analysis.maximum import Box, Profile, Top
-from ctlabs.filtering.contradictions import Contradiction
+from ctlabs.filtering.results import Contradiction
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel

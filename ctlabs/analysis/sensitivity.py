@@ -335,7 +335,8 @@ def steady_budget(
         if part.any():
             names.append(name)
             parts.append(part[None])
-    return Budget(np.array([np.inf]), tuple(names), np.array(parts), total.P_plus[None], design.states)
+    of_each = np.array(parts).reshape(-1, 1, *total.P_plus.shape)
+    return Budget(np.array([np.inf]), tuple(names), of_each, total.P_plus[None], design.states)
 
 
 def noise_by_input(model: ContinuousModel, dt: float) -> dict[str, Array]:

@@ -141,7 +141,7 @@ def run(
     ]
     failed = False
     try:
-        for done in _progress(_run_all(jobs, together), len(jobs)):
+        for done in progressing(run_all(jobs, together), len(jobs)):
             failed |= bool(done["failed"]) or not done["checks"]
             page = out / done["lab"] / "report.html"
             click.echo(f"{done['lab']:<15} {_verdict(done)}, {done['seconds']:.1f} s: {page}")
@@ -166,7 +166,7 @@ def _verdict(done: dict[str, Any]) -> str:
     return f"all {done['checks']} checks passed" if done["checks"] else "no checks, which is no success"
 
 
-def _run_all(jobs: list[tuple[Lab, Any, Experiment, Path]], together: int) -> Iterator[dict[str, Any]]:
+def run_all(jobs: list[tuple[Lab, Any, Experiment, Path]], together: int) -> Iterator[dict[str, Any]]:
     """Run the labs, ``together`` of them at a time in processes of their own; results in the order given."""
     from ctlabs.labs import catalogue as labs
 
@@ -185,7 +185,7 @@ def _run_all(jobs: list[tuple[Lab, Any, Experiment, Path]], together: int) -> It
             raise
 
 
-def _progress(items: Iterable[dict[str, Any]], total: int) -> Iterable[dict[str, Any]]:
+def progressing(items: Iterable[dict[str, Any]], total: int) -> Iterable[dict[str, Any]]:
     """A bar on a terminal while several labs run; nothing elsewhere."""
     if total == 1 or not sys.stderr.isatty():
         return items

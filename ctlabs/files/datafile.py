@@ -107,7 +107,7 @@ def read(path: str | Path, measurements: Sequence[str]) -> Record:
 
 def parse(content: bytes, measurements: Sequence[str], source: str = "data") -> Record:
     """The record in the bytes of a CSV file; ``source`` is its name in messages."""
-    text, names = _decoded(content, source), [_plain(name) for name in measurements]
+    text, names = decoded(content, source), [_plain(name) for name in measurements]
     table = _table(text, {*names, "t"}, source)
     _known(table.header, names, f"{source}: line {table.line}")
     marks: dict[str, str] = {}
@@ -140,7 +140,7 @@ def _bytes(path: str | Path, source: str) -> bytes:
     return content
 
 
-def _decoded(content: bytes, source: str) -> str:
+def decoded(content: bytes, source: str) -> str:
     """The text: by its byte-order mark, as UTF-8, or as cp1251."""
     workbook = content.startswith(b"PK\x03\x04")
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):

@@ -86,13 +86,15 @@ def _arrays(model: DiscreteModel, result: SteadyState | Covariances) -> dict[str
     """The model's matrices and the result's, in this order, under their names."""
     checks.instance("model", model, DiscreteModel)
     if not isinstance(result, SteadyState | Covariances):
-        msg = f"result: expected a SteadyState or a Schedule, received a {type(result).__name__}"
+        msg = f"result: expected a SteadyState or Covariances, received a {type(result).__name__}"
         raise TypeError(msg)
     if result.K.shape[-2:] != (model.n, model.m):
         msg = f"result: expected gains of shape {(model.n, model.m)} as the model's, received {result.K.shape[-2:]}"
         raise ValueError(msg)
-    found = {name: getattr(model, name) for name in ("Phi", "Qd", "H", "R", "N", "offset", "x0", "P0", "dt")}
-    found |= {field.name: getattr(result, field.name) for field in fields(result)}
+    names = ("Phi", "Qd", "H", "R", "N", "B", "D", "offset", "measurement_offset", "x0", "P0", "dt")
+    found = {name: getattr(model, name) for name in names}
+    own = Covariances if isinstance(result, Covariances) else SteadyState  # of a filtered record what no data change
+    found |= {field.name: getattr(result, field.name) for field in fields(own) if field.name != "algorithm"}
     return {name: np.asarray(value) for name, value in found.items() if value is not None}
 
 
@@ -120,7 +122,7 @@ def _mat(model: DiscreteModel, arrays: dict[str, Array]) -> bytes:
 
 def _rows(name: str, a: Array) -> bool:
     """Whether a table has the time in its rows."""
-    return a.ndim == 2 and name in ("offset", "measured")
+    return a.ndim == 2 and name in ("offset", "measurement_offset", "used")
 
 
 def _header(model: DiscreteModel, arrays: dict[str, Array], stem: str) -> bytes:

@@ -276,9 +276,8 @@ def model(problem: SlowError) -> DiscreteModel:
 
 
 def record(y: ArrayLike) -> Array:
-    """Samples (N,) or (N, runs) as the discrete filter wants them: (N+1, 1[, runs]) with NaN in row 0."""
-    y = np.asarray(y, dtype=np.float64)
-    return np.concatenate([np.full((1, *y.shape[1:]), np.nan), y])[:, None]
+    """Samples (N,) or (N, runs) as the discrete filter wants them: (N, 1[, runs])."""
+    return np.asarray(y, dtype=np.float64)[:, None]
 
 
 def recursion(problem: SlowError, y: ArrayLike, keep: ArrayLike | None = None) -> Recursion:
@@ -322,7 +321,7 @@ def recursion(problem: SlowError, y: ArrayLike, keep: ArrayLike | None = None) -
     rows = np.hstack([problem.phi, problem.psi])
     S = scipy.linalg.block_diag(*(factor(C) for C in (problem.K_lambda, problem.K_mu) if len(C)))
     variances = np.ascontiguousarray(np.broadcast_to(problem.noise, problem.N))
-    _compiled()(rows, variances, data[:, 0], problem.mean, np.ascontiguousarray(S), kept, x, P, K)
+    compiled()(rows, variances, data[:, 0], problem.mean, np.ascontiguousarray(S), kept, x, P, K)
     return Recursion(kept, x, P, K)
 
 
@@ -498,7 +497,7 @@ class Hypotheses:
 
 
 def hypotheses(
-    models: Sequence[DiscreteModel], z: ArrayLike, prior: ArrayLike | None = None, first: int = 1
+    models: Sequence[DiscreteModel], z: ArrayLike, prior: ArrayLike | None = None, first: int | None = None
 ) -> Hypotheses:
     r"""A bank of filters, one of which is right all the time, and the probability of each.
 
@@ -535,16 +534,17 @@ def hypotheses(
     if (p < 0).any() or abs(p.sum() - 1) > 1e-9:
         msg = f"prior: expected probabilities that add up to 1, received {p.tolist()}"
         raise ValueError(msg)
+    first = begins(models[0], first)
     filters = tuple(kalman_filter(one, rows_of(z, one.m)[0], first=first) for one in models)
     if any(not np.array_equal(one.used, filters[0].used) for one in filters):
         msg = "models: expected the same elements measured by all, received models that use different ones"
         raise ValueError(msg)
-    log = np.stack([np.cumsum(_log_likelihoods(one, begins(models[0], first)), axis=0) for one in filters], axis=1)
+    log = np.stack([np.cumsum(_log_likelihoods(one, first), axis=0) for one in filters], axis=1)
     with np.errstate(divide="ignore"):  # a probability of 0 stays 0
         score = log + np.log(p)[:, None]
     best = score.max(axis=1, keepdims=True)
     if np.isneginf(best).any():
-        k = int(np.argwhere(np.isneginf(best))[0, 0])
+        k = int(np.argwhere(np.isneginf(best))[0, 0]) - first
         msg = f"z: expected a record that is possible for one of the models, received one that contradicts all by row {k}"
         raise ValueError(msg)
     weight = np.exp(score - best)
@@ -668,7 +668,7 @@ def _log_likelihoods(one: Filtered, first: int) -> Array:
     return found
 
 
-def _potter(rows: Array, r: Array, y: Array, x0: Array, S: Array, keep: Array, xs: Array, Ps: Array, Ks: Array) -> None:
+def potter(rows: Array, r: Array, y: Array, x0: Array, S: Array, keep: Array, xs: Array, Ps: Array, Ks: Array) -> None:
     """Potter's update for one sample after another; plain Python that numba compiles."""
     n, x, f, K, kept = len(x0), x0.copy(), np.zeros(len(x0)), np.zeros(len(x0)), 0
     S = S.copy()
@@ -701,7 +701,7 @@ def _potter(rows: Array, r: Array, y: Array, x0: Array, S: Array, keep: Array, x
 
 
 @cache
-def _compiled() -> Callable[..., None]:
-    """:func:`_potter` compiled once, and kept on disk."""
-    quick: Callable[..., None] = kernel(_potter)
+def compiled() -> Callable[..., None]:
+    """:func:`potter` compiled once, and kept on disk."""
+    quick: Callable[..., None] = kernel(potter)
     return quick

@@ -56,7 +56,7 @@ def between(model: ContinuousModel, filtered: Covariances, points: int = 50) -> 
 
     Source: Maybeck vol. 1, eq. 5-45 to 5-47 (propagation between samples).
 
-    >>> from ctlabs.models.discretisation import discretise
+    >>> from ctlabs import covariances, discretise
     >>> walk = ContinuousModel([[0]], [[1]], [[1]], [[1]], P0=[[0]])
     >>> P = between(walk, covariances(discretise(walk, 1.0, R=[[1.0]]), 2), points=2)
     >>> P.t, P.P[:, 0, 0]

@@ -13,7 +13,7 @@ from ctlabs.filtering.algorithms.catalogue import FORMS
 from ctlabs.filtering.algorithms.catalogue import form as named
 from ctlabs.filtering.algorithms.contract import Counted, Noise, Numbers
 from ctlabs.filtering.engines import driver
-from ctlabs.filtering.engines.driver import Record
+from ctlabs.filtering.engines.record import Record
 from ctlabs.filtering.problem import Problem, pose
 from ctlabs.filtering.results import Filtered, without_runs
 from ctlabs.linalg.checks import Array

@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctlabs.filtering.measured import perfect
-from ctlabs.filtering.results import Filtered, Mask
+from ctlabs.filtering.results import Contradiction, Filtered, Mask
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.correlated import regression
 from ctlabs.models import DiscreteModel, at
@@ -41,19 +41,6 @@ if TYPE_CHECKING:
     from ctlabs.filtering.engines.rounding import Passed, Rounding
 
 EPS = float(np.finfo(float).eps)
-
-
-class Contradiction(NamedTuple):
-    """A measurement z[row, element] (of ``run``, in an ensemble) that is impossible, as what is known exactly excludes it.
-
-    ``innovation``, its distance from the only possible value · ``allowed``, what rounding may explain of that
-    """
-
-    row: int
-    element: int
-    innovation: float
-    allowed: float
-    run: int = 0
 
 
 def known(model: DiscreteModel, z: Array, used: Mask, first: int) -> Mask:
@@ -86,7 +73,7 @@ def find(model: DiscreteModel, z: Array, history: Filtered, first: int) -> tuple
     >>> from ctlabs import kalman_filter
     >>> m = DiscreteModel([[0.5]], [[0]], [[1]], [[0]], x0=[1], P0=[[0]])
     >>> kalman_filter(m, [0.5, 0.5]).contradictions[0]._replace(allowed=0)
-    Contradiction(row=2, element=0, innovation=0.25, allowed=0, run=0)
+    Contradiction(row=1, element=0, innovation=0.25, allowed=0, run=0)
     """
     e, allowed = innovations(model, z, history, first)
     with np.errstate(invalid="ignore"):

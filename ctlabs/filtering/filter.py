@@ -12,6 +12,7 @@ from ctlabs.filtering import measured
 from ctlabs.filtering.algorithms import beginning, catalogue
 from ctlabs.filtering.algorithms.vague import needed
 from ctlabs.filtering.engines import adapter, compiled, driver, gains
+from ctlabs.filtering.engines.record import Record
 from ctlabs.filtering.problem import Problem, pose
 from ctlabs.filtering.results import Covariances, Filtered, Mask, without_runs
 from ctlabs.linalg.checks import Array
@@ -186,5 +187,5 @@ def _begun(problem: Problem) -> beginning.Beginning | None:
     """The first instants of a record from a vague start."""
     if not needed(problem.model, problem.model.P0):
         return None
-    record = driver.Record(problem.model, problem.z, float, driver.entering(problem))
+    record = Record(problem.model, problem.z, float, driver.entering(problem))
     return beginning.begin(record, problem.model.P0)

@@ -15,7 +15,7 @@ from ctlabs.filtering.smoothing import smooth
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import deviations, symmetric
-from ctlabs.linalg.factors import root
+from ctlabs.models.histories import histories, normals, shape, truth_arrays
 from ctlabs.models.linear import DiscreteModel, at
 
 
@@ -117,28 +117,8 @@ def draws(model: Any, filtered: Filtered, number: int, seed: int) -> Array:
     if filtered.z.ndim != 2 or not isinstance(own, DiscreteModel):
         msg = f"filtered: expected one record of a linear model, received shape {filtered.z.shape} of a {type(own).__name__}"
         raise ValueError(msg)
-    x, z = _drawn(own, np.isnan(filtered.z), checks.count("number", number), np.random.default_rng(seed))
+    steps, number = len(filtered.t) - 1, checks.count("number", number)
+    truth, random = truth_arrays(own, steps), np.random.default_rng(checks.count("seed", seed, least=0))
+    x, z = histories(truth, normals(random, shape(truth, steps, first=0), number), first=0)
+    z[np.isnan(filtered.z)] = np.nan
     return np.asarray(smooth(model, filtered).x[:, :, None] + x - smooth(own, z, first=0).x)
-
-
-def _drawn(model: DiscreteModel, absent: Array, number: int, rng: np.random.Generator) -> tuple[Array, Array]:
-    """States (steps+1, n, number) and measurements (steps+1, m, number) of the model, NaN where ``absent``."""
-    checks.finite_start("draws", model.P0)
-    n, m, steps = model.n, model.m, len(absent) - 1
-    x, z = np.empty((steps + 1, n, number)), np.empty((steps + 1, m, number))
-    x[0] = model.x0[:, None] + root(model.P0) @ rng.normal(size=(n, number))
-    for k in range(steps + 1):
-        R, there = at(model.R, k, 2), ~absent[k]
-        joint = np.zeros((m + n, m + n))  # of v and w; nothing leaves the last instant
-        joint[:m, :m] = np.where(there[:, None] & there, R, 0.0)
-        if k < steps:
-            joint[m:, m:] = at(model.Qd, k, 2)
-            if model.N is not None:
-                joint[m:, :m] = np.where(there, model.N, 0.0)
-                joint[:m, m:] = joint[m:, :m].T
-        noise = root(joint) @ rng.normal(size=(m + n, number))
-        z[k] = np.where(there[:, None], at(model.H, k, 2) @ x[k] + noise[:m], np.nan)
-        if k < steps:
-            c = 0.0 if model.offset is None else at(model.offset, k, 1)[:, None]
-            x[k + 1] = at(model.Phi, k, 2) @ x[k] + c + noise[m:]
-    return x, z

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import deviations
-
-if TYPE_CHECKING:
-    from ctlabs.filtering.algorithms.beginning import Start
-    from ctlabs.filtering.contradictions import Contradiction
 
 Mask = NDArray[np.bool_]
 
@@ -52,6 +48,43 @@ class Covariances:
     def sd_plus(self) -> Array:
         """Standard deviation of the filtering error, (steps+1, n)."""
         return deviations(self.P_plus)
+
+
+class Contradiction(NamedTuple):
+    """A measurement z[row, element] (of ``run``, in an ensemble) that is impossible, as what is known exactly excludes it.
+
+    ``innovation``, its distance from the only possible value · ``allowed``, what rounding may explain of that
+    """
+
+    row: int
+    element: int
+    innovation: float
+    allowed: float
+    run: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Start:
+    """What a smoother needs of the first instants: x = x̂ + e + Aδ after each update, and how it came about.
+
+    ``x_minus``, ``x_plus`` (rows, n, runs), with any number where a state is not known · ``innovation`` (rows, m, runs) of x_minus,
+    NaN where an element does not enter the update · ``P`` (rows, n, n), the covariance of e, and its root ``L`` ·
+    ``A`` (rows, n, n), first the ``unknown`` (rows,) columns, then vague ones with δ ~ N(0, I), then zeros ·
+    ``determined`` (rows,), how many of the unknown columns later measurements determine · ``excess`` (rows, m, runs), the
+    innovations of perfect elements that were known already, and the ``terms`` (rows, m) whose rounding may be in them; NaN for
+    all others
+    """
+
+    x_minus: Array
+    x_plus: Array
+    innovation: Array
+    P: Array
+    L: Array
+    A: Array
+    unknown: NDArray[np.intp]
+    determined: NDArray[np.intp]
+    excess: Array
+    terms: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -105,21 +138,18 @@ def without_runs(found: Filtered) -> Filtered:
 
 def gains(P_minus: Array, H: Array, S: Array, used: Mask) -> Array:
     """K = P⁻HᵀS⁻¹ of every instant, (rows, n, m), 0 where an element does not enter; H (m, n) or (rows, m, n)."""
-    rows, m = used.shape
+    m = used.shape[1]
     cross = np.where(used[:, :, None], H @ np.where(np.isfinite(P_minus), P_minus, 0.0), 0.0)
     finite = used & np.isfinite(np.diagonal(S, axis1=1, axis2=2))
     scale = np.sqrt(np.where(finite, np.diagonal(S, axis1=1, axis2=2), 1.0))  # unit variances: no unit matters
     unit = np.where(finite[:, :, None] & finite[:, None, :], S, np.eye(m)) / (scale[:, :, None] * scale[:, None, :])
-    if m == 1:
-        K = cross / scale[:, :, None] ** 2
-    else:
-        K = np.linalg.solve(unit, cross / scale[:, :, None]) / scale[:, :, None]
+    K = cross / scale[:, :, None] ** 2 if m == 1 else np.linalg.solve(unit, cross / scale[:, :, None]) / scale[:, :, None]
     return np.swapaxes(np.where(finite[:, :, None], K, 0.0), 1, 2)
 
 
 def consistency(innovation: Array, S: Array, used: Mask) -> tuple[Array, Array]:
     """νᵀS⁻¹ν (rows, runs), NaN where nothing enters, and the log-likelihood of each instant (rows, runs), 0 there."""
-    rows, m, runs = innovation.shape
+    rows, _m, runs = innovation.shape
     nis, logs = np.full((rows, runs), np.nan), np.zeros((rows, runs))
     kinds = np.unique(used, axis=0)
     for kind in kinds[kinds.any(axis=1)]:

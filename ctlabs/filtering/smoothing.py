@@ -7,8 +7,8 @@ The estimate from what is measured up to k and the likelihood of what is measure
           P_s = L(I + L^TU^TUL)^{-1}L^T,\ P^+ = LL^T
 
 (Fraser & Potter, IEEE Trans. AC-14, 1969). U and y come backward through orthogonal reflections of
-square roots (:mod:`ctlabs.filtering.engines.backward`), and perfect measurements (R = 0) as constraints Cx = c beside them: no covariance is
-inverted, so that singular P0, Qd, Φ, R or P⁻ are no exceptions, and P_s is a square, symmetric and nonnegative. After a
+square roots (:mod:`ctlabs.filtering.engines.backward`), and perfect measurements (R = 0) as constraints Cx = c beside them: no covariance
+is inverted, so that singular P0, Qd, Φ, R or P⁻ are no exceptions, and P_s is a square, symmetric and nonnegative. After a
 vague start (:mod:`ctlabs.filtering.algorithms.vague`) L has the columns of what is vaguely known, or not known, beside P's. With N ≠ 0 the
 transition is Φ−NR⁺H with the noise Qd−NR⁺Nᵀ. Only the filter's estimates, covariances and innovations are used: any form's will
 do.
@@ -23,12 +23,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ctlabs.filtering.contradictions import Contradiction
 from ctlabs.filtering.engines import compiled
 from ctlabs.filtering.filter import kalman_filter
 from ctlabs.filtering.motion import motion
 from ctlabs.filtering.problem import Model
-from ctlabs.filtering.results import Filtered
+from ctlabs.filtering.results import Contradiction, Filtered
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.models.linear import ContinuousModel, DiscreteModel
@@ -87,7 +86,7 @@ def smooth(model: Any, z: ArrayLike | Filtered, *, lag: int | None = None, **opt
             msg = f"{next(iter(options))}: expected none beside a filtered record, which had its own; received one"
             raise ValueError(msg)
         filtered = z
-        _of(model, filtered)
+        belongs(model, filtered)
     else:
         if not isinstance(model, ContinuousModel | Model):
             msg = f"model: expected a DiscreteModel or a ContinuousModel, received a {type(model).__name__}"
@@ -98,11 +97,12 @@ def smooth(model: Any, z: ArrayLike | Filtered, *, lag: int | None = None, **opt
     return found if lag is None else _lagged(filtered, found, checks.count("lag", lag, least=0))
 
 
-def _of(model: Any, filtered: Filtered) -> None:
+def belongs(model: Any, filtered: Filtered) -> None:
     """Refuse a history of another model."""
     own = filtered.model
     if not isinstance(own, DiscreteModel) or not isinstance(model, ContinuousModel | Model):
-        msg = f"model: expected a DiscreteModel or a ContinuousModel, received a {type(model if isinstance(own, DiscreteModel) else own).__name__}"
+        wrong = model if isinstance(own, DiscreteModel) else own
+        msg = f"model: expected a DiscreteModel or a ContinuousModel, received a {type(wrong).__name__}"
         raise TypeError(msg)
     if (model.n, model.m) != (own.n, own.m):
         msg = f"filtered: expected a record of a model with n, m = {model.n, model.m}, received one with {own.n, own.m}"

@@ -96,7 +96,8 @@ def _reason(R: Array, error: ValueError) -> str:
         return f"steady state: {error}"
     return (
         "steady state: expected a limit that is approached geometrically, received a singular R (a measurement, or a combination "
-        "of some, without noise) with which the filter has none: the reduced filter (ctlabs.filtering.reduced) leaves out what it determines"
+        "of some, without noise) with which the filter has none: the reduced filter (ctlabs.filtering.reduced) leaves out "
+        "what it determines"
     )
 
 

@@ -84,7 +84,7 @@ class Experiment:
             design,
             steps=steps,
             runs=self.runs,
-            seed=self._seed(stream),
+            seed=self.seed_of(stream),
             executor=self.executor,
             workers=self.workers,
             checkpoint=folder,
@@ -103,8 +103,9 @@ class Experiment:
     ) -> Filtered:
         """A few runs with their histories, for figures of single runs."""
         first = begins(truth, first)
-        simulation = montecarlo.simulate(truth, steps, runs, self._seed(stream), first=first)
+        simulation = montecarlo.simulate(truth, steps, runs, self.seed_of(stream), first=first)
         return replace(filtered(design or truth, simulation.z, first=first), truth=simulation.x)
 
-    def _seed(self, stream: int) -> int:
+    def seed_of(self, stream: int) -> int:
+        """The seed of a stream of the lab's random numbers."""
         return int(np.random.SeedSequence([self.seed, stream, *self.name.encode()]).generate_state(1, np.uint64)[0])

@@ -259,10 +259,10 @@ def to_dataframe(result: Any, *, states: Sequence[str] | None = None, measuremen
     TypeError
         A result without a time axis.
 
-    >>> from ctlabs.filtering import kalman
+    >>> from ctlabs import covariances
     >>> plan = covariances(DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]]), 2)
     >>> list(to_dataframe(plan, states=["h"]).columns)
-    ['k', 't', 'P_minus[h,h]', 'P_plus[h,h]', 'K[h,z1]', 'S[z1,z1]', 'measured[z1]']
+    ['k', 't', 'P_minus[h,h]', 'P_plus[h,h]', 'K[h,z1]', 'S[z1,z1]', 'used[z1]']
     """
     try:
         import pandas as pd
@@ -279,7 +279,7 @@ def to_dataframe(result: Any, *, states: Sequence[str] | None = None, measuremen
         "m": checks.labels(
             "measurements",
             None if measurements is None else list(measurements),
-            _size(arrays, "measured", "innovation"),
+            _size(arrays, "used", "innovation"),
             "z",
         ),
     }
@@ -462,30 +462,40 @@ def distinct(names: tuple[str, ...]) -> list[str]:
 # to_dataframe --------------------------------------------------------------------------------------------------------
 
 
+#: What an ensemble has one number of for each run.
+_OF_RUNS = {"log_likelihood", "log_likelihood_diffuse"}
+
+
 def _over_time(result: Any) -> dict[str, Array]:
     """The arrays of a result along its time axis."""
     t = getattr(result, "t", None)
     if not isinstance(t, np.ndarray) or t.ndim != 1 or not hasattr(type(result), "__dataclass_fields__"):
         msg = f"result: expected a result with a time axis t, received a {type(result).__name__}"
         raise TypeError(msg)
-    found = {field.name: getattr(result, field.name) for field in fields(result)}
+    found = {field.name: getattr(result, field.name) for field in fields(result) if field.name not in _OF_RUNS}
     return {name: a for name, a in found.items() if isinstance(a, np.ndarray) and 0 < a.ndim < 4 and len(a) == len(t)}
 
 
 #: What the axes of an array run over, where it is not states: n of them, m measurements.
-_AXES = {"K": "nm", "S": "mm", "measured": "m", "z": "m", "innovation": "m"}
+_AXES = {"K": "nm", "S": "mm", "used": "m", "z": "m", "innovation": "m"}
 
 
 def _size(arrays: dict[str, Array], *names: str) -> int:
     return next((arrays[name].shape[1] for name in names if name in arrays), 0)
 
 
+#: The arrays of an ensemble that have runs for their last axis; the others are those of every run.
+_BY_RUN = {"x_minus", "x_plus", "innovation", "nis", "z", "truth"}
+
+
 def _columns(name: str, array: Array, labels: dict[str, tuple[str, ...]], runs: int) -> dict[str, Array]:
     """One column per element of an array over time; of an ensemble's, one block of rows per run."""
+    if runs and name not in _BY_RUN:
+        return {column: np.tile(values, runs) for column, values in _columns(name, array, labels, 0).items()}
     ndim = array.ndim - 2 if runs else array.ndim - 1
     axes = [labels[kind] for kind in _AXES.get(name, "n" * ndim)]
     if ndim == 0:
-        return {name: array}
+        return {name: array.T.reshape(-1)}
     if ndim == 1:
         return {f"{name}[{label}]": array[:, i].T.reshape(-1) for i, label in enumerate(axes[0])}
     symmetric = axes[0] is axes[1]

@@ -44,6 +44,15 @@ class NonlinearModel:
     ------
     ValueError, TypeError
         Shapes that do not fit; what the functions return is checked by one trial call.
+
+    >>> from ctlabs import kalman_filter
+    >>> def fall(k, x, w):
+    ...     return x + w
+    >>> def distance(k, x, v):
+    ...     return np.hypot(x, 3.0) + v
+    >>> model = NonlinearModel(fall, distance, Qd=[[0.1]], R=[[0.01]], x0=[4.0], P0=[[1.0]])
+    >>> kalman_filter(model, [5.1, 5.0]).x_plus[:, 0].round(4)
+    array([4.    , 4.1232, 4.015 ])
     """
 
     f: Motion

@@ -219,16 +219,16 @@ def _dask_size(executor: Executor) -> int | None:
     return None if client is None else sum(client.nthreads().values())
 
 
-_EXPERIMENTS: OrderedDict[str, Experiment] = OrderedDict()
+EXPERIMENTS: OrderedDict[str, Experiment] = OrderedDict()
 
 
 def _elsewhere(key: str, payload: bytes | None, seed: int, block: int, runs: int, _attempt: int) -> Sums | None:
     """A block in another process; None if the experiment has not arrived there. The attempt's number tells retries apart."""
     if payload is not None:
-        _EXPERIMENTS[key] = pickle.loads(payload)
-        while len(_EXPERIMENTS) > 4:
-            _EXPERIMENTS.popitem(last=False)
-    experiment = _EXPERIMENTS.get(key)
+        EXPERIMENTS[key] = pickle.loads(payload)
+        while len(EXPERIMENTS) > 4:
+            EXPERIMENTS.popitem(last=False)
+    experiment = EXPERIMENTS.get(key)
     if experiment is None:
         return None
     with one_thread():

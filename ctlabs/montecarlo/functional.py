@@ -15,21 +15,12 @@ from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.factors import root
 from ctlabs.models import DiscreteModel
+from ctlabs.models.histories import Truth, entry, truth_arrays
 from ctlabs.models.nonlinear import NonlinearModel
 from ctlabs.montecarlo import identity, streams
 from ctlabs.montecarlo.histogram import Bins, Counter
 from ctlabs.montecarlo.nonlinear import Filter, Scheduled, normalised
-from ctlabs.montecarlo.plan import (
-    WIDTH,
-    Gains,
-    Layout,
-    Truth,
-    entry,
-    gains,
-    layout,
-    missing,
-    truth_arrays,
-)
+from ctlabs.montecarlo.plan import WIDTH, Gains, Layout, gains, layout, missing
 from ctlabs.montecarlo.statistics import Claims
 from ctlabs.montecarlo.sums import Sums, columns
 
@@ -223,9 +214,7 @@ def functional(
         claimed = filtering.plan.sd_plus
         return Functional(steps, first, truth.dt, world, filtering, E, grouping, Counter.of(bins, claimed, steps))
     if given is not None:
-        msg = (
-            f"gains: expected none beside a design that is not a DiscreteModel, received a {type(given).__name__}"
-        )
+        msg = f"gains: expected none beside a design that is not a DiscreteModel, received a {type(given).__name__}"
         raise ValueError(msg)
     if isinstance(design, NonlinearModel) and design.m != m:
         msg = f"design: expected {m} measurements as the truth has, received {design.m}"

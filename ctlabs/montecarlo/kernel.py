@@ -23,8 +23,9 @@ import numpy as np
 
 from ctlabs.linalg import compiled
 from ctlabs.linalg.checks import Array
+from ctlabs.models.histories import Truth
 from ctlabs.montecarlo.histogram import Histogrammed
-from ctlabs.montecarlo.plan import Design, Truth
+from ctlabs.montecarlo.plan import Design
 
 #: Sums may be reordered into vectors; NaN and infinity keep their meaning, for overflows must show.
 FAST = {"reassoc", "contract", "nsz", "arcp"}

@@ -11,10 +11,11 @@ from ctlabs.filtering import measured
 from ctlabs.filtering.results import Covariances
 from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
+from ctlabs.models.histories import Truth, truth_arrays
 from ctlabs.models.linear import check_inputs
 from ctlabs.montecarlo import identity, streams
 from ctlabs.montecarlo.histogram import Bins, Counter
-from ctlabs.montecarlo.plan import Gains, Layout, Truth, about_mean_error, gains, layout, missing, truth_arrays
+from ctlabs.montecarlo.plan import Gains, Layout, about_mean_error, gains, layout, missing
 from ctlabs.montecarlo.statistics import Claims
 from ctlabs.montecarlo.sums import Sums, columns
 

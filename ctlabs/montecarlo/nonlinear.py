@@ -7,7 +7,8 @@ from typing import Protocol
 import numpy as np
 
 from ctlabs.linalg.checks import Array
-from ctlabs.montecarlo.plan import Design, entry, whiten
+from ctlabs.models.histories import entry
+from ctlabs.montecarlo.plan import Design, whiten
 
 
 class Filter(Protocol):

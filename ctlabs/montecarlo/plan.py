@@ -25,8 +25,8 @@ from ctlabs.filtering.filter import planned
 from ctlabs.filtering.results import Covariances, Mask
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
-from ctlabs.linalg.factors import root
-from ctlabs.models import DiscreteModel, at
+from ctlabs.models import DiscreteModel
+from ctlabs.models.histories import Truth, entry, stack
 from ctlabs.text import moment
 
 #: Directions in which a covariance, scaled to a unit diagonal, is below this fraction of its size have no variance.
@@ -64,19 +64,6 @@ def layout(n: int, steps: int) -> Layout:
     return Layout(width, min(max(runs // width, 1), 512))
 
 
-class Truth(NamedTuple):
-    """The arrays that make x and z; see the module's equations."""
-
-    x0: Array
-    F0: Array
-    Phi: Array
-    c: Array
-    G: Array
-    C: Array
-    H: Array
-    L: Array
-
-
 class Design(NamedTuple):
     """The arrays that make x̂, e and the consistency statistics; W and V whiten e and ν."""
 
@@ -103,28 +90,6 @@ class Gains:
     plan: Covariances
     nees_dof: Array
     nis_dof: Array
-
-
-def truth_arrays(model: DiscreteModel, steps: int) -> Truth:
-    """Factors and matrices of a truth over ``steps`` steps."""
-    checks.finite_start("a simulation", model.P0)
-    n, m = model.n, model.m
-    varies = model.R.ndim == 3 or model.Qd.ndim == 3
-    joint = np.array([_noise(model, k) for k in range(steps + 1 if varies else 1)])
-    v = joint[:, :, :m].any(axis=(0, 1))
-    w = joint[:, m:, m:].any(axis=(0, 1))
-    C = joint[:, m:, :m][:, :, v] if model.N is not None else np.zeros((0, n, 0))
-    F0 = root(model.P0)
-    return Truth(
-        x0=np.array(model.x0),
-        F0=np.ascontiguousarray(F0[:, F0.any(axis=0)]),
-        Phi=_stack(model.Phi, 2),
-        c=_stack(np.zeros(n) if model.offset is None else model.offset, 1),
-        G=np.ascontiguousarray(joint[:, m:, m:][:, :, w]),
-        C=np.ascontiguousarray(C),
-        H=_stack(model.H, 2),
-        L=np.ascontiguousarray(joint[:, :m, :m][:, :, v]),
-    )
 
 
 def gains(
@@ -154,9 +119,9 @@ def gains(
     arrays = Design(
         x0=np.array(design.x0),
         A=A,
-        b=_stack(np.zeros(design.n) if design.offset is None else design.offset, 1),
+        b=stack(np.zeros(design.n) if design.offset is None else design.offset, 1),
         M=M,
-        H=_stack(design.H, 2),
+        H=stack(design.H, 2),
         K=np.ascontiguousarray(np.where(used[:, None, :], plan.K, 0.0)),
         W=W,
         V=V,
@@ -218,28 +183,10 @@ def check_finite(name: str, value: Array, dt: float) -> None:
         raise FloatingPointError(msg)
 
 
-def _noise(model: DiscreteModel, k: int) -> Array:
-    """The lower triangular factor of the joint covariance of (v_k, w_k); absent elements have no noise."""
-    n, m = model.n, model.m
-    R = at(model.R, k, 2)
-    finite = np.isfinite(np.diag(R))
-    joint = np.zeros((m + n, m + n))
-    joint[:m, :m] = np.where(finite[:, None] & finite, R, 0.0)
-    if model.Qd.ndim == 2 or k < len(model.Qd):  # nothing leaves the last instant
-        joint[m:, m:] = at(model.Qd, k, 2)
-        if model.N is not None:
-            joint[m:, :m], joint[:m, m:] = model.N, model.N.T
-    return root(joint)
-
-
-def _stack(matrix: Array, ndim: int) -> Array:
-    return np.array(matrix if matrix.ndim > ndim else matrix[None], order="C")
-
-
 def _transitions(design: DiscreteModel, used: Mask) -> tuple[Array, Array]:
     """A (Φ − NR⁺H where w and v correlate) and the gain M on z_k, by step; M is empty without correlation."""
     if design.N is None:
-        return _stack(design.Phi, 2), np.zeros((0, design.n, design.m))
+        return stack(design.Phi, 2), np.zeros((0, design.n, design.m))
     A, M = [], np.zeros((len(used) - 1, design.n, design.m))
     for k in range(len(used) - 1):
         transition, _, gain = motion.motion(design, k, used[k])
@@ -267,8 +214,3 @@ def _mean_error(truth: Truth, design: Design, steps: int, dt: float) -> tuple[Ar
             plus[k] = estimate - design.E @ x
     check_finite("mean error", plus, dt)
     return minus, plus
-
-
-def entry(stack: Array, k: int) -> Array:
-    """Entry k of a stack that holds one matrix when it does not vary."""
-    return stack[k] if len(stack) > 1 else stack[0]

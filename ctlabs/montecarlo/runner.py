@@ -93,8 +93,8 @@ def monte_carlo(
     True
     """
     runs, seed = checks.count("runs", runs), checks.count("seed", seed, least=0)
-    own, begin = truth if design is None else design, begins(truth, first)
-    experiment = prepare(truth, own, steps, compare, gains, begin, histogram, algorithm)
+    own = truth if design is None else design
+    experiment = prepare(truth, own, steps, compare, gains, first, histogram, algorithm)
     store = None if checkpoint is None else Store(checkpoint, {**experiment.identity(), "seed": str(seed)})
     with team(executor, workers) as crew, reporter(progress, runs) as show, one_thread():
         if crew.local:
@@ -109,7 +109,7 @@ def prepare(
     steps: int,
     compare: ArrayLike | None,
     given: Covariances | None,
-    first: int,
+    first: int | None,
     histogram: Bins | None,
     algorithm: str = "auto",
 ) -> Experiment:
@@ -120,6 +120,7 @@ def prepare(
     if not isinstance(design, DiscreteModel | NonlinearModel) and not callable(design):
         msg = f"design: expected a DiscreteModel, a NonlinearModel or a function that makes a Filter, received a {type(design).__name__}"
         raise TypeError(msg)
+    first = begins(truth, first)
     if isinstance(design, DiscreteModel | NonlinearModel):
         E = selection(compare, design.n, truth.n)
     else:

@@ -12,8 +12,9 @@ from ctlabs.filtering.problem import driven
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
+from ctlabs.models.histories import histories, shape, truth_arrays
 from ctlabs.montecarlo import streams
-from ctlabs.montecarlo.plan import Truth, check_finite, entry, layout, missing, truth_arrays
+from ctlabs.montecarlo.plan import check_finite, layout, missing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,27 +71,3 @@ def simulate(
     z[absent] = np.nan
     z = z[first:]
     return Simulation(np.arange(steps + 1) * model.dt, x, z if seen is None else z + seen[:, :, None])
-
-
-def shape(truth: Truth, steps: int, first: int) -> streams.Shape:
-    """The normals that a run of a truth takes; where w and v correlate v is drawn at t0 too."""
-    return streams.Shape(truth.F0.shape[1], truth.G.shape[2], truth.L.shape[2], steps, 0 if len(truth.C) else first)
-
-
-def histories(truth: Truth, xi: streams.Normals, first: int) -> tuple[Array, Array]:
-    """States and measurements made from given white noises."""
-    steps, runs = len(xi.w), xi.start.shape[1]
-    x = np.empty((steps + 1, len(truth.x0), runs))
-    z = np.full((steps + 1, truth.H.shape[1], runs), np.nan)
-    with np.errstate(over="ignore", invalid="ignore"):  # an overflow is reported by the caller, with its time
-        x[0] = truth.x0[:, None] + truth.F0 @ xi.start
-        for k in range(steps + 1):
-            if k:
-                np.matmul(entry(truth.Phi, k - 1), x[k - 1], out=x[k])
-                x[k] += entry(truth.c, k - 1)[:, None] + entry(truth.G, k - 1) @ xi.w[k - 1]
-                if len(truth.C):
-                    x[k] += entry(truth.C, k - 1) @ xi.v[k - 1]
-            if k >= first:
-                np.matmul(entry(truth.H, k), x[k], out=z[k])
-                z[k] += entry(truth.L, k) @ xi.v[k]
-    return x, z

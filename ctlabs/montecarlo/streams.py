@@ -8,11 +8,10 @@ SFC64 is the fastest of numpy's bit generators inside a compiled kernel.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 
-from ctlabs.linalg.checks import Array
+from ctlabs.models.histories import Normals, Shape
 from ctlabs.montecarlo.plan import Layout
 
 
@@ -20,24 +19,6 @@ def generators(seed: int, block: int) -> tuple[np.random.Generator, np.random.Ge
     """The streams of one block: for the states, for the measurements."""
     states, measurements = np.random.SeedSequence(seed, spawn_key=(block,)).spawn(2)
     return np.random.Generator(np.random.SFC64(states)), np.random.Generator(np.random.SFC64(measurements))
-
-
-class Shape(NamedTuple):
-    """How many normals a run takes: ``start`` for x0, ``w`` per step, ``v`` per instant from ``first`` on."""
-
-    start: int
-    w: int
-    v: int
-    steps: int
-    first: int
-
-
-class Normals(NamedTuple):
-    """The normals of ``runs`` runs: start (·, runs), w (steps, ·, runs), v (steps+1, ·, runs); v is 0 before ``first``."""
-
-    start: Array
-    w: Array
-    v: Array
 
 
 def tiles(seed: int, block: int, layout: Layout, shape: Shape, runs: int) -> Iterator[Normals]:

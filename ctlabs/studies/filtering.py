@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from ctlabs.analysis.diagnosis import Diagnosis
     from ctlabs.files.datafile import Record
     from ctlabs.files.modelfile import ModelFile
-    from ctlabs.filtering.contradictions import Contradiction
-    from ctlabs.filtering.results import Filtered
+    from ctlabs.filtering.results import Contradiction, Filtered
     from ctlabs.filtering.smoothing import Smoothed
 
 #: The second route filters at most so many rows (it is a hundred times slower than the first).
@@ -80,7 +79,7 @@ def study(
     """
     used = model if design is None else design
     algorithm = algorithm or used.experiment.algorithms[0]
-    run = _run(used, record, algorithm, smooth)
+    run = filtered_run(used, record, algorithm, smooth)
     given = common.settings(
         used,
         ("algorithm", algorithm, "", _("form of the filter")),
@@ -104,13 +103,13 @@ def study(
 
 def add(report: Report, model: ModelFile, record: Record) -> None:
     """A filtered record in another study's report: the figures, the verdict, ``estimates.csv``."""
-    run = _run(model, record, "joseph", smooth=False)
+    run = filtered_run(model, record, "joseph", smooth=False)
     _figures(report, run)
     _verdict(report, run, model.measurement_units)
     report.csv("estimates", *_table(run))
 
 
-def _run(model: ModelFile, record: Record, algorithm: str, smooth: bool) -> Run:
+def filtered_run(model: ModelFile, record: Record, algorithm: str, smooth: bool) -> Run:
     """The record with its model, filtered."""
     discrete, z, t = clock.timed(model, record)
     first = model.experiment.first
@@ -219,7 +218,7 @@ def _figures(report: Report, run: Run) -> None:
 def _second_route(report: Report, run: Run) -> None:
     """The same estimates by the library's other filter, over the first rows of a long record, where rounding allows it."""
     if run.algorithm == "steady":
-        _steady_route(report, run)
+        steady_route(report, run)
         return
     worst = common.delicacy(run.filtered.P_minus, run.filtered.P_plus, run.filtered.S, CHECKED)
     if not worst < common.SINGULAR:
@@ -249,7 +248,7 @@ def _same_estimates(report: Report, run: Run, x: Array, sd: Array, routes: tuple
     report.check(_("estimates"), run.filtered.x_plus[: len(x)][known], x[known], routes, SOLVER, scale=np.where(size > 0, size, 1.0))
 
 
-def _steady_route(report: Report, run: Run) -> None:
+def steady_route(report: Report, run: Run) -> None:
     """The estimates once more, by gains known beforehand; and what a constant gain means for the tests below."""
     steps = min(len(run.z) - 1, CHECKED)
     plan = covariances(run.model, steps, first=run.first)

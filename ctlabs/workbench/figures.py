@@ -244,7 +244,7 @@ def estimates(found: Outcome, states: Sequence[int], run: int = 0) -> Drawing:
             curves.append(Curve("truth", found.t, found.truth[:, i, run], "black", unit=unit))
         curves.append(Curve("estimate", found.t, x, unit=unit, sd=sd))
         others = [name for name in list(found.estimates)[1:] if run == 0]
-        for name, (colour, style) in zip(others, _styles(len(others), 3), strict=True):
+        for name, (colour, style) in zip(others, line_styles(len(others), 3), strict=True):
             curves.append(Curve(f"by {name}", found.t, found.estimates[name][:, i], colour, style, unit, hidden=True))
         panels.append(Panel(_with_unit(found.states[i], unit), tuple(curves), tuple(bands)))
     name = "Measurement and estimate" if found.truth is None else "Truth, measurement, estimate"
@@ -422,7 +422,7 @@ def bode(found: Bode, names: Sequence[str] | None = None) -> Drawing:
     """Gain in dB and phase of the settled filter, a curve for each pair of an estimate and a measurement."""
     chosen = [i for i, name in enumerate(found.names) if names is None or name in names]
     gain, phase = [], []
-    for i, (colour, style) in zip(chosen, _styles(len(chosen)), strict=True):
+    for i, (colour, style) in zip(chosen, line_styles(len(chosen)), strict=True):
         size = np.where(found.gain[i] > 0, found.gain[i], np.nan)
         gain.append(Curve(found.names[i], found.w, 20 * np.log10(size), colour, style, "dB"))
         phase.append(Curve(found.names[i], found.w, found.phase[i], colour, style, "°"))
@@ -522,7 +522,7 @@ def _gains(
     for i in states:
         curves = [
             Curve(f"from {sensors[j]}", t, _finite(K[:, i, j]), colour, style, per(units[i], sensor_units[j]))
-            for j, (colour, style) in enumerate(_styles(K.shape[2]))
+            for j, (colour, style) in enumerate(line_styles(K.shape[2]))
         ]
         alike = {curve.unit for curve in curves}
         panels.append(Panel(_with_unit(f"gain of {names[i]}", alike.pop() if len(alike) == 1 else ""), tuple(curves)))
@@ -559,7 +559,7 @@ def _pole_curve(name: str, values: Array, plane: str, colour: str, style: str) -
     return Curve(name, values.real + 0.0, values.imag + 0.0, colour, style, "1/s" if plane == "s" else "")
 
 
-def _styles(count: int, start: int = 0) -> list[tuple[str, str]]:
+def line_styles(count: int, start: int = 0) -> list[tuple[str, str]]:
     """Colours and dashes for a family: no two alike among the first 24."""
     styles = ("line", "dash", "dot")
     return [(CYCLE[(start + i) % len(CYCLE)], styles[(start + i) // len(CYCLE) % 3]) for i in range(count)]

@@ -39,13 +39,13 @@ def _resolved(file: ModelFile) -> ModelFile:
     if model.N is not None or model.offset is not None:
         msg = "kind: expected a model without N, offset and u, received one with them"
         raise ValueError(msg)
-    F, W = _before_sampling(model.Phi, model.Qd, model.dt)
+    F, W = before_sampling(model.Phi, model.Qd, model.dt)
     plant = ContinuousModel(F, np.eye(model.n), W, model.H, P0=model.P0, x0=model.x0, states=model.states,
                             measurements=model.measurements, units=model.units)  # fmt: skip
     return from_model(plant, file.title or "Model", dt=model.dt, R=model.R)
 
 
-def _before_sampling(Phi: Array, Qd: Array, dt: float) -> tuple[Array, Array]:
+def before_sampling(Phi: Array, Qd: Array, dt: float) -> tuple[Array, Array]:
     r"""F and Q with :math:`e^{Fdt} = \Phi` and :math:`\int_0^{dt}e^{Fs}Qe^{F^Ts}ds = Q_d`."""
     if not np.linalg.cond(Phi) < 1e12:
         msg = "Phi: expected the samples of a continuous model (no eigenvalue 0), received a singular matrix"

@@ -36,7 +36,7 @@ log = logging.getLogger("ctlabs.workbench")
 
 #: What can be run: name → "module:function". Add a line for a new kind of run; the test calls for an importable function.
 FUNCTIONS: Mapping[str, str] = {
-    "montecarlo": "ctlabs.montecarlo:run",
+    "montecarlo": "ctlabs.montecarlo:monte_carlo",
     "simulate": "ctlabs.montecarlo:simulate",
     "experiment": "ctlabs.workbench.experiments:run",
     "lab": "ctlabs.workbench.catalogue:run_lab",
@@ -108,8 +108,8 @@ class Runner:
         self.size = max(1, size if size is not None else cores())
         self._modules = tuple(warm)
         self._lock, self._starting = threading.Lock(), threading.Lock()
-        self._waiting: list[_Job] = []
-        self._running: list[_Job] = []
+        self._waiting: list[Job] = []
+        self._running: list[Job] = []
         self._served: dict[str, int] = {}  # when a session was last given a process, counted in runs; the latest last
         self._count = 0
         self._idle: list[_Process] = []
@@ -156,7 +156,7 @@ class Runner:
             with contextlib.suppress(RuntimeError):  # the loop has ended
                 loop.call_soon_threadsafe(_shown, progress, state, context=context)
 
-        job = _Job(name, dict(arguments), session, self.seconds if seconds is None else seconds, show)
+        job = Job(name, dict(arguments), session, self.seconds if seconds is None else seconds, show)
         self._enter(job)
         done, ahead = asyncio.wrap_future(job.future), -1
         done.add_done_callback(lambda future: future.cancelled() or future.exception())  # it may be awaited by nobody
@@ -197,7 +197,7 @@ class Runner:
 
     # The queue -------------------------------------------------------------------------------------------------------
 
-    def _enter(self, job: _Job) -> None:
+    def _enter(self, job: Job) -> None:
         with self._lock:
             if self._closed:
                 msg = f"{job.name}: expected a workbench that is running, received one that has ended"
@@ -205,7 +205,7 @@ class Runner:
             self._waiting.append(job)
         self._dispatch()
 
-    def _withdraw(self, job: _Job) -> None:
+    def _withdraw(self, job: Job) -> None:
         """Take a job that has not begun out of the queue."""
         with self._lock:
             if job not in self._waiting:
@@ -213,7 +213,7 @@ class Runner:
             self._waiting.remove(job)
         job.fail("cancelled", f"{job.name}: cancelled before it began")
 
-    def _ahead(self, job: _Job) -> int:
+    def _ahead(self, job: Job) -> int:
         with self._lock:
             return self._waiting.index(job) + 1 if job in self._waiting else 0
 
@@ -233,7 +233,7 @@ class Runner:
                     del self._served[next(iter(self._served))]
             threading.Thread(target=self._serve, args=(job,), name=f"workbench-{job.name}", daemon=True).start()
 
-    def _next(self) -> _Job | None:
+    def _next(self) -> Job | None:
         if len(self._running) >= self.size:
             return None
         of_session = Counter(job.session for job in self._running)
@@ -241,7 +241,7 @@ class Runner:
         free = [job for job in self._waiting if of_session[job.session] < share]
         return min(free, key=lambda job: (of_session[job.session], self._served.get(job.session, 0)), default=None)
 
-    def _serve(self, job: _Job) -> None:
+    def _serve(self, job: Job) -> None:
         """Run one job in a process; this is the thread that talks to it."""
         process: _Process | None = None
         try:
@@ -293,7 +293,7 @@ class Runner:
             process.kill()
 
 
-class _Job:
+class Job:
     """One run, from its place in the queue to its outcome."""
 
     def __init__(
@@ -310,10 +310,12 @@ class _Job:
         self.process: _Process | None = None
 
     def fail(self, kind: Kind, line: str) -> None:
+        """End it without a result."""
         with contextlib.suppress(Exception):  # it has an outcome already
             self.future.set_exception(RunFailed(kind, line))
 
     def succeed(self, result: Any) -> None:
+        """End it with a result."""
         with contextlib.suppress(Exception):
             self.future.set_result(result)
 
@@ -343,7 +345,7 @@ class _Process:
             self.process.join(1)
         self.connection.close()
 
-    def converse(self, job: _Job, runner: Runner) -> None:
+    def converse(self, job: Job, runner: Runner) -> None:
         """Hand the job over and listen until it has an outcome; the process is dead afterwards, or ready for another."""
         try:
             if not self.loaded and not self._load(job):
@@ -363,7 +365,7 @@ class _Process:
         except (EOFError, OSError):
             self._crashed(job)
 
-    def _load(self, job: _Job) -> bool:
+    def _load(self, job: Job) -> bool:
         """Wait until the library is loaded."""
         end = time.monotonic() + LOADING
         while not self._ready(0.05):
@@ -381,7 +383,7 @@ class _Process:
         self.loaded = True
         return True
 
-    def _listen(self, job: _Job, runner: Runner) -> None:
+    def _listen(self, job: Job, runner: Runner) -> None:
         start, told = time.monotonic(), False
         end, patience = start + job.seconds, float("inf")
         while True:
@@ -392,7 +394,7 @@ class _Process:
                 if message[0] != "progress":
                     self._outcome(job, message, runner)
                     return
-                job.show(_rated(message[1], message[2], now - start))
+                job.show(rated(message[1], message[2], now - start))
             if job.unwanted.is_set() and not told:
                 told, patience = True, now + PATIENCE
                 self.connection.send("stop")
@@ -419,7 +421,7 @@ class _Process:
             raise EOFError
         return False
 
-    def _outcome(self, job: _Job, message: tuple[Any, ...], runner: Runner) -> None:
+    def _outcome(self, job: Job, message: tuple[Any, ...], runner: Runner) -> None:
         if message[0] == "done":
             job.succeed(message[1])
             return
@@ -430,7 +432,7 @@ class _Process:
             log.error("run %s: %s\n%s", job.name, line, trace)
         job.fail(kind, f"{job.name}: {line}")
 
-    def _crashed(self, job: _Job) -> None:
+    def _crashed(self, job: Job) -> None:
         self.process.join(1)
         code = self.process.exitcode
         how = f"signal {signal.Signals(-code).name}" if code is not None and code < 0 else f"exit code {code}"
@@ -450,6 +452,7 @@ def _shown(progress: Callable[[Progress], object] | None, state: Progress) -> No
         log.exception("progress of a run")
 
 
-def _rated(done: int, total: int, seconds: float) -> Progress:
+def rated(done: int, total: int, seconds: float) -> Progress:
+    """How far a run is, and how fast."""
     fraction = min(max(done / total, 0.0), 1.0) if total > 0 else 0.0
     return Progress(fraction, done / seconds if seconds > 0 else 0.0, done, total)

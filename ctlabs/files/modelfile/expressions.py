@@ -26,6 +26,7 @@ from typing import NamedTuple
 
 from ctlabs.files.modelfile import notation
 from ctlabs.files.modelfile.errors import meant, shown
+from ctlabs.files.modelfile.notation import Step
 
 #: Longest expression, in characters.
 LENGTH = 1000
@@ -98,16 +99,6 @@ class Token(NamedTuple):
     text: str
     start: int
     stop: int
-
-
-class Step(NamedTuple):
-    """One step of the program: push a number or a name, or apply something to the last ``arity`` values."""
-
-    kind: str
-    what: str
-    value: float
-    arity: int
-    column: int
 
 
 @dataclass(frozen=True, slots=True)

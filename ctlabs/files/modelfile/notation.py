@@ -3,12 +3,9 @@ r"""Expressions as equations."""
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 from ctlabs.text import latex_number
-
-if TYPE_CHECKING:
-    from ctlabs.files.modelfile.expressions import Step
 
 #: How tightly the written form holds together.
 SUM, NEGATIVE, PRODUCT, FRACTION, POWER, ATOM = range(6)
@@ -17,6 +14,16 @@ GREEK = frozenset((
     "tau", "upsilon", "phi", "chi", "psi", "omega", "Gamma", "Delta", "Theta", "Lambda", "Xi", "Sigma", "Upsilon", "Phi", "Psi", "Omega",
 ))  # fmt: skip
 LATEX_NAMES = {"pi": r"\pi", "inf": r"\infty", "e": "e"}
+
+
+class Step(NamedTuple):
+    """One step of the program: push a number or a name, or apply something to the last ``arity`` values."""
+
+    kind: str
+    what: str
+    value: float
+    arity: int
+    column: int
 
 
 def latex_name(name: str) -> str:

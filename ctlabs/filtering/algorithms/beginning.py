@@ -10,34 +10,11 @@ from numpy.typing import NDArray
 
 from ctlabs.filtering.algorithms import contract, vague
 from ctlabs.filtering.algorithms.contract import Numbers
+from ctlabs.filtering.results import Start
 from ctlabs.linalg.checks import Array
 
 if TYPE_CHECKING:
-    from ctlabs.filtering.engines.driver import Record
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Start:
-    """What a smoother needs of the first instants: x = x̂ + e + Aδ after each update, and how it came about.
-
-    ``x_minus``, ``x_plus`` (rows, n, runs), with any number where a state is not known · ``innovation`` (rows, m, runs) of x_minus,
-    NaN where an element does not enter the update · ``P`` (rows, n, n), the covariance of e, and its root ``L`` ·
-    ``A`` (rows, n, n), first the ``unknown`` (rows,) columns, then vague ones with δ ~ N(0, I), then zeros ·
-    ``determined`` (rows,), how many of the unknown columns later measurements determine · ``excess`` (rows, m, runs), the
-    innovations of perfect elements that were known already, and the ``terms`` (rows, m) whose rounding may be in them; NaN for
-    all others
-    """
-
-    x_minus: Array
-    x_plus: Array
-    innovation: Array
-    P: Array
-    L: Array
-    A: Array
-    unknown: NDArray[np.intp]
-    determined: NDArray[np.intp]
-    excess: Array
-    terms: Array
+    from ctlabs.filtering.engines.record import Record
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +22,8 @@ class Beginning:
     """The first instants as the filter gives them, and what it goes on from.
 
     ``x_minus`` … ``nis`` as in :class:`ctlabs.filtering.results.Filtered`, with runs · ``known`` (rows,), whether
-    something was known of every state before the update · ``log_likelihood`` (rows, runs) · ``x`` (n, runs), ``P`` = LLᵀ (n, n): the prediction of the next
+    something was known of every state before the update · ``log_likelihood`` (rows, runs) · ``x`` (n, runs), ``P`` = LLᵀ (n, n): the
+    prediction of the next
     instant; ``None`` where the record ends before
     """
 

@@ -23,6 +23,7 @@ from ctlabs.filtering.algorithms import contract
 from ctlabs.filtering.algorithms.beginning import Beginning, begin
 from ctlabs.filtering.algorithms.vague import needed
 from ctlabs.filtering.engines import driver
+from ctlabs.filtering.engines.record import Record
 from ctlabs.filtering.problem import Problem
 from ctlabs.filtering.results import Covariances, Filtered, Mask
 from ctlabs.linalg.checks import Array
@@ -121,7 +122,7 @@ def _entering(problem: Problem) -> Mask:
 def _begin(problem: Problem, used: Mask) -> Beginning | None:
     """The first instants from a vague start; ``used`` is corrected there."""
     model = problem.model
-    return begin(driver.Record(model, problem.z, float, used), model.P0) if needed(model, model.P0) else None
+    return begin(Record(model, problem.z, float, used), model.P0) if needed(model, model.P0) else None
 
 
 def _forward(problem: Problem, used: Mask, out: Histories, begun: Beginning | None) -> tuple[float, str] | None:

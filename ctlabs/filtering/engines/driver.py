@@ -2,26 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from time import perf_counter
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ctlabs.filtering import contradictions, motion
+from ctlabs.filtering import contradictions
 from ctlabs.filtering.algorithms import beginning, contract
 from ctlabs.filtering.algorithms.beginning import Beginning
 from ctlabs.filtering.algorithms.catalogue import form as named
-from ctlabs.filtering.algorithms.contract import Counted, Form, Noise, Numbers
+from ctlabs.filtering.algorithms.contract import Form, Noise, Numbers
 from ctlabs.filtering.engines import adapter
+from ctlabs.filtering.engines.record import Record
 from ctlabs.filtering.measured import perfect
 from ctlabs.filtering.problem import Problem
 from ctlabs.filtering.results import Filtered, Mask, gains
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import symmetric
-from ctlabs.models.linear import DiscreteModel, at
+from ctlabs.models.linear import DiscreteModel
 from ctlabs.text import moment
 
 
@@ -62,7 +61,10 @@ def run(problem: Problem, form: str, kind: Any = float, *, own_start: bool = Fal
                 state, told = how.update(state, *measured)
                 seconds += perf_counter() - before
                 out.innovation[k, used], out.S[k][np.ix_(used, used)] = innovation(x, P, *measured)
-                out.x_plus[k], out.P_plus[k] = contract.doubles(how.mean(state)), contract.doubles(how.covariance(state))
+                out.x_plus[k], out.P_plus[k] = (
+                    contract.doubles(how.mean(state)),
+                    contract.doubles(how.covariance(state)),
+                )
                 if np.isfinite(out.S[k, used, used]).all():
                     out.nis[k] = contract.doubles(told.nis)
                     out.log_likelihood += contract.doubles(told.log_likelihood)
@@ -93,81 +95,6 @@ def entering(problem: Problem) -> Mask:
     if any(perfect(R).any() for R in matrices):
         return adapter.covariances(model, problem.absent).used
     return np.isfinite(np.diagonal(matrices, axis1=1, axis2=2)) & ~problem.absent
-
-
-
-
-class Record:
-    """A model with data, instant by instant, as the forms take it: in one kind of number, only what is measured.
-
-    ``used`` (steps+1, m): which elements enter the updates (:func:`entering`).
-    """
-
-    def __init__(self, model: DiscreteModel, z: Array, kind: Any, used: NDArray[np.bool_]) -> None:
-        self.model, self.z, self.kind, self.used = model, z, kind, used
-        self._kept: dict[Any, Any] = {}
-
-    def motion(self, k: int) -> tuple[Numbers, Numbers | None, Noise]:
-        """Φ, c and Q from k to k+1; with N ≠ 0 what z_k tells of w_k is in them: Φ−NR⁺H, Qd−NR⁺Nᵀ, c + NR⁺z."""
-        model, used = self.model, self.used[k]
-        coupled = model.N is not None and bool(used.any())
-        matrices = (model.Phi, model.Qd, model.H, model.R) if coupled else (model.Phi, model.Qd)
-        key = ("motion", used.tobytes() if coupled else b"")
-        Phi, Q, M = self._keep(key, matrices, lambda: self._motion(k, coupled))
-        c = None
-        if model.offset is not None:
-            offset = model.offset[..., None]
-            c = self._keep(("offset",), (offset,), lambda: contract.numbers(at(offset, k, 2), self.kind))
-        if M is not None:
-            told = M @ contract.numbers(self.z[k, used], self.kind)
-            c = told if c is None else c + told
-        return Phi, c, Q
-
-    def measurement(self, k: int) -> tuple[Numbers, Numbers, Noise]:
-        """z, H and R of the elements used at k."""
-        model, used = self.model, self.used[k]
-        place = used.tobytes()
-        H = self._keep(("H", place), (model.H,), lambda: contract.numbers(at(model.H, k, 2)[used], self.kind))
-        R = self._keep(("R", place), (model.R,), lambda: self._noise(at(model.R, k, 2)[np.ix_(used, used)]))
-        return contract.numbers(self.z[k, used], self.kind), H, R
-
-    def _keep(self, key: Any, matrices: tuple[Array, ...], make: Callable[[], Any]) -> Any:
-        """What is made of constant matrices is made once."""
-        if any(matrix.ndim == 3 for matrix in matrices):
-            return make()
-        if key not in self._kept:
-            self._kept[key] = make()
-        return self._kept[key]
-
-    def _noise(self, matrix: Array) -> Noise:
-        return Noise(contract.numbers(matrix, self.kind))
-
-    def _motion(self, k: int, coupled: bool) -> tuple[Numbers, Noise, Numbers | None]:
-        model, used = self.model, self.used[k]
-        if not coupled or self.kind in (float, Counted):
-            Phi, Qd, M = motion.motion(model, k, used)
-            own = None if M is None else contract.numbers(M, self.kind)
-            return contract.numbers(Phi, self.kind), self._noise(Qd), own
-        # The same in this kind of number; any generalised inverse of R serves, as N has nothing outside R's range.
-        rounded = motion.motion(model, k, used)[1]
-        assert model.N is not None
-        Phi, Qd, H, N, R = (
-            contract.numbers(part, self.kind)
-            for part in (
-                at(model.Phi, k, 2),
-                at(model.Qd, k, 2),
-                at(model.H, k, 2)[used],
-                model.N[:, used],
-                at(model.R, k, 2)[np.ix_(used, used)],
-            )
-        )
-        noise = Noise(R)
-        inverse = np.array([1 / d if d else d for d in noise.d], dtype=object)
-        rows = contract.substituted(noise.L, N.T) * inverse[:, None]
-        M = contract.substituted_back(noise.L.T, rows).T
-        left = Qd - M @ N.T
-        left[rounded == 0] = contract.like(0.0, left)
-        return Phi - M @ H, Noise(left), M
 
 
 class _Histories:

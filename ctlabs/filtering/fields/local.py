@@ -261,6 +261,6 @@ def _refilter(
         piece = nodes[nodes < last]
         low, high = max(int(piece[0]) - far, 0), min(int(piece[-1]) + far + 1, N)
         short = replace(field, N1=high - low - 1, allow_unstable=True)
-        done = filter_exact(short, data[:, low:high], sigma_n=sigma_n, P0=P0)
+        done = filter_exact(short, data[1:, low:high], sigma_n=sigma_n, P0=P0)
         z_hat[:, piece], variance[:, piece] = done.z_hat[:, piece - low], done.variance[:, piece - low]
         nodes = nodes[nodes >= last]

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 from ctlabs.filtering import contradictions, measured
 from ctlabs.filtering.algorithms import contract, vague
 from ctlabs.filtering.algorithms.catalogue import form
-from ctlabs.filtering.contradictions import Contradiction
 from ctlabs.filtering.engines.driver import innovation, taken_over
 from ctlabs.filtering.measured import begins
 from ctlabs.filtering.online import files
 from ctlabs.filtering.online.plants import Given, Instant, finite_time, plant, short
+from ctlabs.filtering.results import Contradiction
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
@@ -33,7 +33,8 @@ class Estimate(NamedTuple):
     ``t`` s · ``x`` (n,), ``P`` (n, n), estimate and covariance of its error given everything measured so far ·
     ``innovation`` (m,), NaN where an element did not enter the update · ``S`` (m, m), its covariance, ``inf`` on the
     diagonal there · ``nis``, :math:`\nu^TS^{-1}\nu`, NaN where nothing entered · ``contradictions``, the perfect measurements of
-    this instant (``row``, counted as the rows of a record) that disagree with what was known exactly (:mod:`ctlabs.filtering.contradictions`)
+    this instant (``row``, counted as the rows of a record) that disagree with what was known exactly
+    (:mod:`ctlabs.filtering.contradictions`)
     """
 
     t: float

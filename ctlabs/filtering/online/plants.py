@@ -31,7 +31,8 @@ class Instant(NamedTuple):
 
     ``seen`` (m,): what known inputs bring into the data.
 
-    Until a vague start is over they are those of :mod:`ctlabs.filtering.algorithms.vague`. ``diffuse`` is the log-likelihood of everything measured,
+    Until a vague start is over they are those of :mod:`ctlabs.filtering.algorithms.vague`. ``diffuse`` is the
+    log-likelihood of everything measured,
     ``log_likelihood`` that of what is measured when something is known of every state.
     ``known`` is Joseph's state after the update where some measurements are perfect: it tells which of them are known
     already, as in :mod:`ctlabs.filtering.algorithms.run`; ``ahead`` the same before the update. Of those that are, ``excess`` (m,) is the

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ctlabs.filtering.results import Covariances
 from ctlabs.reporting.plots.base import BLACK, BLUE, GREEN, GREY, ORANGE, legend, panels, styled
-from ctlabs.reporting.plots.filters import _theory
+from ctlabs.reporting.plots.filters import against_theory
 from ctlabs.text import _, fill
 
 if TYPE_CHECKING:
@@ -230,12 +230,12 @@ def ensemble_log(
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
         known = np.isfinite(sd[cut, i])
         rms = np.where(known, stats.rms[cut, i], np.nan)
-        _theory(grid[i, 0], t, sd[cut, i], [np.where(known, edge[cut, i], np.nan) for edge in rms_band], rms)
+        against_theory(grid[i, 0], t, sd[cut, i], [np.where(known, edge[cut, i], np.nan) for edge in rms_band], rms)
         grid[i, 0].set_ylabel(f"{_('RMS error of')} {name}, {unit}")
         if known.any():
             grid[i, 0].set_yscale("log")
         relative = [values[cut, i] / sd[cut, i] for values in (*bias_band, stats.bias)]
-        _theory(grid[i, 1], t, np.where(known, 0.0, np.nan), relative[:2], relative[2])
+        against_theory(grid[i, 1], t, np.where(known, 0.0, np.nan), relative[:2], relative[2])
         grid[i, 1].set_ylabel(fill(_("mean error of {name}, σ"), name=name))
     consistency = (
         ("NEES", stats.nees_dof, stats.nees_band(), stats.nees),
@@ -243,7 +243,7 @@ def ensemble_log(
     )
     for axes, (name, freedom, band, values) in zip(grid[n], consistency, strict=True):
         expected = np.where(freedom > 0, freedom, np.nan)
-        _theory(axes, t, expected[cut], [edge[cut] for edge in band], values[cut])
+        against_theory(axes, t, expected[cut], [edge[cut] for edge in band], values[cut])
         axes.set_ylabel(fill(_("{what}, average"), what=name))
         axes.set_xlabel(xlabel)
         if "x" in log:

@@ -141,24 +141,24 @@ def ensemble_against_theory(
     rms_band, bias_band = stats.rms_band(P), stats.bias_band(P)
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
         unit = f", {unit}" if unit else ""
-        _theory(grid[i, 0], stats.t, np.sqrt(P[:, i, i]), [edge[:, i] for edge in rms_band], stats.rms[:, i])
+        against_theory(grid[i, 0], stats.t, np.sqrt(P[:, i, i]), [edge[:, i] for edge in rms_band], stats.rms[:, i])
         grid[i, 0].set_ylabel(f"{_('RMS error of')} {name}{unit}")
         grid[i, 0].set_ylim(bottom=0)
-        _theory(grid[i, 1], stats.t, np.zeros(len(stats.t)), [edge[:, i] for edge in bias_band], stats.bias[:, i])
+        against_theory(grid[i, 1], stats.t, np.zeros(len(stats.t)), [edge[:, i] for edge in bias_band], stats.bias[:, i])
         grid[i, 1].set_ylabel(f"{_('mean error of')} {name}{unit}")
     consistency = (
         ("NEES", stats.nees_dof, stats.nees_band(), stats.nees),
         ("NIS", stats.nis_dof, stats.nis_band(), stats.nis),
     )
     for axes, (name, freedom, band, values) in zip(grid[n], consistency, strict=True):
-        _theory(axes, stats.t, np.where(freedom > 0, freedom, np.nan), band, values)
+        against_theory(axes, stats.t, np.where(freedom > 0, freedom, np.nan), band, values)
         axes.set_ylabel(fill(_("{what}, average"), what=name))
         axes.set_xlabel(xlabel)
     legend(figure, grid[0, 0])
     return figure
 
 
-def _theory(axes: Axes, t: ArrayLike, theory: ArrayLike, band: Sequence[ArrayLike], ensemble: ArrayLike) -> None:
+def against_theory(axes: Axes, t: ArrayLike, theory: ArrayLike, band: Sequence[ArrayLike], ensemble: ArrayLike) -> None:
     """A quantity of an ensemble as points over its theory and the band of 95 % of ensembles."""
     axes.fill_between(t, band[0], band[1], color=BLUE, alpha=0.2, linewidth=0, label=_("95 % of ensembles"))
     axes.plot(t, theory, color=BLUE, label=_("theory"))

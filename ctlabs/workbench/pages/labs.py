@@ -21,8 +21,8 @@ from ctlabs.workbench.catalogue import Field, Outcome, Sheet, Typed
 from ctlabs.workbench.help import help_for
 
 if TYPE_CHECKING:
+    from ctlabs.workbench.desk import Desk
     from ctlabs.workbench.pages.shell import Shell
-    from ctlabs.workbench.server import Desk
     from ctlabs.workbench.session import Session
 
 #: Where the files of reports are, by draft, lab and name.

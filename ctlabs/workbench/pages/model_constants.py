@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from nicegui import ui
 
@@ -14,14 +14,36 @@ from ctlabs.workbench.pages.grid import Field, Range
 from ctlabs.workbench.pages.model_edits import free_name
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.pages.model import ModelPage
+    from ctlabs.workbench.session import Session
     from ctlabs.workbench.sheet import ConstantRow
+
+
+class Page(Protocol):
+    """What the constants need of the page on which they stand."""
+
+    session: Session
+
+    def do(self, command: commands.Command) -> bool:
+        """Carry out a command that a button stands for; whether it was possible."""
+        ...
+
+    def once(self, command: commands.Command) -> str:
+        """Carry out a command that is an edit of its own; why not, or empty."""
+        ...
+
+    def type(self, key: str, command: commands.Command) -> str:
+        """Carry out what was typed into a cell; why not, or empty."""
+        ...
+
+    def done(self) -> None:
+        """End what is being typed."""
+        ...
 
 
 class Constants:
     """The list of constants; rows stay where they are, so that nothing is lost that is being typed."""
 
-    def __init__(self, page: ModelPage) -> None:
+    def __init__(self, page: Page) -> None:
         self.page = page
         self.rows: list[ConstantElement] = []
         with ui.element("section").classes("ctl-card").props('aria-label="Constants"'):
@@ -62,7 +84,7 @@ class Constants:
 class ConstantElement:
     """One constant: name = expression, a slider where there is a range, and its details when asked for."""
 
-    def __init__(self, page: ModelPage, row: ConstantRow) -> None:
+    def __init__(self, page: Page, row: ConstantRow) -> None:
         self.page, self.row = page, row
         self._details: dict[str, Field] = {}
         name = row.name

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from nicegui import Client
     from starlette.requests import Request
 
-    from ctlabs.workbench.server import Desk, Place
+    from ctlabs.workbench.desk import Desk, Place
 
 log = logging.getLogger("ctlabs.workbench")
 
@@ -385,7 +385,7 @@ class Shell:
         """All edits are in the database; other tabs with this draft show them."""
         self._say("saved", "Saved")
         for other in self.desk.others(self):
-            other._refresh_soon()
+            other.refresh_soon()
 
     def not_saved(self, line: str) -> None:
         """An edit could not be saved."""
@@ -407,7 +407,8 @@ class Shell:
             self._saved.text = text
             self._saved.props(f"data-state={state}")
 
-    def _refresh_soon(self) -> None:
+    def refresh_soon(self) -> None:
+        """Show the session again, when there is time."""
         if (
             self._pending is None
             or self._pending.cancelled()

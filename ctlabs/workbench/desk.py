@@ -1,0 +1,159 @@
+"""The sessions that are open, by draft, and the tabs that look at them."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import logging
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+
+if TYPE_CHECKING:
+    from ctlabs.workbench.store import Draft, Store
+    from ctlabs.workbench.worker import Runner
+
+log = logging.getLogger("ctlabs.workbench")
+
+#: Who owns the drafts and experiments of a server that only this machine reaches.
+LOCAL = "local"
+
+
+class Tab(Protocol):
+    """What is known of a tab: whose browser it is in, and how it shows what another tab has changed."""
+
+    browser: str
+
+    def refresh_soon(self) -> None:
+        """Show the session again, when there is time."""
+        ...
+
+
+class Place(NamedTuple):
+    """What a tab works at: its draft, and the session that is the same in all tabs with this draft."""
+
+    draft: Draft
+    session: Any
+    notices: tuple[str, ...]
+
+
+class Desk:
+    """The sessions that are open, by draft: tabs with the same draft share one, other tabs share nothing.
+
+    Parameters
+    ----------
+    folder : where the data are
+    shared : whether the drafts and experiments of all browsers are one person's (a server that only this machine reaches)
+    session : "module:class" of a session, made as ``Session(draft, store=store, runner=runner)``
+
+    :attr:`store` and :attr:`runner` are made when they are first needed.
+    """
+
+    def __init__(self, folder: Path | None, *, shared: bool, session: str) -> None:
+        self.folder, self.shared, self._path = folder, shared, session
+        self._loading = threading.RLock()  # while something is loaded or a session is made
+        self._lock = threading.Lock()  # for the tables below: never held for long, the event loop waits for it
+        self._store: Store | None = None
+        self._runner: Runner | None = None
+        self._open: dict[str, Any] = {}
+        self._tabs: dict[str, list[Tab]] = {}
+
+    @property
+    def store(self) -> Store:
+        """The database, opened at first use."""
+        with self._loading:
+            if self._store is None:
+                from ctlabs.workbench.store import Store
+
+                self._store = Store(self.folder)
+                if self._store.notice:
+                    log.warning(self._store.notice)
+            return self._store
+
+    @property
+    def runner(self) -> Runner:
+        """The processes for long runs; none is started yet."""
+        with self._loading:
+            if self._runner is None:
+                from ctlabs.workbench.worker import Runner
+
+                self._runner = Runner()
+            return self._runner
+
+    def load(self) -> None:
+        """Open the database and load the library, so that :meth:`enter` is quick; what fails here fails there again."""
+        with contextlib.suppress(Exception):
+            _named(self._path)
+            _ = self.store, self.runner
+
+    def owner(self, browser: str) -> str:
+        """Whose drafts and experiments a browser sees."""
+        return LOCAL if self.shared else browser
+
+    def enter(self, shell: Tab, wanted: str) -> Place:
+        """Open the draft that a tab asks for; without one the browser's latest that is in no other tab, or a new one.
+
+        Blocks (the library is loaded here), so it is called in a thread.
+        """
+        with self._loading:
+            store, owner = self.store, self.owner(shell.browser)
+            notices = [store.notice] if store.notice else []
+            draft = store.draft(wanted, owner) if wanted else None
+            if draft is None:
+                if wanted:
+                    notices.append(f"draft {wanted}: expected one of yours, received an unknown id; here is another")
+                free = [each for each in store.drafts(owner, shell.browser) if each.id not in self._tabs]
+                free.sort(key=lambda each: not each.text)  # an empty one must not hide the work behind it
+                draft = free[0] if free else store.new_draft(owner, shell.browser)
+            session = self._open.get(draft.id) or _named(self._path)(draft, store=store, runner=self.runner)
+            with self._lock:
+                self._open[draft.id] = session
+                self._tabs.setdefault(draft.id, []).append(shell)
+            return Place(draft, session, tuple(notices))
+
+    def leave(self, shell: Tab) -> None:
+        """A tab is gone; with the last one its session is closed. All it has is in the database."""
+        with self._lock:
+            mine = [draft for draft, tabs in self._tabs.items() if shell in tabs]
+            for draft in mine:
+                self._tabs[draft].remove(shell)
+            done = [self._open.pop(draft) for draft in mine if not self._tabs[draft]]
+            self._tabs = {draft: tabs for draft, tabs in self._tabs.items() if tabs}
+        for session in done:
+            _close(session)
+
+    def others(self, shell: Tab) -> list[Tab]:
+        """The other tabs with the same draft."""
+        with self._lock:
+            return [other for tabs in self._tabs.values() if shell in tabs for other in tabs if other is not shell]
+
+    def close(self) -> None:
+        """End the processes, close the database."""
+        with self._loading:
+            with self._lock:
+                sessions = list(self._open.values())
+                self._open.clear()
+                self._tabs.clear()
+            for session in sessions:
+                _close(session)
+            if self._runner is not None:
+                self._runner.close()
+            if self._store is not None:
+                self._store.close()
+
+
+def _named(path: str) -> Callable[..., Any]:
+    module, _, name = path.partition(":")
+    found: Callable[..., Any] = getattr(importlib.import_module(module), name)
+    return found
+
+
+def _close(session: Any) -> None:
+    """Tell a session that nobody looks at it any more, if it wants to know."""
+    close = getattr(session, "close", None)
+    if callable(close):
+        try:
+            close()
+        except Exception:
+            log.exception("closing a session")
