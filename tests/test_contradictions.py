@@ -25,7 +25,7 @@ from tests import cases
 
 Command = Callable[..., tuple[int, str, dict[str, Any]]]
 #: Forms that take a perfect measurement.
-PERFECT = [name for name in algorithms.FORMS if name not in ("information", "srif", "extended_array", "steady")]
+PERFECT = [name for name in FORMS if name not in ("information", "srif", "extended_array", "steady")]
 FILTER = [param for param in cases.numerics("k4_*") if param.values[0]["verb"] == "kalman_filter"]
 
 
@@ -65,10 +65,10 @@ def test_the_cases_by_record_ensemble_and_smoother(case: Mapping[str, Any]) -> N
     """Row, element and innovation are right, and the likelihood is −∞ there and right elsewhere."""
     model, z, right = cases.model(case["model"]), cases.record(case["given"]), case["right"]
     assert isinstance(model, DiscreteModel)
-    found = records.filter_record(model, z)
+    found = kalman_filter(model, z[1:])
     judge(case, found.contradictions, found.log_likelihood)
-    assert records.log_likelihood(model, z) == found.log_likelihood
-    assert places(kalman.filter_runs(model, z).contradictions) == places(found.contradictions)
+    assert log_likelihood(model, z[1:]) == found.log_likelihood
+    assert places(kalman_filter(model, z[1:], algorithm="filterpy").contradictions) == places(found.contradictions)
     assert smoothing.smooth(model, found).contradictions == found.contradictions
     if not right["contradiction"]:
         assert abs(found.log_likelihood - right["log_likelihood"]) <= 1e-9 * abs(right["log_likelihood"])
@@ -81,7 +81,7 @@ def test_the_cases_by_every_form_and_online(case: Mapping[str, Any], form: str) 
     """The forms, and the filter that is fed step by step, say the same."""
     model, z = cases.model(case["model"]), cases.record(case["given"])
     assert isinstance(model, DiscreteModel)
-    found, online = algorithms.run(model, z, form), Filter(model, form)
+    found, online = kalman_filter(model, z[1:], algorithm=form), Filter(model, algorithm=form)
     judge(case, found.contradictions, found.log_likelihood)
     steps = [each for row in z[1:] for each in online.step(row).contradictions]
     assert steps == list(found.contradictions)
@@ -258,11 +258,11 @@ def test_a_long_record_of_an_undriven_oscillator(angle: float, known: bool) -> N
     if angle == np.pi / 2:
         z = np.array([1.0, 0.0, -1.0, 0.0])[k % 4][:, None]  # as anyone writes it, though cos 90° is 6e-17
     model = undriven(rotation(angle), [1.0, 0.0], [[1.0, 0.0]], None if known else np.eye(2))
-    found = records.filter_record(model, z)
+    found = kalman_filter(model, z[1:])
     assert found.contradictions == ()
     assert contradictions.known(model, z, found.used).sum() == (1200 if known else 1198)
     z[1000] += 1e-9
-    assert places(records.filter_record(model, z).contradictions) == [(1000, 0)]
+    assert places(kalman_filter(model, z[1:]).contradictions) == [(1000, 0)]
 
 
 def test_a_hundred_thousand_steps() -> None:
@@ -286,9 +286,9 @@ def test_a_decay_to_the_smallest_numbers(a: float) -> None:
     rows = 1001 if a > 0.1 else 301
     z = np.array([float(Fraction(str(a)) ** k) for k in range(rows)])[:, None]
     model = undriven([[a]], [1.0])
-    assert records.filter_record(model, z).contradictions == ()
+    assert kalman_filter(model, z[1:]).contradictions == ()
     z[-1] *= 1 + 1e-9
-    assert places(records.filter_record(model, z).contradictions) == [(rows - 1, 0)]
+    assert places(kalman_filter(model, z[1:]).contradictions) == [(rows - 1, 0)]
 
 
 decimals = st.integers(-99, 99).map(lambda i: i / 100)
@@ -307,11 +307,11 @@ def test_exact_values_rounded_once_agree(data: st.DataObject) -> None:
         exact = [sum(Fraction(str(p)) * x for p, x in zip(row, exact, strict=True)) for row in Phi]
         exact = [Fraction(x) for x in exact]
     z, model = np.array(rows), undriven(Phi, x0, H)
-    found = records.filter_record(model, z)
+    found = kalman_filter(model, z[1:])
     assert found.contradictions == ()
     allowed = contradictions.innovations(model, z, found)[1]
     z[-1] += 100 * allowed[-1]
-    assert places(records.filter_record(model, z).contradictions) == [(39, 0)]
+    assert places(kalman_filter(model, z[1:]).contradictions) == [(39, 0)]
 
 
 @settings(max_examples=40, deadline=None)
@@ -327,14 +327,14 @@ def test_redundant_perfect_sensors_of_a_driven_system(seed: int) -> None:
     for k in range(1, rows):
         x[k] = Phi @ x[k - 1] + G @ rng.normal(size=n)
     z = x @ H.T
-    found = records.filter_record(model, z)
+    found = kalman_filter(model, z[1:])
     assert found.contradictions == ()
     allowed = contradictions.innovations(model, z, found)[1]
     known = np.isfinite(allowed)
     assert known[1:].sum() == 2 * (rows - 1)
     k, i = np.argwhere(known)[rng.integers(known.sum())]
     z[k, i] += 10 * allowed[k, i]
-    wrong = records.filter_record(model, z)
+    wrong = kalman_filter(model, z[1:])
     assert (k, i) in places(wrong.contradictions)
 
 
@@ -353,7 +353,7 @@ def test_units_change_nothing(seed: int) -> None:
         s[:, None] * Phi / s, s[:, None] * model.Qd * s, r[:, None] * H / s, model.R, x0=s * model.x0,
         P0=s[:, None] * model.P0 * s,
     )  # fmt: skip
-    one, two = records.filter_record(model, z).contradictions, records.filter_record(other, z * r).contradictions
+    one, two = kalman_filter(model, z[1:]).contradictions, kalman_filter(other, z * r[1:]).contradictions
     assert one
     assert places(one) == places(two)
     for a, b in zip(one, two, strict=True):
@@ -369,25 +369,25 @@ def test_an_ensemble_has_a_likelihood_of_each_run() -> None:
     """Only the run with the contradiction is impossible."""
     model = undriven([[1.0]], [0.0], P0=[[4.0]])
     z = np.array([[[np.nan] * 3], [[1.0, 2.0, 3.0]], [[1.0, 2.5, 3.0]]])
-    found = algorithms.run(model, z, "joseph")
+    found = kalman_filter(model, z[1:], algorithm="joseph")
     assert [each[:3] + each[4:] for each in found.contradictions] == [(2, 0, 0.5, 1)]
     assert np.isneginf(found.log_likelihood).tolist() == [False, True, False]
-    assert kalman.filter_runs(model, z).contradictions == found.contradictions
+    assert kalman_filter(model, z[1:], algorithm="filterpy").contradictions == found.contradictions
 
 
 def test_missing_and_absent_elements_contradict_nothing() -> None:
     """NaN, and R = inf."""
     R = np.array([np.diag([0.0, np.inf])] * 4)
     model = replace(undriven([[1.0]], [2.0], [[1.0], [1.0]]), R=R)
-    assert records.filter_record(model, [[0.0, 0.0], [2.0, 9.0], [np.nan, np.nan], [2.0, 7.0]]).contradictions == ()
-    assert places(records.filter_record(model, [[0.0, 0.0], [3.0, 9.0], [np.nan, 1.0], [2.0, 7.0]]).contradictions) == [(1, 0)]
+    assert kalman_filter(model, [[0.0, 0.0], [2.0, 9.0], [np.nan, np.nan], [2.0, 7.0]][1:]).contradictions == ()
+    assert places(kalman_filter(model, [[0.0, 0.0], [3.0, 9.0], [np.nan, 1.0], [2.0, 7.0]][1:]).contradictions) == [(1, 0)]
 
 
 def test_the_first_measurement_may_be_at_t0() -> None:
     """first = 0: what is known at t0 is compared there."""
     model = undriven([[1.0]], [2.0])
-    assert places(records.filter_record(model, [[2.5], [2.0]], first=0).contradictions) == [(0, 0)]
-    assert records.filter_record(model, [[2.5], [2.0]], first=1).contradictions == ()
+    assert places(kalman_filter(model, [[2.5], [2.0]], first=0).contradictions) == [(0, 0)]
+    assert kalman_filter(model, [[2.5], [2.0]][1:]).contradictions == ()
     assert places(Filter(model, first=0).step(2.5).contradictions) == [(0, 0)]
 
 
@@ -400,11 +400,11 @@ def test_a_disturbance_that_a_measurement_gives_away() -> None:
     for k in range(30):
         v = rng.normal()
         z[k], x = (x + v, x), x + v
-    found = records.filter_record(model, z)
+    found = kalman_filter(model, z[1:])
     assert found.contradictions == ()
     assert contradictions.known(model, z, found.used)[2:, 1].all()
     z[20, 1] += 1e-9
-    assert (20, 1) in places(records.filter_record(model, z).contradictions)
+    assert (20, 1) in places(kalman_filter(model, z[1:]).contradictions)
     online = Filter(model)
     assert next(c for row in z[1:] for c in online.step(row).contradictions)[:2] == (20, 1)
 
@@ -417,9 +417,9 @@ def test_known_inputs_and_matrices_that_vary() -> None:
     for k in range(21):
         z.append([float(x)])
         x = x * (2 if k % 2 == 0 else Fraction(1, 2)) + (Fraction("0.1") if k % 2 == 0 else Fraction("-0.3"))
-    assert records.filter_record(model, z).contradictions == ()
+    assert kalman_filter(model, z[1:]).contradictions == ()
     z[15][0] *= 1 + 1e-12
-    assert places(records.filter_record(model, z).contradictions) == [(15, 0)]
+    assert places(kalman_filter(model, z[1:]).contradictions) == [(15, 0)]
 
 
 def test_the_online_filter_remembers_and_keeps_its_contradictions(tmp_path: Path) -> None:
@@ -441,10 +441,10 @@ def test_a_diagnosis_and_hypotheses_know_of_it() -> None:
     """A contradiction is the verdict; a model that the record excludes has the probability 0; one of them must allow it."""
     model = replace(undriven([[1.0]], [0.0], [[1.0], [1.0]], [[4.0]]), Qd=np.array([[1.0]]))
     z = np.column_stack([np.arange(20.0)] * 2)
-    found = records.filter_record(model, z)
+    found = kalman_filter(model, z[1:])
     assert diagnosis.diagnose(model, found, z).verdict != "contradiction"
     z[3, 1] += 1
-    found = records.filter_record(model, z)
+    found = kalman_filter(model, z[1:])
     told = diagnosis.diagnose(model, found, z)
     assert (told.verdict, told.factor_R, told.factor_Q) == ("contradiction", None, None)
     assert "row 3" in told.suggestion
@@ -461,4 +461,4 @@ def test_the_filter_goes_on_as_if_the_element_were_not_measured() -> None:
     z = np.array([[np.nan, np.nan], [1.0, 2.0], [3.0, 3.0]])
     without = z.copy()
     without[1, 1] = np.nan
-    np.testing.assert_array_equal(records.filter_record(model, z).x_plus, records.filter_record(model, without).x_plus)
+    np.testing.assert_array_equal(kalman_filter(model, z[1:]).x_plus, kalman_filter(model, without[1:]).x_plus)

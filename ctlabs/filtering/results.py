@@ -113,8 +113,16 @@ def gains(P_minus: Array, H: Array, S: Array, used: Mask) -> Array:
     if m == 1:
         K = cross / scale[:, :, None] ** 2
     else:
-        K = np.linalg.solve(unit, cross / scale[:, :, None]) / scale[:, :, None]
+        K = _solved(unit, cross / scale[:, :, None]) / scale[:, :, None]
     return np.swapaxes(np.where(finite[:, :, None], K, 0.0), 1, 2)
+
+
+def _solved(S: Array, right: Array) -> Array:
+    """S⁻¹ times the right sides; where rounding has made sensors one, they share the gain of that one."""
+    try:
+        return np.linalg.solve(S, right)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(S, hermitian=True) @ right)
 
 
 def consistency(innovation: Array, S: Array, used: Mask) -> tuple[Array, Array]:
