@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs.filtering import algorithms, records
+from ctlabs.filtering import kalman_filter
+from ctlabs.filtering.algorithms.catalogue import FORMS
 from ctlabs.filtering.online import Filter, files, plants
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.models.discretisation import discretise
@@ -38,12 +39,14 @@ WHEEL = ContinuousModel(
     units=["rad", "rad/s"],
 )
 NOISE = [[0.01, 0.002], [0.002, 0.04]]
-MODEL = discretise(WHEEL, 0.25, R=NOISE)
+#: Without its known input.
+COASTING = dataclasses.replace(WHEEL, B=None)
+MODEL = discretise(COASTING, 0.25, R=NOISE)
 WALK = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]], dt=0.5)
 
 
 def streamed(online, z, first=1):
-    """The estimates after every row of a record; with first=1 row 0 is not used."""
+    """The estimates after every row of a record, that is given by instants."""
     return [online.step(row) for row in z[first:]]
 
 
@@ -123,7 +126,7 @@ def test_its_likelihood_is_that_of_the_joint_density(model, seed):
 @pytest.mark.parametrize("form", PERFECT)
 def test_perfect_measurements_of_what_is_known_are_left_out_as_in_a_record(form):
     """R = 0 and the same thing measured twice: K = 0, no 0/0; as on the record."""
-    twice = dataclasses.replace(MODEL, H=[[1, 0], [1, 0]], R=np.zeros((2, 2)), P0=np.zeros((2, 2)), measurements=None)
+    twice = dataclasses.replace(MODEL, H=[[1, 0], [1, 0]], R=np.zeros((2, 2)), P0=np.zeros((2, 2)), measurements=None, measurement_units=None)
     z = np.repeat(record(twice, 4, np.random.default_rng(3))[:, :1], 2, axis=1)
     wanted, online = kalman_filter(twice, z[1:], algorithm=form), Filter(twice, algorithm=form)
     for k, estimate in enumerate(streamed(online, z), start=1):
@@ -137,7 +140,7 @@ def test_perfect_measurements_of_what_is_known_are_left_out_as_in_a_record(form)
 @pytest.mark.parametrize("size", [np.inf, 1e14])
 def test_a_stream_may_begin_with_little_or_no_information(form, size, tmp_path):
     """P0 = inf: NaN and inf until a state is known, then as on the record; a saved filter goes on from any instant."""
-    model = dataclasses.replace(MODEL, H=[[1, 0]], R=[[0.01]], measurements=None)
+    model = dataclasses.replace(MODEL, H=[[1, 0]], R=[[0.01]], measurements=None, measurement_units=None)
     z = record(model, 5, np.random.default_rng(4))
     z[2] = np.nan
     P0 = np.diag([size, size])
@@ -190,17 +193,35 @@ def test_irregular_times_are_discretised_interval_by_interval(model, seed, form)
     assert not close(estimate.P, regular.P_plus[-1], SOLVER)
 
 
-def test_a_known_input_acts_over_the_interval_that_ends():
-    """u in step is the input since the previous instant, as in discretise; without one it is zero."""
-    z, u = record(MODEL, 4, np.random.default_rng(5)), np.array([[0.3], [-0.2], [0.0], [1.0]])
-    wanted = kalman_filter(discretise(WHEEL, 0.25, NOISE, u=u), z[1:], algorithm="joseph")
-    online, still = Filter(WHEEL, R=NOISE), Filter(WHEEL, R=NOISE)
-    for k in range(1, 5):
-        found = online.step(z[k], 0.25 * k, u=u[k - 1])
-        assert close(found.x, wanted.x_plus[k], EXACT)
-        still.step(z[k], 0.25 * k)
-    assert close(still.x, kalman_filter(MODEL, z[1:], algorithm="joseph").x_plus[-1], EXACT)
-    assert not close(still.x, wanted.x_plus[-1], SOLVER)
+def test_a_known_input_acts_from_its_instant_until_the_next():
+    """u in step is the input from then on, and u0 that from t0, as in the offsets of discretise; without one it is refused."""
+    z, u = record(MODEL, 4, np.random.default_rng(5)), np.array([[0.3], [-0.2], [0.0], [1.0], [7.0]])
+    wanted = kalman_filter(discretise(WHEEL, 0.25, NOISE, u=u[:4]), z[1:])
+    periodic = discretise(WHEEL, 0.25, NOISE)
+    for online in (Filter(WHEEL, R=NOISE, u0=u[0]), Filter(periodic, u0=u[0])):
+        for k in range(1, 5):
+            found = online.step(z[k], 0.25 * k, u=u[k])  # the last acts on nothing yet
+            assert close(found.x, wanted.x_plus[k], EXACT)
+            assert close(found.P, wanted.P_plus[k], EXACT)
+    late = Filter(WHEEL, R=NOISE, u0=0.05 + u[0])
+    assert not close(late.step(z[1], 0.25, u=u[1]).x, wanted.x_plus[1], SOLVER)
+    with pytest.raises(ValueError, match=r"u: expected the known input, \(1,\), as the model has B; received None"):
+        late.step(z[2], 0.5)
+    with pytest.raises(ValueError, match=r"u: expected none with a measurement at 0.25 s \(now is 0.25 s\), received one"):
+        late.step(None, 0.25, u=[1.0])
+    with pytest.raises(ValueError, match=r"u0: expected the known input from t0 to the first measurement .*, received None"):
+        Filter(WHEEL, R=NOISE).step(z[1], 0.25, u=u[1])
+
+
+def test_the_input_from_t0_may_come_with_a_step_to_t0():
+    """A step without a measurement at t0 says what acts from there on; a first measurement there takes its own."""
+    z, u = record(MODEL, 2, np.random.default_rng(5)), [[0.3], [-0.2], [0.0]]
+    one, other = Filter(WHEEL, R=NOISE, u0=u[0]), Filter(WHEEL, R=NOISE)
+    other.step(None, 0.0, u=u[0])
+    assert close(one.step(z[1], 0.25, u=u[1]).x, other.step(z[1], 0.25, u=u[1]).x, EXACT)
+    at_t0, wanted = Filter(WHEEL, R=NOISE, first=0), kalman_filter(WHEEL, z[1:], t=[0.0, 0.25], R=NOISE, u=u[:2])
+    at_t0.step(z[1], u=u[0])
+    assert close(at_t0.step(z[2], 0.25, u=u[1]).x, wanted.x_plus[1], EXACT)
 
 
 def test_equal_intervals_are_discretised_once(monkeypatch):
@@ -208,7 +229,7 @@ def test_equal_intervals_are_discretised_once(monkeypatch):
     asked = []
     compute = plants.interval
     monkeypatch.setattr(plants, "interval", lambda F, W, h: asked.append(h) or compute(F, W, h))
-    online = Filter(WHEEL, R=NOISE)
+    online = Filter(COASTING, R=NOISE)
     for t in np.cumsum([0.25, 0.5] * 10):
         online.step(None, t)
     assert asked == [0.25, 0.5]
@@ -235,7 +256,7 @@ def test_the_first_measurement_may_come_at_t0():
     assert (a.k, a.t) == (0, 0.0)
     assert same(a, b)
     assert a.step(2.0).t == b.step(2.0).t == 0.5
-    assert Filter(WHEEL, R=NOISE, t0=2.0, first=0).step([1.0, 2.0]).t == 2.0
+    assert Filter(COASTING, R=NOISE, t0=2.0, first=0).step([1.0, 2.0]).t == 2.0
     with pytest.raises(
         ValueError, match=r"t: expected a first measurement after t0 = 0 s \(first=1\), received one at t0"
     ):
@@ -279,7 +300,7 @@ def _without(online, z, k):
 def test_late_instants_of_a_continuous_model_are_inserted(order, form):
     """Measurements at irregular times, come in any order, with an input: every bit is that of the times in order."""
     t, z = np.array([0.0, 0.3, 0.7, 0.75, 1.9]), record(MODEL, 4, np.random.default_rng(6))
-    ordered, late = (Filter(WHEEL, algorithm=form, R=NOISE, memory=4) for _ in range(2))
+    ordered, late = (Filter(WHEEL, algorithm=form, R=NOISE, memory=4, u0=[0.4]) for _ in range(2))
     ordered.step(None, 2.0, u=[0.4])  # an input that is held while instants are inserted
     late.step(None, 2.0, u=[0.4])
     for k in (1, 2, 3, 4):
@@ -288,7 +309,7 @@ def test_late_instants_of_a_continuous_model_are_inserted(order, form):
         assert late.step(z[k], t[k]).t == 2.0
     assert late.k == 5
     assert same(late, ordered)
-    direct = Filter(WHEEL, algorithm=form, R=NOISE, memory=4)
+    direct = Filter(WHEEL, algorithm=form, R=NOISE, memory=4, u0=[0.4])
     for k in (1, 2, 3, 4):
         direct.step(z[k], t[k], u=[0.4])
     direct.step(None, 2.0, u=[0.4])
@@ -364,7 +385,7 @@ def test_every_kind_of_model_is_saved(model, seed, form, perfect, tmp_path_facto
         assert str(refusal).startswith("form srif: expected")  # noqa: PT017  # singular P0
         return
     u = {"u": np.ones(model.B.shape[1])} if options and model.B is not None else {}
-    online.step(rng.normal(size=model.m))
+    online.step(rng.normal(size=model.m), **u)
     try:
         online.step(rng.normal(size=model.m), online.t + (model.dt if not options else 0.3), **u)
         online.save(path)
@@ -439,8 +460,8 @@ def test_a_damaged_file_is_refused_in_one_line(saved):
 def test_another_format_is_named(saved):
     """A file of a later version says so."""
     path = saved[1]
-    rewritten(path, {"format": 3})
-    assert refused(path) == f"{path}: expected a saved filter of format 2, received format 3"
+    rewritten(path, {"format": 4})
+    assert refused(path) == f"{path}: expected a saved filter of format 3, received format 4"
 
 
 @pytest.mark.parametrize(
@@ -451,7 +472,7 @@ def test_another_format_is_named(saved):
         ({"first": 2}, {}, "first: expected 0 or 1, received 2"),
         ({"instants": 3}, {}, "IndexError: list index out of range"),
         ({"instants": 0}, {}, "instants: expected a whole number >= 1, received 0"),
-        ({"labels": {"states": ["a"], "units": ["", ""], "measurements": ["", ""]}}, {}, "states: expected 2 names"),
+        ({"labels": {"states": ["a"], "units": ["", ""], "measurements": ["", ""], "measurement_units": ["", ""]}}, {}, "states: expected 2 names"),
         ({}, {"model.Qd": -np.eye(2)}, "Qd: expected variances >= 0"),
         ({}, {"instant.0.6": np.zeros(3)}, "expected float64 of shape"),
     ],
@@ -573,15 +594,16 @@ def test_a_filter_that_cannot_be_is_refused(model, options, kind, message):
         (Filter(WALK), (1.0, 1e6), ValueError, r"t: expected at most 1000000 instants ahead \(now is 0 s\)"),
         (Filter(WALK), (1.0, "noon"), ValueError, "t: expected a finite time in s, received 'noon'"),
         (Filter(WALK), (1.0, np.nan), ValueError, "t: expected a finite time in s, received nan"),
-        (Filter(WALK), (1.0, 0.5, [1.0]), ValueError, "u: expected none with a DiscreteModel"),
+        (Filter(WALK), (1.0, 0.5, [1.0]), ValueError, "u: expected a model with B or D, received one without"),
         (Filter(WHEEL, R=NOISE), ([1.0, 2.0],), ValueError, "t: expected the time of the measurement"),
         (Filter(WHEEL, R=NOISE), ([1.0, 2.0], 1.0, [1.0, 2.0]), ValueError, r"u: expected shape \(1,\), received"),
-        (Filter(WHEEL, R=NOISE), (None, 0.0, [1.0]), ValueError, "u: expected none with a measurement at 0 s"),
+        (Filter(WHEEL, R=NOISE), ([1.0, 2.0], 1.0), ValueError, r"u: expected the known input, \(1,\), .*; received None"),
+        (Filter(WHEEL, R=NOISE), ([1.0, 2.0], 1.0, [1.0]), ValueError, r"u0: expected the known input from t0 to the first"),
         (
-            Filter(dataclasses.replace(WHEEL, B=None), R=NOISE),
+            Filter(COASTING, R=NOISE),
             (None, 1.0, [1.0]),
             ValueError,
-            "u: expected a model with B",
+            "u: expected a model with B or D, received one without",
         ),
         (
             Filter(dataclasses.replace(WALK, Phi=[[[1]], [[1]]])),

@@ -153,7 +153,7 @@ def test_the_continuous_filter_is_the_limit_of_little_white_noise(model: Continu
 def test_sampled_filters_tend_to_the_continuous_one(model: ContinuousModel) -> None:
     """The full filter of the sampled perfect measurements approaches the reduced continuous one as dt → 0."""
     H_p = reduced.continuous(model).basis.H_p
-    perfect = replace(model, H=H_p, Rc=None, N=None, measurements=None)
+    perfect = replace(model, H=H_p, Rc=None, N=None, measurements=None, measurement_units=None)
     P = reduced.transient(reduced.continuous(perfect), [1.0])[0]
     errors = []
     for steps in (128, 256, 512):
@@ -263,7 +263,7 @@ def test_what_cannot_be_reduced_is_refused(change: dict[str, Any], message: str)
     """No perfect measurement, all states measured, empty or dependent rows, variation, absence: each in one line."""
     model = discretise(signal_and_noise(), 0.5, R=[[0]])
     with pytest.raises(ValueError, match=message):
-        reduced.discrete(replace(model, measurements=None, **change))
+        reduced.discrete(replace(model, measurements=None, measurement_units=None, **change))
 
 
 def test_bad_choices_are_refused() -> None:

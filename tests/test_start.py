@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 
 from ctlabs.analysis import diagnosis, fitting, sensitivity
 from ctlabs.files import modelfile
-from ctlabs.filtering import algorithms, kalman, records, smoothing
+from ctlabs.filtering import Smoothed, covariances, kalman_filter, log_likelihood, smooth
+from ctlabs.filtering.algorithms.catalogue import FORMS
 from ctlabs.linalg import columns, rounding
+from ctlabs.linalg.covariance import deviations
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.montecarlo import simulate
 from tests import cases, twin_smoother
@@ -29,7 +31,7 @@ ALL = [name for name in FORMS if name != "steady"]
 NAN = float("nan")
 
 
-def algorithms(model):
+def taking(model):
     """The default route and every form that takes the model."""
     regular = all((np.linalg.eigvalsh(R) > 0).all() for R in model.R.reshape(-1, model.m, model.m))
     invertible = abs(np.linalg.det(model.Phi)) > 0
@@ -37,7 +39,7 @@ def algorithms(model):
 
 
 def filtered(model, z, first, form=""):
-    return kalman_filter(model, z[first:], first=first, algorithm=form) if form else kalman_filter(model, z[first:], first=first)
+    return kalman_filter(model, z[first:], first=first, algorithm=form or "auto")
 
 
 def known(P):
@@ -46,11 +48,11 @@ def known(P):
     return np.where(sd < 1e-200, 0.0, sd)
 
 
-def deviations(found, right, rows, names):
+def misses(found, right, rows, names):
     """The errors of estimates, of their σ, in units of the largest σ of the state."""
     (x, P), sd = found, known(right[names[1]])
     size = np.where(sd.max(axis=0) > 0, sd.max(axis=0), 1.0)
-    return np.abs(x[rows] - np.array(right[names[0]])) / size, np.abs(sd_of(P[rows]) - sd) / size
+    return np.abs(x[rows] - np.array(right[names[0]])) / size, np.abs(deviations(P[rows]) - sd) / size
 
 
 # Cases --------------------------------------------------------------------------------------------------------------
@@ -60,10 +62,10 @@ def deviations(found, right, rows, names):
 def test_smoothed_estimates_are_right_whatever_the_form(case):
     """Moving averages observed exactly, unknown and vaguely known states: every form's history is smoothed rightly."""
     model, z, first, right = cases.model(case["model"]), cases.record(case["given"]), case["given"]["first"], case["right"]
-    for form in algorithms(model):
+    for form in taking(model):
         past = filtered(model, z, first, form)
-        found = smoothing.smooth(model, past)
-        x, sd = deviations((found.x, found.P), right, right["rows"], ("x", "sd"))
+        found = smooth(model, past)
+        x, sd = misses((found.x, found.P), right, right["rows"], ("x", "sd"))
         limit = 1e-7 if "inf" in case["name"] else 1e-6
         if form in ("conventional", "") or "k3" in case["name"]:
             assert x.max() < limit, form
@@ -73,7 +75,7 @@ def test_smoothed_estimates_are_right_whatever_the_form(case):
         if "log_likelihood_diffuse" in right:
             assert past.log_likelihood_diffuse == pytest.approx(right["log_likelihood_diffuse"], abs=1e-8)
         if "x_plus" in right:
-            x, sd = deviations((past.x_plus, past.P_plus), right, right["filter_rows"], ("x_plus", "sd_plus"))
+            x, sd = misses((past.x_plus, past.P_plus), right, right["filter_rows"], ("x_plus", "sd_plus"))
             assert max(x.max(), sd.max()) < 1e-7
 
 
@@ -85,7 +87,7 @@ def test_no_form_depends_on_the_units_of_what_is_unknown(case, form):
     found = kalman_filter(model, z, first=0, algorithm=form)
     sd = np.array(right["sd_plus"])
     assert (np.abs(found.x_plus[right["rows"]] - np.array(right["x_plus"])) < 1e-7 * sd).all()
-    assert (np.abs(sd_of(found.P_plus[right["rows"]]) / sd - 1) < 1e-7).all()
+    assert (np.abs(deviations(found.P_plus[right["rows"]]) / sd - 1) < 1e-7).all()
     assert found.log_likelihood == pytest.approx(right["log_likelihood"], abs=1e-7)
 
 
@@ -93,7 +95,7 @@ def test_no_form_depends_on_the_units_of_what_is_unknown(case, form):
 def test_likelihoods_keep_their_digits(case):
     """P0 up to 1e21 times R."""
     model, z, right = cases.model(case["model"]), cases.record(case["given"]), case["right"]
-    for form in algorithms(model):
+    for form in taking(model):
         assert filtered(model, z, case["given"]["first"], form).log_likelihood == pytest.approx(
             right["log_likelihood"], abs=1e-8
         )
@@ -133,10 +135,10 @@ def test_the_nile_from_no_information():
     assert found.log_likelihood == pytest.approx(-632.5456, abs=1e-4)
     assert found.log_likelihood_diffuse == pytest.approx(reference["log_likelihood_diffuse"], abs=1e-4)
     model = cases.model(item["model"])
-    smoothed = smoothing.smooth(model, kalman_filter(model, z, first=0))
+    smoothed = smooth(model, kalman_filter(model, z, first=0))
     assert close(smoothed.x[reference["smoothed_rows"], 0], reference["smoothed_x"], SOLVER)
     assert close(smoothed.P[reference["smoothed_rows"], 0, 0], reference["smoothed_P"], SOLVER)
-    assert diagnosis.diagnose(model, kalman_filter(model, z, first=0), z, 0).verdict == "consistent"
+    assert diagnosis.diagnose(model, kalman_filter(model, z, first=0)).verdict == "consistent"
 
 
 @pytest.mark.parametrize("item", cases.peers("smoother"))
@@ -147,7 +149,7 @@ def test_the_continuous_smoother_is_the_limit(item):
     given, model = item["given"], cases.model(item["model"])
     discrete = discretise(model, given["dt"], R=np.array(model.Rc) / given["dt"])
     z = np.zeros((given["steps"] + 1, 1))
-    found = smoothing.smooth(discrete, kalman_filter(discrete, z[given["first"] :], first=given["first"]))
+    found = smooth(discrete, kalman_filter(discrete, z[given["first"] :], first=given["first"]))
     assert found.P[given["row"], 0, 0] == pytest.approx(item["expected"]["P"], abs=5e-3)
 
 
@@ -186,7 +188,7 @@ def test_what_is_unknown_and_what_is_exact_is_conditioned_on(both, first, lag):
     model, z = both
     past = kalman_filter(model, z[first:], first=first)
     z = np.where(past.used, z, NAN)  # perfect measurements of what is known already agree with no random record
-    twin, found = twin_smoother.conditioned(model, z, first), smoothing.smooth(model, past)
+    twin, found = twin_smoother.conditioned(model, z, first), smooth(model, past)
     variances = np.diagonal(twin.P, axis1=1, axis2=2)
     size = max(variances[np.isfinite(variances)].max(initial=0.0), 1.0)
     scale = size**0.5 + np.abs(np.nan_to_num(twin.x)).max(initial=0.0)
@@ -198,7 +200,7 @@ def test_what_is_unknown_and_what_is_exact_is_conditioned_on(both, first, lag):
     assert likelihood == pytest.approx(twin.log_likelihood, rel=1e-7, abs=1e-7)
     if not past.contradictions:
         assert past.log_likelihood_diffuse == pytest.approx(likelihood, rel=EXACT, abs=EXACT)
-    behind = smoothing.smooth(model, z[first:], first=first, lag=lag)
+    behind = smooth(model, z[first:], first=first, lag=lag)
     k = 5 - lag
     short = twin_smoother.conditioned(model, z, first, end=k - 1 + lag)
     same(behind.x[k - 1], short.x[k - 1], 1e-6 * scale)
@@ -226,7 +228,7 @@ def test_units_and_order_of_the_states_do_not_matter(both, seed):
         model, Phi=T @ model.Phi @ back, Qd=T @ model.Qd @ T.T, H=model.H @ back, x0=T @ model.x0, P0=P0,
         N=None if model.N is None else T @ model.N, offset=None if model.offset is None else T @ model.offset,
     )  # fmt: skip
-    own, theirs = (smoothing.smooth(m, kalman_filter(m, z[1:])) for m in (model, other))
+    own, theirs = (smooth(m, kalman_filter(m, z[1:])) for m in (model, other))
     variances = np.diagonal(own.P, axis1=1, axis2=2)
     size = max(variances[np.isfinite(variances)].max(initial=0.0), 1.0)
     assume(size < 1e8)
@@ -242,7 +244,7 @@ Z = np.array([[1.2], [NAN], [1.9], [4.4], [NAN], [9.6], [14.2]])
 def test_no_information_is_the_limit_of_little(size):
     """The difference falls as 1/P0, and no rounding shows below it; x0 does not matter."""
     little = dataclasses.replace(LINE, P0=size * np.eye(2), x0=[0, 0])
-    found, limit = (smoothing.smooth(m, kalman_filter(m, Z, first=0)) for m in (little, LINE))
+    found, limit = (smooth(m, kalman_filter(m, Z, first=0)) for m in (little, LINE))
     assert close(found.x, limit.x, 50 / size + 1e-13)
     assert close(found.P, limit.P, 50 / size + 1e-13)
     one, other = (kalman_filter(m, Z, first=0) for m in (little, LINE))
@@ -253,11 +255,11 @@ def test_an_exact_measurement_is_the_limit_of_a_good_one():
     """R → 0: the smoothed σ of a moving average's shock tends to that of R = 0, not to 0."""
     exact = DiscreteModel([[0, 0.9], [0, 0]], [[1, 1], [1, 1]], [[1, 0]], [[0]], x0=[0, 0], P0=[[1.81, 1], [1, 1]])
     z = np.random.default_rng(3).normal(size=(120, 1))
-    right = smoothing.smooth(exact, kalman_filter(exact, z, first=0))
+    right = smooth(exact, kalman_filter(exact, z, first=0))
     closed = 0.9**2 * (1 - 0.9**2) / (1 - 0.9 ** (2 * 121))
     assert right.P[0, 1, 1] == pytest.approx(closed, rel=1e-6)
     for R in (1e-6, 1e-9, 1e-12):
-        good = smoothing.smooth(near := dataclasses.replace(exact, R=[[R]]), kalman_filter(near, z, first=0))
+        good = smooth(near := dataclasses.replace(exact, R=[[R]]), kalman_filter(near, z, first=0))
         assert abs(good.P[0, 1, 1] - closed) < 20 * R + 1e-6 * closed
         assert np.abs(good.x[:, 1] - right.x[:, 1]).max() < 1e3 * R + 1e-6  # (1 − θ²)⁻² = 28 times the innovations
 
@@ -273,10 +275,10 @@ def test_schedules_and_ensembles_begin_without_information():
     assert np.isfinite(plan.P_plus[1:]).all()
     assert np.isnan(found.x_minus[0]).all()
     assert np.isnan(found.innovation[[0, 1, 2]]).all()
-    for theirs, ours in ((found.x_plus[:, :, 0], own.x_plus), (found.P_plus, own.P_plus)):
+    for theirs, ours in ((found.x_plus, own.x_plus), (found.P_plus, own.P_plus)):
         assert np.array_equal(np.isfinite(theirs), np.isfinite(ours))
         assert close(np.where(np.isfinite(theirs), theirs, 0.0), np.where(np.isfinite(ours), ours, 0.0), EXACT)
-    again = kalman_filter(LINE, np.stack([Z, 2 * Z], axis=2), first=0, algorithm="filterpy", gains=found.schedule)
+    again = kalman_filter(LINE, np.stack([Z, 2 * Z], axis=2), first=0, algorithm="filterpy", gains=found)
     assert close(again.x_plus[2:, :, 1], 2 * own.x_plus[2:], EXACT)
 
 
@@ -285,9 +287,9 @@ def test_what_is_never_measured_stays_unknown():
     both = DiscreteModel(np.eye(2), np.eye(2), [[1, 0]], [[1]], x0=[0, 0], P0=np.diag([np.inf, np.inf]))
     alone = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[np.inf]])
     found, wanted = kalman_filter(both, Z, first=0), kalman_filter(alone, Z, first=0)
-    for one, other in ((found, wanted), (smoothing.smooth(both, found), smoothing.smooth(alone, wanted))):
-        x, P = (one.x, one.P) if isinstance(one, smoothing.Smoothed) else (one.x_plus, one.P_plus)
-        x1, P1 = (other.x, other.P) if isinstance(other, smoothing.Smoothed) else (other.x_plus, other.P_plus)
+    for one, other in ((found, wanted), (smooth(both, found), smooth(alone, wanted))):
+        x, P = (one.x, one.P) if isinstance(one, Smoothed) else (one.x_plus, one.P_plus)
+        x1, P1 = (other.x, other.P) if isinstance(other, Smoothed) else (other.x_plus, other.P_plus)
         assert close(x[:, 0], x1[:, 0], EXACT)
         assert close(P[:, 0, 0], P1[:, 0, 0], EXACT)
         assert np.isnan(x[:, 1]).all()

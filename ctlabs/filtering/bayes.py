@@ -543,8 +543,8 @@ def hypotheses(
         score = log + np.log(p)[:, None]
     best = score.max(axis=1, keepdims=True)
     if np.isneginf(best).any():
-        k = int(np.argwhere(np.isneginf(best))[0, 0])
-        msg = f"z: expected a record that is possible for one of the models, received one that contradicts all by row {k}"
+        row = int(np.argwhere(np.isneginf(best))[0, 0]) - begins(models[0], first)
+        msg = f"z: expected a record that is possible for one of the models, received one that contradicts all by row {row}"
         raise ValueError(msg)
     weight = np.exp(score - best)
     return Hypotheses(filters[0].t, weight / weight.sum(axis=1, keepdims=True), log, filters)
