@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs.filtering import comparison, compare, covariances, flops, kalman_filter, steady
+from ctlabs.filtering import compare, comparison, covariances, flops, kalman_filter, steady
 from ctlabs.filtering.algorithms import contract
 from ctlabs.filtering.algorithms.catalogue import FORMS
 from ctlabs.filtering.algorithms.contract import Counted, Noise, doubles, numbers

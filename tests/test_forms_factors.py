@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs.filtering import comparison, flops, kalman_filter
+from ctlabs.filtering import flops, kalman_filter
 from ctlabs.filtering.algorithms import array, carlson, contract, extended_array, ld, potter, srif, ud
 from ctlabs.filtering.algorithms.contract import Noise
 from ctlabs.filtering.engines import driver

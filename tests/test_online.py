@@ -467,7 +467,7 @@ def test_another_format_is_named(saved):
 @pytest.mark.parametrize(
     ("header", "arrays", "found"),
     [
-        ({"algorithm": "os.system"}, {}, "algorithm: expected one of conventional"),
+        ({"algorithm": "os.system"}, {}, "algorithm: expected one of auto, filterpy, conventional"),
         ({"model": "Popen"}, {}, "KeyError: 'Popen'"),
         ({"first": 2}, {}, "first: expected 0 or 1, received 2"),
         ({"instants": 3}, {}, "IndexError: list index out of range"),
@@ -564,7 +564,7 @@ def test_a_file_that_is_not_there_is_an_oserror(tmp_path):
         ),
         (WHEEL, {"R": [[1]]}, ValueError, r"R: expected shape \(2, 2\), received \(1, 1\)"),
         (WALK, {"R": [[1]]}, ValueError, "R: expected none beside a DiscreteModel"),
-        (WALK, {"algorithm": "kalman"}, ValueError, "algorithm: expected one of conventional, .*, received 'kalman'"),
+        (WALK, {"algorithm": "kalman"}, ValueError, "algorithm: expected one of auto, filterpy, conventional, .*, received 'kalman'"),
         (WHEEL, {"algorithm": "steady", "R": NOISE}, ValueError, "algorithm: expected a DiscreteModel for steady"),
         (WALK, {"first": 2}, ValueError, "first: expected 0 or 1, received 2"),
         (WALK, {"first": True}, ValueError, "first: expected 0 or 1, received True"),

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from ctlabs.filtering import kalman_filter, smooth, smoothing
 from ctlabs.filtering.algorithms.catalogue import FORMS
-from ctlabs.filtering.engines import backward, compiled
+from ctlabs.filtering.engines import backward
 from ctlabs.filtering.motion import motion
 from ctlabs.models import DiscreteModel, NonlinearModel
 from tests import reference
