@@ -85,14 +85,15 @@ def _online(model: DiscreteModel, z: Array) -> Any:
 
 FILTERED = {"x_minus": "x", "x_plus": "x", "P_minus": "xx", "P_plus": "xx", "S": "zz", "nis": "", "log_likelihood": "log"}
 
+PLANNED = {"P_minus": "xx", "P_plus": "xx", "K": "xZ", "S": "zz"}
+
 #: What kalman_filter goes by.
 ALGORITHMS = ["auto", "filterpy", *(name for name in FORMS if name != "steady")]
 
 #: The verbs of discrete models. A new one is one line.
 DISCRETE = [
     Verb("steady.solve", lambda m, z: steady.solve(m), {"P_minus": "xx", "P_plus": "xx", "K": "xZ", "K_pred": "xZ", "S": "zz"}),
-    *(Verb(f"covariances.{name}", lambda m, z, name=name: covariances(m, STEPS, algorithm=name), {"P_minus": "xx", "P_plus": "xx", "K": "xZ", "S": "zz"})
-      for name in ("auto", "filterpy")),
+    *(Verb(f"covariances.{name}", lambda m, z, name=name: covariances(m, STEPS, algorithm=name), PLANNED) for name in ("auto", "filterpy")),
     *(Verb(f"kalman_filter.{name}", lambda m, z, name=name: kalman_filter(m, z, algorithm=name), FILTERED) for name in ALGORITHMS),
     Verb("smooth", smooth, {"x": "x", "P": "xx", "lag_one": "xx"}),
     Verb("smooth.lag", lambda m, z: smooth(m, z, lag=2), {"x": "x", "P": "xx"}),

@@ -39,7 +39,8 @@ KINDS = [float, mpmath.mpf, Counted]
 
 def test_the_forms_agree_with_filterpy_and_with_sixty_digits():
     """With gaps and a known input; the reference is that of the tests' own multiprecision recursion."""
-    wanted, high, own = kalman_filter(WALK, Z[1:], algorithm="filterpy"), reference.high_precision(WALK, Z), comparison.reference(WALK, Z[1:])
+    wanted, high = kalman_filter(WALK, Z[1:], algorithm="filterpy"), reference.high_precision(WALK, Z)
+    own = comparison.reference(WALK, Z[1:])
     for found, expected in zip((own.x_minus, own.P_minus, own.x_plus, own.P_plus), high, strict=True):
         assert close(found, expected, EXACT)
     for form in OPTIMAL:
@@ -182,7 +183,8 @@ def test_the_steady_gain_refuses_zero_information():
 def test_another_finite_P0_is_taken_in_place_of_the_models(form):
     """``P0=`` is the model with that P0."""
     P0, z = [[2.0, 0.5], [0.5, 1.0]], np.ones((4, 1))
-    found, wanted = kalman_filter(WALK, z[1:], algorithm=form, P0=P0), kalman_filter(dataclasses.replace(WALK, P0=P0), z[1:], algorithm=form)
+    found = kalman_filter(WALK, z[1:], algorithm=form, P0=P0)
+    wanted = kalman_filter(dataclasses.replace(WALK, P0=P0), z[1:], algorithm=form)
     assert np.array_equal(found.P_plus, wanted.P_plus)
     assert np.array_equal(found.x_plus, wanted.x_plus)
 
@@ -220,7 +222,11 @@ def test_steady_applies_the_limit_of_the_gain():
     ("change", "z", "message"),
     [
         ({}, Z, r"^form steady: expected 1 measured elements at every instant .*, received 0 at one$"),
-        ({"H": [[1, 0], [0, 1]], "R": np.eye(2), "measurements": None, "measurement_units": None}, [[1, 1], [1, np.nan]], "received 1 at one$"),
+        (
+            {"H": [[1, 0], [0, 1]], "R": np.eye(2), "measurements": None, "measurement_units": None},
+            [[1, 1], [1, np.nan]],
+            "received 1 at one$",
+        ),
         ({"Qd": np.ones((5, 2, 2))}, Z, "^form steady: model: expected constant matrices"),
         ({"H": [[0, 1]]}, np.ones((3, 1)), "^form steady: .* which no measurement sees"),
     ],

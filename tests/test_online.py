@@ -126,7 +126,7 @@ def test_its_likelihood_is_that_of_the_joint_density(model, seed):
 @pytest.mark.parametrize("form", PERFECT)
 def test_perfect_measurements_of_what_is_known_are_left_out_as_in_a_record(form):
     """R = 0 and the same thing measured twice: K = 0, no 0/0; as on the record."""
-    twice = dataclasses.replace(MODEL, H=[[1, 0], [1, 0]], R=np.zeros((2, 2)), P0=np.zeros((2, 2)), measurements=None, measurement_units=None)
+    twice = dataclasses.replace(MODEL, H=[[1, 0], [1, 0]], R=np.zeros((2, 2)), P0=np.zeros((2, 2)))
     z = np.repeat(record(twice, 4, np.random.default_rng(3))[:, :1], 2, axis=1)
     wanted, online = kalman_filter(twice, z[1:], algorithm=form), Filter(twice, algorithm=form)
     for k, estimate in enumerate(streamed(online, z), start=1):
@@ -472,7 +472,11 @@ def test_another_format_is_named(saved):
         ({"first": 2}, {}, "first: expected 0 or 1, received 2"),
         ({"instants": 3}, {}, "IndexError: list index out of range"),
         ({"instants": 0}, {}, "instants: expected a whole number >= 1, received 0"),
-        ({"labels": {"states": ["a"], "units": ["", ""], "measurements": ["", ""], "measurement_units": ["", ""]}}, {}, "states: expected 2 names"),
+        (
+            {"labels": {"states": ["a"], "units": ["", ""], "measurements": ["", ""], "measurement_units": ["", ""]}},
+            {},
+            "states: expected 2 names",
+        ),
         ({}, {"model.Qd": -np.eye(2)}, "Qd: expected variances >= 0"),
         ({}, {"instant.0.6": np.zeros(3)}, "expected float64 of shape"),
     ],

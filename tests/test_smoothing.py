@@ -273,13 +273,13 @@ def test_histories_that_do_not_fit_are_refused():
     walk = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[1]])
     with pytest.raises(ValueError, match=r"filtered: expected a record of a model with n, m = \(1, 1\), received one with \(2, 2\)"):
         smooth(walk, past)
-    with pytest.raises(ValueError, match="first: expected none beside a filtered record"):
+    with pytest.raises(ValueError, match=r"^first: expected none beside a filtered record"):
         smooth(TRACK, past, first=0)
     nothing = dataclasses.replace(kalman_filter(TRACK, z[1:], algorithm="information", P0=np.diag([np.inf, np.inf])), start=None)
     with pytest.raises(ValueError, match=r"filtered.P_plus: expected finite covariances, received inf at step 0"):
         smooth(TRACK, nothing)
     short = dataclasses.replace(TRACK, Phi=np.tile(TRACK.Phi, (5, 1, 1)))
-    with pytest.raises(ValueError, match="filtered: expected a record of this model, .* another Phi"):
+    with pytest.raises(ValueError, match=r"filtered: expected a record of this model, .* another Phi"):
         smooth(short, past)
     with pytest.raises(ValueError, match="steps: expected at most 5"):
         smooth(short, z[1:])

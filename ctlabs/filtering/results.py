@@ -111,10 +111,8 @@ def gains(P_minus: Array, H: Array, S: Array, used: Mask) -> Array:
     variances = np.abs(np.where(finite, np.diagonal(S, axis1=1, axis2=2), 1.0))  # rounding may have made one negative
     scale = np.sqrt(np.where(variances > 0, variances, 1.0))  # unit variances: no unit matters
     unit = np.where(finite[:, :, None] & finite[:, None, :], S, np.eye(m)) / (scale[:, :, None] * scale[:, None, :])
-    if m == 1 and (unit > 0).all():
-        K = cross / scale[:, :, None] ** 2
-    else:
-        K = _solved(unit, cross / scale[:, :, None]) / scale[:, :, None]
+    plain = m == 1 and (unit > 0).all()
+    K = cross / scale[:, :, None] ** 2 if plain else _solved(unit, cross / scale[:, :, None]) / scale[:, :, None]
     return np.swapaxes(np.where(finite[:, :, None], K, 0.0), 1, 2)
 
 
