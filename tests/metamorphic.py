@@ -15,7 +15,8 @@ import hypothesis.strategies as st
 import numpy as np
 
 from ctlabs.analysis import diagnosis, sensitivity
-from ctlabs.filtering import algorithms, bucy, kalman, records, smoothing, steady
+from ctlabs.filtering import bucy, covariances, kalman_filter, smooth, steady
+from ctlabs.filtering.algorithms.catalogue import FORMS
 from ctlabs.filtering.online import Filter
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel, observability
@@ -78,21 +79,25 @@ class Verb:
 
 def _online(model: DiscreteModel, z: Array) -> Any:
     filter_ = Filter(model)
-    rows = [filter_.step(row) for row in z[1:]]
+    rows = [filter_.step(row) for row in z]
     return {name: np.array([getattr(row, name) for row in rows]) for name in ("x", "P")}
 
 
 FILTERED = {"x_minus": "x", "x_plus": "x", "P_minus": "xx", "P_plus": "xx", "S": "zz", "nis": "", "log_likelihood": "log"}
 
+PLANNED = {"P_minus": "xx", "P_plus": "xx", "K": "xZ", "S": "zz"}
+
+#: What kalman_filter goes by.
+ALGORITHMS = ["auto", "filterpy", *(name for name in FORMS if name != "steady")]
+
 #: The verbs of discrete models. A new one is one line.
 DISCRETE = [
     Verb("steady.solve", lambda m, z: steady.solve(m), {"P_minus": "xx", "P_plus": "xx", "K": "xZ", "K_pred": "xZ", "S": "zz"}),
-    Verb("kalman.schedule", lambda m, z: kalman.schedule(m, STEPS), {"P_minus": "xx", "P_plus": "xx", "K": "xZ", "S": "zz"}),
-    Verb("records.filter_record", records.filter_record, FILTERED),
-    *(Verb(f"forms.{name}", lambda m, z, name=name: algorithms.run(m, z, name), FILTERED) for name in algorithms.FORMS if name != "steady"),
-    Verb("smoothing.smooth", lambda m, z: smoothing.smooth(m, records.filter_record(m, z)), {"x": "x", "P": "xx", "lag_one": "xx"}),
-    Verb("smoothing.fixed_lag", lambda m, z: smoothing.fixed_lag(m, z, 2), {"x": "x", "P": "xx"}),
-    Verb("online.Filter", _online, {"x": "x", "P": "xx"}),
+    *(Verb(f"covariances.{name}", lambda m, z, name=name: covariances(m, STEPS, algorithm=name), PLANNED) for name in ("auto", "filterpy")),
+    *(Verb(f"kalman_filter.{name}", lambda m, z, name=name: kalman_filter(m, z, algorithm=name), FILTERED) for name in ALGORITHMS),
+    Verb("smooth", smooth, {"x": "x", "P": "xx", "lag_one": "xx"}),
+    Verb("smooth.lag", lambda m, z: smooth(m, z, lag=2), {"x": "x", "P": "xx"}),
+    Verb("Filter", _online, {"x": "x", "P": "xx"}),
     Verb("sensitivity.actual", lambda m, z: sensitivity.actual(replace(m, Qd=2 * m.Qd), m, STEPS), {"P_minus": "xx", "P_plus": "xx"}),
     Verb("sensitivity.steady", lambda m, z: sensitivity.steady(replace(m, Qd=2 * m.Qd), m), {"P_minus": "xx", "P_plus": "xx"}),
     Verb("observability.gramian", lambda m, z: {"W": observability.gramian(_unit(m), 5)}, {"W": "XX"}),
@@ -102,7 +107,7 @@ DISCRETE = [
 
 #: The verbs of continuous models, which need no record.
 CONTINUOUS = [
-    Verb("bucy.steady", lambda m, z: bucy.steady(m), {"P": "xx", "Kc": "xZ/"}),
+    Verb("bucy.steady", lambda m, z: bucy.steady(m), {"P": "xx", "K": "xZ/"}),
     Verb("bucy.transient", lambda m, z: bucy.transient(m, _rate(m) * np.array([0.3, 1.0, 4.0])), {"P": "xx"}),
     Verb("discretise", lambda m, z: discretise(m, 0.5 * _rate(m)), {"Qd": "xx"}),
     Verb("shaping.stationary_covariance", lambda m, z: {"P": stationary_covariance(m)}, {"P": "xx"}),
@@ -121,7 +126,7 @@ def _unit(model: DiscreteModel) -> DiscreteModel:
 
 
 def _diagnosed(model: DiscreteModel, z: Array) -> Any:
-    return {"nis_p": diagnosis.diagnose(model, records.filter_record(model, z), z).nis_p}
+    return {"nis_p": diagnosis.diagnose(model, z).nis_p}
 
 
 def _both(T: Array, P: Array) -> Array:
@@ -138,8 +143,8 @@ def problems(draw: st.DrawFn, continuous: bool = False, correlated: bool = False
     n, m, rng = draw(st.integers(1, 3)), draw(st.integers(1, 2)), np.random.default_rng(draw(seeds))
     A = rng.normal(size=(n, n))
     H, x0 = rng.normal(size=(m, n)), rng.normal(size=n)
-    z = rng.normal(size=(STEPS + 1, m))
-    z[0], z[4, 0] = np.nan, np.nan
+    z = rng.normal(size=(STEPS + 1, m))[1:]
+    z[3, 0] = np.nan
     if continuous:
         F = A - (np.linalg.eigvals(A).real.max() + 0.5) * np.eye(n)
         return ContinuousModel(F, np.eye(n), covariance(rng, n), H, Rc=covariance(rng, m), x0=x0, P0=covariance(rng, n)), z

@@ -10,7 +10,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from ctlabs.filtering import algorithms, kalman, steady
+from ctlabs.filtering import comparison, flops, kalman_filter, steady
+from ctlabs.filtering.algorithms.catalogue import FORMS
+from ctlabs.filtering.engines import driver
+from ctlabs.filtering.problem import pose
 from ctlabs.models import DiscreteModel
 from tests import reference
 from tests.reference import EXACT, SOLVER, broken, close
@@ -92,17 +95,17 @@ def judged(model, wanted):
 
 def test_the_suite_knows_every_form():
     """The forms are those of the design, in its order."""
-    assert list(algorithms.FORMS) == list(CAN)
+    assert list(FORMS) == list(CAN)
 
 
 @pytest.mark.parametrize("form", CAN)
 def test_every_form_says_what_it_is(form):
     """Its docstring has equations, a source, the operations of a step, and what it can do with singular matrices."""
-    doc = algorithms.FORMS[form].__doc__
+    doc = FORMS[form].__doc__
     for part in (".. math::", "Source: ", "Operations per step", "R = 0", "singular Q", "P0"):
         assert part in doc
     for verb in ("start", "predict", "update", "mean", "covariance"):
-        assert callable(getattr(algorithms.FORMS[form], verb))
+        assert callable(getattr(FORMS[form], verb))
 
 
 #: Coefficients of n³ with s = 1, of n³ with s = n and of mn² in the operations of a step (s, rank of Qd), as the docstrings add up.
@@ -132,15 +135,15 @@ def dense(n, m, s):
 def test_the_operations_of_a_step_are_those_of_the_docstring(form):
     """Counted at four sizes, the third difference in n (and the mixed one in m) is the leading term, exactly."""
     sizes = (5, 7, 9, 11)
-    one, full = (np.diff([algorithms.flops(dense(n, 2, s or n), form) for n in sizes], 3)[0] / (6 * 2**3) for s in (1, None))
-    rows = [algorithms.flops(dense(n, 4, 1), form) - algorithms.flops(dense(n, 3, 1), form) for n in sizes[1:]]
+    one, full = (np.diff([flops(dense(n, 2, s or n), form) for n in sizes], 3)[0] / (6 * 2**3) for s in (1, None))
+    rows = [flops(dense(n, 4, 1), form) - flops(dense(n, 3, 1), form) for n in sizes[1:]]
     assert np.allclose([one, full, np.diff(rows, 2)[0] / (2 * 2**2)], LEADING[form], rtol=EXACT)
 
 
 def test_the_steady_gain_costs_next_to_nothing():
     """2n² for the prediction, 4mn for the update."""
     for n, m in ((4, 2), (7, 3)):
-        assert algorithms.flops(dense(n, m, n), "steady") == n * (2 * n - 1) + 4 * m * n
+        assert flops(dense(n, m, n), "steady") == n * (2 * n - 1) + 4 * m * n
 
 
 # The filter by definition --------------------------------------------------------------------------------------------------
@@ -163,7 +166,7 @@ def test_every_form_is_the_conditional_distribution(model, steps, seed, gaps, fi
         for form in judged(some, wanted):
             if not CAN[form].singular_P0 and some is model:
                 continue
-            found = algorithms.run(some, z, form, first)
+            found = kalman_filter(some, z[first:], first=first, algorithm=form)
             assert differs(found, wanted, some) < SOLVER, form
             assert close(found.log_likelihood, likely, SOLVER), form
             _innovations_are_right(found, some, z, first)
@@ -191,25 +194,25 @@ def _innovations_are_right(found, model, z, first):
 def test_five_percent_of_one_element_are_noticed(form, name):
     """The identity above fails when one element of the form's model or data is off by 5 %."""
     wanted = reference.conditioned(MODEL, Z)
-    assert differs(algorithms.run(MODEL, Z, form), wanted) < EXACT
+    assert differs(kalman_filter(MODEL, Z[1:], algorithm=form), wanted) < EXACT
     if name == "z":
-        assert differs(algorithms.run(MODEL, broken(np.nan_to_num(Z)), form), wanted) > SOLVER
+        assert differs(kalman_filter(MODEL, broken(np.nan_to_num(Z))[1:], algorithm=form), wanted) > SOLVER
         return
     element = {"R": (0, 0), "Qd": (0, 0), "P0": (0, 0)}.get(name)
     other = dataclasses.replace(MODEL, **{name: broken(getattr(MODEL, name), element)})
-    assert differs(algorithms.run(other, Z, form), wanted) > SOLVER
+    assert differs(kalman_filter(other, Z[1:], algorithm=form), wanted) > SOLVER
 
 
 @settings(deadline=None, max_examples=20, derandomize=True)
 @given(model=discrete_models(stable=None), seed=st.integers(0, 10**6))
 def test_the_reference_is_sixty_digits_rounded(model, seed):
-    """algorithms.reference is the tests' own multiprecision recursion, and every form is within SOLVER of both."""
+    """The reference is the tests' own multiprecision recursion, and every form is within SOLVER of both."""
     z = record(model, 4, np.random.default_rng(seed), gaps=0.2)
     model = solid(model)
-    high, own = reference.high_precision(model, z), algorithms.reference(model, z)
+    high, own = reference.high_precision(model, z), comparison.reference(model, z[1:])
     assert differs(own, high, model) < EXACT
     for form in judged(model, high):
-        assert differs(algorithms.run(model, z, form), high, model) < SOLVER, form
+        assert differs(kalman_filter(model, z[1:], algorithm=form), high, model) < SOLVER, form
 
 
 @every_form
@@ -217,16 +220,16 @@ def test_on_a_well_conditioned_model_every_digit_is_right(form):
     """With N, an input, a full R and a gap all forms agree with the multiprecision filter to EXACT."""
     z = Z.copy()
     z[2], z[4, 1] = np.nan, np.nan
-    assert differs(algorithms.run(MODEL, z, form), reference.high_precision(MODEL, z)) < EXACT
+    assert differs(kalman_filter(MODEL, z[1:], algorithm=form), reference.high_precision(MODEL, z)) < EXACT
 
 
 @every_form
 def test_the_likelihood_is_the_joint_density(form):
     """Of the innovations before the updates; 5 % in one element of R are noticed."""
     wanted = reference.log_likelihood(MODEL, Z)
-    assert close(algorithms.run(MODEL, Z, form).log_likelihood, wanted, EXACT)
+    assert close(kalman_filter(MODEL, Z[1:], algorithm=form).log_likelihood, wanted, EXACT)
     other = dataclasses.replace(MODEL, R=broken(MODEL.R, (0, 0)))
-    assert not close(algorithms.run(other, Z, form).log_likelihood, wanted, SOLVER)
+    assert not close(kalman_filter(other, Z[1:], algorithm=form).log_likelihood, wanted, SOLVER)
 
 
 @settings(deadline=None, max_examples=15, derandomize=True)
@@ -237,26 +240,27 @@ def test_several_runs_are_a_loop_over_runs(model, seed, runs):
     z = np.stack([record(model, 4, rng) for _ in range(runs)], axis=-1)
     z[2, 0] = np.nan
     for form in OPTIMAL:
-        together = algorithms.run(model, z, form)
+        together = kalman_filter(model, z[1:], algorithm=form)
         for i in range(runs):
-            alone = algorithms.run(model, z[..., i], form)
+            alone = kalman_filter(model, z[1:, ..., i], algorithm=form)
             for name in ("x_minus", "x_plus", "innovation", "nis"):
                 assert close(getattr(together, name)[..., i], getattr(alone, name), EXACT), form
             for name in ("P_minus", "P_plus", "S", "used", "t"):
-                assert np.array_equal(getattr(together, name), getattr(alone, name))
+                both = getattr(together, name) * 1.0, getattr(alone, name) * 1.0
+                assert np.array_equal(*both) or (form == "joseph" and close(*both, EXACT)), form  # one record is a compiled loop
             assert close(together.log_likelihood[i], alone.log_likelihood, EXACT)
 
 
 @settings(deadline=None, max_examples=20, derandomize=True)
 @given(model=discrete_models(), seed=st.integers(0, 10**6))
 def test_joseph_is_the_library_s_filter(model, seed):
-    """The form ``joseph`` and kalman.filter_runs agree in every result."""
+    """The form ``joseph`` and filterpy's filter agree in every result."""
     z = record(model, 5, np.random.default_rng(seed), gaps=0.2)
-    found, wanted = algorithms.run(model, z, "joseph"), kalman.filter_runs(model, z)
-    assert close(found.x_plus, wanted.x_plus[..., 0], EXACT)
-    assert close(found.P_plus, wanted.schedule.P_plus, EXACT)
-    assert close(found.innovation, wanted.innovation[..., 0], EXACT)
-    assert close(found.S, wanted.schedule.S, EXACT)
+    found, wanted = kalman_filter(model, z[1:], algorithm="joseph"), kalman_filter(model, z[1:], algorithm="filterpy")
+    assert close(found.x_plus, wanted.x_plus, EXACT)
+    assert close(found.P_plus, wanted.P_plus, EXACT)
+    assert close(found.innovation, wanted.innovation, EXACT)
+    assert close(found.S, wanted.S, EXACT)
 
 
 # What each can, and what it refuses ----------------------------------------------------------------------------------------
@@ -265,11 +269,11 @@ def test_joseph_is_the_library_s_filter(model, seed):
 def shown_or_refused(form, can, model, z, words, **options):
     """Right by definition where the form can; a line with its name and the ``words`` where it cannot."""
     if can:
-        found = algorithms.run(model, z, form)
+        found = kalman_filter(model, z[1:], algorithm=form)
         assert differs(found, reference.conditioned(model, z), model) < SOLVER
         return
     with pytest.raises(ValueError, match=words) as caught:
-        algorithms.run(model, z, form, **options)
+        kalman_filter(model, z[1:], algorithm=form, **options)
     assert str(caught.value).startswith(f"form {form}: expected ")
     assert "\n" not in str(caught.value)
 
@@ -294,7 +298,7 @@ def test_what_is_known_already_is_left_out(form):
     """The same thing measured perfectly twice, and again when nothing has moved: K = 0, no 0/0, no likelihood of 0/0."""
     still = DiscreteModel(np.eye(2), np.zeros((2, 2)), [[1, 0], [1, 0], [0, 1]], np.diag([0, 0, 1]), x0=[0, 0], P0=np.eye(2))
     z = np.array([[np.nan] * 3, [2.0, 2.0, 1.0], [2.0, 2.0, 3.0]])
-    found = algorithms.run(still, z, form)
+    found = kalman_filter(still, z[1:], algorithm=form)
     assert found.used.tolist() == [[False] * 3, [True, False, True], [False, False, True]]
     wanted = reference.conditioned(still, z)
     assert close(found.x_plus, wanted.x_plus, EXACT)
@@ -312,7 +316,7 @@ def test_what_nearly_equal_measurements_tell_is_left_out_when_it_comes_again(for
     H[2] = H[1] + 1e-2 * rng.normal(size=3)
     x = rng.normal(size=3)
     model = DiscreteModel(np.eye(3), np.zeros((3, 3)), H, np.zeros((4, 4)), x0=np.zeros(3), P0=np.eye(3))
-    found = algorithms.run(model, np.tile(H @ x, (3, 1)), form, 0)
+    found = kalman_filter(model, np.tile(H @ x, (3, 1)), first=0, algorithm=form)
     assert found.used.tolist() == [[True, True, True, False], [False] * 4, [False] * 4]
     assert close(found.x_plus[-1], x, SOLVER)
     assert close(found.P_plus[-1], np.zeros((3, 3)), SOLVER, size=1.0)
@@ -343,9 +347,9 @@ def test_the_root_of_information_needs_no_inverse_of_phi():
     """SRIF takes a singular Φ where Qd fills what it loses; the information form does not."""
     model = dataclasses.replace(MODEL, Phi=np.diag([1.0, 1.0], -1), N=None)
     z = record(model, 5, np.random.default_rng(4))
-    assert differs(algorithms.run(model, z, "srif"), reference.conditioned(model, z)) < SOLVER
+    assert differs(kalman_filter(model, z[1:], algorithm="srif"), reference.conditioned(model, z)) < SOLVER
     with pytest.raises(ValueError, match="form information: expected a Phi with an inverse, received a singular one"):
-        algorithms.run(model, z, "information")
+        kalman_filter(model, z[1:], algorithm="information")
 
 
 @every_form
@@ -361,7 +365,7 @@ def test_measurements_that_are_never_taken(form):
     model = dataclasses.replace(MODEL, R=np.diag([0.5, np.inf]), N=np.array([[0.05, 0], [0, 0], [0.02, 0]]))
     shown_or_refused(form, True, model, Z, "")
     none = dataclasses.replace(MODEL, R=np.diag([np.inf, np.inf]), N=None)
-    found = algorithms.run(none, Z, form)
+    found = kalman_filter(none, Z[1:], algorithm=form)
     assert differs(found, reference.conditioned(none, Z)) < SOLVER
     assert found.log_likelihood == 0.0
     assert np.isnan(found.nis).all()
@@ -390,7 +394,7 @@ def test_zero_information_is_least_squares(model, seed, known, first):
     z = record(model, 5, np.random.default_rng(seed), gaps=0.2, first=first)
     outer = free[:, None] | free
     P0 = np.where(outer, np.where(np.eye(n, dtype=bool), np.inf, 0.0), model.P0)
-    found = [algorithms.run(model, z, form, first, P0=P0) for form in UNKNOWN]
+    found = [kalman_filter(model, z[first:], first=first, algorithm=form, P0=P0) for form in UNKNOWN]
     determined = 0
     for k in range(1, 6):
         if np.isfinite(found[0].P_plus[k]).all():
@@ -413,7 +417,7 @@ def test_zero_information_is_least_squares(model, seed, known, first):
 def test_zero_information_is_noticed_to_end(form):
     """A position measured alone: known at the first measurement, its rate at the second, by hand; 5 % are noticed."""
     track = DiscreteModel([[1, 1], [0, 1]], np.zeros((2, 2)), [[1, 0]], [[4.0]], x0=[0, 0], P0=np.eye(2))
-    found = algorithms.run(track, [[np.nan], [3.0], [5.0]], form, P0=np.diag([np.inf, np.inf]))
+    found = kalman_filter(track, [[3.0], [5.0]], algorithm=form, P0=np.diag([np.inf, np.inf]))
     assert np.isnan(found.x_plus[0]).all()
     assert close(found.x_plus[1, 0], 3.0, EXACT)
     assert np.isnan(found.x_plus[1, 1])
@@ -421,7 +425,7 @@ def test_zero_information_is_noticed_to_end(form):
     assert close(found.P_plus[2], [[4.0, 4.0], [4.0, 8.0]], EXACT)
     assert found.log_likelihood == 0.0
     assert np.isnan(found.nis).all()
-    other = algorithms.run(track, [[np.nan], [3.0 * 1.05], [5.0]], form, P0=np.diag([np.inf, np.inf]))
+    other = kalman_filter(track, [[3.0 * 1.05], [5.0]], algorithm=form, P0=np.diag([np.inf, np.inf]))
     assert not close(other.x_plus[2], [5.0, 2.0], SOLVER)
 
 
@@ -432,7 +436,7 @@ def test_measurements_beyond_what_was_unknown_have_their_likelihood(form):
     R = np.diag([0.4, 0.5, 0.6])
     model = DiscreteModel(MODEL.Phi, MODEL.Qd, H, R + np.zeros((6, 3, 3)), x0=MODEL.x0, P0=MODEL.P0)
     z = record(model, 5, np.random.default_rng(6), first=0)
-    found = algorithms.run(model, z, form, first=0, P0=np.diag([np.inf] * 3))
+    found = kalman_filter(model, z, first=0, algorithm=form, P0=np.diag([np.inf] * 3))
     after = dataclasses.replace(model, x0=z[0], P0=R)  # the first measurement, H = I, is all that is known at t0
     assert close(found.log_likelihood, reference.log_likelihood(after, z), EXACT)
     assert differs(_later(found), _later(reference.conditioned(after, z))) < EXACT
@@ -452,10 +456,10 @@ def test_the_steady_gain_is_the_filter_that_has_settled(model, seed):
     """Started from its own limit, with a measurement at t0, the optimal filter and the steady one are the same."""
     z = record(model, 5, np.random.default_rng(seed), first=0)
     settled = dataclasses.replace(model, P0=steady.solve(model).P_minus)
-    found, wanted = algorithms.run(settled, z, "steady", 0), algorithms.run(settled, z, "joseph", 0)
+    found, wanted = kalman_filter(settled, z, first=0, algorithm="steady"), kalman_filter(settled, z, first=0, algorithm="joseph")
     assert differs(found, wanted, settled) < SOLVER
     assert close(found.log_likelihood, wanted.log_likelihood, SOLVER)
-    other = algorithms.run(dataclasses.replace(settled, R=broken(model.R, (0, 0))), z, "steady", 0)
+    other = kalman_filter(dataclasses.replace(settled, R=broken(model.R, (0, 0))), z, first=0, algorithm="steady")
     assert differs(other, wanted, settled) > SOLVER
 
 
@@ -472,7 +476,7 @@ def test_the_steady_gain_is_the_filter_that_has_settled(model, seed):
 def test_the_steady_gain_refuses_what_has_no_limit(change, z, message):
     """Matrices that vary, missing measurements, a growing mode that is not seen: by name, in one line."""
     with pytest.raises(ValueError, match=message) as caught:
-        algorithms.run(dataclasses.replace(MODEL, N=None, **change), z, "steady")
+        kalman_filter(dataclasses.replace(MODEL, N=None, **change), z[1:], algorithm="steady")
     assert str(caught.value).startswith("form steady: ")
     assert "\n" not in str(caught.value)
 
@@ -489,7 +493,7 @@ def two_sensors(delta, q=0.0):
 def error_of_P(model, z, form, exact):
     """max over k of ‖P⁺ − P_ref‖/‖P_ref‖; inf where the form gives up."""
     try:
-        found = algorithms.run(model, z, form, own_start=True).P_plus
+        found = driver.run(pose(model, z[1:]), form, own_start=True)[0].P_plus
     except FloatingPointError as error:
         assert str(error).startswith(f"form {form}: expected ")  # noqa: PT017  # giving up is one of two legal ends
         return np.inf
@@ -547,7 +551,7 @@ def test_the_units_of_the_states_do_not_matter(form, span):
     """Metres beside radians: the same estimates to rounding, over 60 steps, in units 2^12 and 2^40 apart."""
     z = record(MODEL, 60, np.random.default_rng(1))
     other, units = in_other_units(span)
-    ours, theirs = algorithms.run(MODEL, z, form), algorithms.run(other, z, form)
+    ours, theirs = kalman_filter(MODEL, z[1:], algorithm=form), kalman_filter(other, z[1:], algorithm=form)
     assert close(theirs.x_plus / units, ours.x_plus, EXACT)
     assert close(theirs.P_plus / np.outer(units, units), ours.P_plus, EXACT)
     assert not close(theirs.x_plus / broken(units), ours.x_plus, EXACT)
@@ -558,7 +562,7 @@ def test_evidence_of_what_is_known_when_other_states_are_not(form):
     """P0 = inf for one state: a measurement of the other one has a NIS; only the diffuse likelihood counts it, and the determining one."""
     two = DiscreteModel(np.eye(2), np.eye(2), np.eye(2), np.eye(2), x0=[0, 0], P0=np.eye(2))
     z = np.array([[np.nan, np.nan], [2.0, np.nan], [np.nan, 1.0]])
-    found = algorithms.run(two, z, form, P0=np.diag([1.0, np.inf]))
+    found = kalman_filter(two, z[1:], algorithm=form, P0=np.diag([1.0, np.inf]))
     S = 1.0 + 1.0 + 1.0
     assert found.log_likelihood == 0.0
     both = -0.5 * (4.0 / S + np.log(2 * np.pi * S)) - 0.5 * np.log(2 * np.pi)

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import importlib
-from dataclasses import replace
+from dataclasses import fields, replace
+from functools import partial
 from typing import Any
 
 import hypothesis.strategies as st
 import numpy as np
 import pytest
-from ctlabs.filtering.kalman import Ensemble, Schedule, filter_runs, schedule, update
 from hypothesis import given, settings
 from numpy.typing import NDArray
 
+from ctlabs.filtering import Covariances, Filtered, covariances, kalman_filter, update
 from ctlabs.models import ContinuousModel, DiscreteModel
 from tests.reference import (
     EXACT,
@@ -38,6 +39,10 @@ Array = NDArray[Any]
 STEPS = 6
 properties = settings(deadline=None, max_examples=25, derandomize=True)
 inf, nan = np.inf, np.nan
+filterpys = partial(kalman_filter, algorithm="filterpy")
+planned = partial(covariances, algorithm="filterpy")
+#: What no data change.
+PLAN = [field.name for field in fields(Covariances)]
 
 
 def size(model: DiscreteModel) -> float:
@@ -45,30 +50,25 @@ def size(model: DiscreteModel) -> float:
     return float(max(np.abs(model.Qd).max(), np.abs(model.P0).max(), 1e-300))
 
 
-def agrees(found: Ensemble, expected: Moments, model: DiscreteModel, tolerance: float) -> bool:
-    """Whether estimates (of the first run) and covariances are those of an oracle."""
+def agrees(found: Filtered, expected: Moments, model: DiscreteModel, tolerance: float) -> bool:
+    """Whether estimates and covariances are those of an oracle."""
     return all(
         [
-            close(found.x_minus[:, :, 0], expected.x_minus, tolerance),
-            close(found.x_plus[:, :, 0], expected.x_plus, tolerance),
-            close(found.schedule.P_minus, expected.P_minus, tolerance, size(model)),
-            close(found.schedule.P_plus, expected.P_plus, tolerance, size(model)),
+            close(found.x_minus, expected.x_minus, tolerance),
+            close(found.x_plus, expected.x_plus, tolerance),
+            close(found.P_minus, expected.P_minus, tolerance, size(model)),
+            close(found.P_plus, expected.P_plus, tolerance, size(model)),
         ]
     )
 
 
-def identical(a: Any, b: Any) -> bool:
-    """Whether two schedules or ensembles agree in every bit."""
-    return all(
-        identical(getattr(a, name), getattr(b, name))
-        if name == "schedule"
-        else same_bits(getattr(a, name), getattr(b, name))
-        for name in type(a).__slots__
-    )
+def identical(a: Covariances, b: Covariances, names: list[str] = PLAN) -> bool:
+    """Whether two filters agree in every bit."""
+    return all(same_bits(getattr(a, name), getattr(b, name)) for name in names)
 
 
-def same_bits(a: Array | None, b: Array | None) -> bool:
-    return (a is None and b is None) or np.array_equal(a, b, equal_nan=True)  # type: ignore[arg-type]  # not None here
+def same_bits(a: Any, b: Any) -> bool:
+    return a == b if isinstance(a, str) else np.array_equal(a, b, equal_nan=True)
 
 
 # --- the filter is conditioning ---------------------------------------------------------------------------------
@@ -79,7 +79,7 @@ def same_bits(a: Array | None, b: Array | None) -> bool:
 def test_filter_is_joint_gaussian_conditioning(model: DiscreteModel, seed: int) -> None:
     """x̂ and P are the moments of x_k given the measurements, with gaps, known inputs, correlation and variation."""
     z = record(model, STEPS, np.random.default_rng(seed), gaps=0.2, first=seed % 2)
-    found, expected = filter_runs(model, z, first=seed % 2), conditioned(model, z, first=seed % 2)
+    found, expected = filterpys(model, z[seed % 2 :], first=seed % 2), conditioned(model, z, first=seed % 2)
     assert agrees(found, expected, model, EXACT)
 
 
@@ -88,7 +88,7 @@ def test_filter_is_joint_gaussian_conditioning(model: DiscreteModel, seed: int) 
 def test_filter_keeps_twelve_digits(model: DiscreteModel, seed: int) -> None:
     """The same as the textbook's recursion with 60 digits, for stable and unstable models."""
     z = record(model, STEPS, np.random.default_rng(seed), gaps=0.2, first=seed % 2)
-    assert agrees(filter_runs(model, z, first=seed % 2), high_precision(model, z, first=seed % 2), model, EXACT)
+    assert agrees(filterpys(model, z[seed % 2 :], first=seed % 2), high_precision(model, z, first=seed % 2), model, EXACT)
 
 
 @properties
@@ -96,9 +96,9 @@ def test_filter_keeps_twelve_digits(model: DiscreteModel, seed: int) -> None:
 def test_filter_is_weighted_least_squares(model: DiscreteModel, seed: int) -> None:
     """The last estimate minimises the weighted squares of all disturbances and noises."""
     z = record(model, STEPS, np.random.default_rng(seed), gaps=0.2)
-    found, expected = filter_runs(model, z), least_squares(model, z)
-    assert close(found.x_plus[-1, :, 0], expected.x[-1], 1e-10)
-    assert close(found.schedule.P_plus[-1], expected.P[-1], 1e-10)
+    found, expected = filterpys(model, z[1:]), least_squares(model, z)
+    assert close(found.x_plus[-1], expected.x[-1], 1e-10)
+    assert close(found.P_plus[-1], expected.P[-1], 1e-10)
 
 
 @pytest.mark.parametrize("field", ["Phi", "Qd", "H", "R", "P0", "x0", "N", "offset"])
@@ -110,11 +110,11 @@ def test_every_part_of_the_model_counts(field: str) -> None:
         N=[[0.2], [-0.1]], offset=[0.3, 1.0],
     )  # fmt: skip
     z = record(model, STEPS, rng)
-    assert agrees(filter_runs(model, z), conditioned(model, z), model, EXACT)
+    assert agrees(filterpys(model, z[1:]), conditioned(model, z), model, EXACT)
     changed = broken(getattr(model, field))
     if field in {"Qd", "P0"}:
         changed = 0.5 * (changed + changed.T)
-    assert not agrees(filter_runs(replace(model, **{field: changed}), z), conditioned(model, z), model, 1e-4)
+    assert not agrees(filterpys(replace(model, **{field: changed}), z[1:]), conditioned(model, z), model, 1e-4)
 
 
 @properties
@@ -124,7 +124,7 @@ def test_adapter_equals_filterpys_own_loop(model: DiscreteModel, seed: int) -> N
     filterpy = importlib.import_module("filterpy.kalman")
     rng = np.random.default_rng(seed)
     runs = np.stack([record(model, STEPS, rng) for _ in range(3)], axis=-1)
-    found = filter_runs(model, runs)
+    found = filterpys(model, runs[1:])
     for run in range(3):
         kf = filterpy.KalmanFilter(dim_x=model.n, dim_z=model.m)
         kf.x, kf.P = model.x0[:, None].copy(), model.P0.copy()
@@ -134,10 +134,10 @@ def test_adapter_equals_filterpys_own_loop(model: DiscreteModel, seed: int) -> N
             kf.update(runs[k, :, run, None], R=at(model.R, k), H=at(model.H, k))
             assert close(found.x_minus[k, :, run], kf.x_prior[:, 0], EXACT)
             assert close(found.x_plus[k, :, run], kf.x[:, 0], EXACT)
-            assert close(found.schedule.P_minus[k], kf.P_prior, EXACT, size(model))
-            assert close(found.schedule.P_plus[k], kf.P, EXACT, size(model))
-            assert close(found.schedule.K[k], kf.K, EXACT, size(model))
-            assert close(found.schedule.S[k], kf.S, EXACT)
+            assert close(found.P_minus[k], kf.P_prior, EXACT, size(model))
+            assert close(found.P_plus[k], kf.P, EXACT, size(model))
+            assert close(found.K[k], kf.K, EXACT, size(model))
+            assert close(found.S[k], kf.S, EXACT)
             assert close(found.innovation[k, :, run], kf.y[:, 0], EXACT)
 
 
@@ -148,23 +148,23 @@ def test_batch_equals_loop(model: DiscreteModel, seed: int) -> None:
     rng = np.random.default_rng(seed)
     gaps = np.isnan(record(model, STEPS, rng, gaps=0.3))
     runs = np.stack([np.where(gaps, nan, record(model, STEPS, rng)) for _ in range(4)], axis=-1)
-    together = filter_runs(model, runs)
+    together = filterpys(model, runs[1:])
     for run in range(4):
-        alone = filter_runs(model, runs[:, :, run])
-        assert identical(alone.schedule, together.schedule)
+        alone = filterpys(model, runs[1:, :, run])
+        assert identical(alone, together)
         for name in ("x_minus", "x_plus", "innovation"):
-            assert close(getattr(together, name)[:, :, run], getattr(alone, name)[:, :, 0], EXACT)
+            assert close(getattr(together, name)[:, :, run], getattr(alone, name), EXACT)
 
 
 @properties
 @given(discrete_models(stable=None), seeds)
-def test_schedule_needs_no_data(model: DiscreteModel, seed: int) -> None:
-    """The schedule computed before the data is the one the filter uses, bit for bit, and the estimates with it too."""
+def test_covariances_need_no_data(model: DiscreteModel, seed: int) -> None:
+    """The covariances computed before the data are those the filter uses, bit for bit, and the estimates with it too."""
     z = record(model, STEPS, np.random.default_rng(seed))
-    plan = schedule(model, STEPS)
-    found = filter_runs(model, z)
-    assert identical(plan, found.schedule)
-    assert identical(filter_runs(model, z, plan), found)
+    plan = planned(model, STEPS)
+    found = filterpys(model, z[1:])
+    assert identical(plan, found)
+    assert identical(filterpys(model, z[1:], gains=plan), found, [*PLAN, "x_minus", "x_plus", "innovation", "nis", "log_likelihood"])
     assert plan.steps == STEPS
     assert np.array_equal(plan.t, np.arange(STEPS + 1) * model.dt)
     assert np.array_equal(plan.sd_plus**2 > 0, np.diagonal(plan.P_plus, axis1=1, axis2=2) > 0)
@@ -175,7 +175,7 @@ def test_schedule_needs_no_data(model: DiscreteModel, seed: int) -> None:
 @given(discrete_models(stable=True))
 def test_covariances_are_covariances(model: DiscreteModel) -> None:
     """P⁻, P⁺ and S are symmetric and nonnegative definite, no variance is negative, and an update never adds variance."""
-    plan = schedule(model, STEPS)
+    plan = planned(model, STEPS)
     for P in (plan.P_minus, plan.P_plus):
         assert close(P, np.swapaxes(P, 1, 2), EXACT, size(model))
         assert np.linalg.eigvalsh(P).min() > -EXACT * size(model)
@@ -206,7 +206,7 @@ def test_without_disturbances_information_only_adds_up() -> None:
         P0=covariance(rng, 3),
     )  # fmt: skip
     Psi = np.linalg.multi_dot(model.Phi[::-1])
-    P0_given_all = np.linalg.solve(Psi, np.linalg.solve(Psi, schedule(model, 5).P_plus[-1]).T)
+    P0_given_all = np.linalg.solve(Psi, np.linalg.solve(Psi, planned(model, 5).P_plus[-1]).T)
     assert close(np.linalg.inv(P0_given_all), information(model, 5), SOLVER)
     assert not close(np.linalg.inv(broken(P0_given_all)), information(model, 5), 1e-4)
 
@@ -219,12 +219,12 @@ def test_without_disturbances_information_only_adds_up() -> None:
 def test_infinite_noise_is_no_measurement_bit_for_bit(model: DiscreteModel, seed: int) -> None:
     """R = ∞: x̂⁺ = x̂⁻, P⁺ = P⁻ in every bit, K = 0, S = ∞, whatever the data."""
     absent = replace(model, R=np.diag(np.full(model.m, inf)))
-    found = filter_runs(absent, np.random.default_rng(seed).normal(size=(STEPS + 1, model.m)), first=0)
+    found = filterpys(absent, np.random.default_rng(seed).normal(size=(STEPS + 1, model.m)), first=0)
     assert same_bits(found.x_plus, found.x_minus)
-    assert same_bits(found.schedule.P_plus, found.schedule.P_minus)
-    assert not found.schedule.K.any()
-    assert not found.schedule.measured.any()
-    assert np.isinf(np.diagonal(found.schedule.S, axis1=1, axis2=2)).all()
+    assert same_bits(found.P_plus, found.P_minus)
+    assert not found.K.any()
+    assert not found.used.any()
+    assert np.isinf(np.diagonal(found.S, axis1=1, axis2=2)).all()
     assert np.isnan(found.innovation).all()
 
 
@@ -236,12 +236,12 @@ def test_an_element_with_infinite_noise_might_as_well_not_exist(model: DiscreteM
     z = record(model, STEPS, rng)
     R = np.diag(np.full(model.m + 1, inf))
     R[1:, 1:] = model.R
-    wider = replace(model, H=np.vstack([rng.normal(size=model.n), model.H]), R=R, measurements=None)
-    found, expected = filter_runs(wider, np.hstack([rng.normal(size=(STEPS + 1, 1)), z])), filter_runs(model, z)
+    wider = replace(model, H=np.vstack([rng.normal(size=model.n), model.H]), R=R, measurements=None, measurement_units=None)
+    found, expected = filterpys(wider, np.hstack([rng.normal(size=(STEPS, 1)), z[1:]])), filterpys(model, z[1:])
     for name in ("P_minus", "P_plus"):
-        assert same_bits(getattr(found.schedule, name), getattr(expected.schedule, name))
-    assert same_bits(found.schedule.K[:, :, 1:], expected.schedule.K)
-    assert not found.schedule.K[:, :, 0].any()
+        assert same_bits(getattr(found, name), getattr(expected, name))
+    assert same_bits(found.K[:, :, 1:], expected.K)
+    assert not found.K[:, :, 0].any()
     assert close(found.x_plus, expected.x_plus, EXACT)
 
 
@@ -254,26 +254,28 @@ def test_a_gap_in_the_data_is_an_infinite_noise(model: DiscreteModel, seed: int)
     R = np.where(gap[:, :, None] | gap[:, None, :], 0.0, model.R)
     k, i = np.nonzero(gap)
     R[k, i, i] = inf
-    found, expected = filter_runs(model, z), filter_runs(replace(model, R=R), np.nan_to_num(z))
-    assert identical(found.schedule, expected.schedule)
+    found, expected = filterpys(model, z[1:]), filterpys(replace(model, R=R), np.nan_to_num(z[1:]))
+    assert identical(found, expected)
     assert same_bits(found.x_plus, expected.x_plus)
-    assert np.array_equal(found.schedule.measured, ~gap)
-    assert np.array_equal(np.isnan(found.innovation[:, :, 0]), gap)
+    assert np.array_equal(found.used, ~gap)
+    assert np.array_equal(np.isnan(found.innovation), gap)
 
 
 def test_first_measurement_is_at_t1_unless_one_is_taken_at_t0() -> None:
-    """first=1 leaves z[0] unused, whatever it is; first=0 processes it with P_minus[0] = P0."""
+    """first=1: z[0] is measured at t1, and t0 is not measured; first=0: z[0] is taken at t0 with P_minus[0] = P0."""
     model = DiscreteModel([[0.9]], [[1]], [[1]], [[2]], x0=[3], P0=[[4]])
     z = [[1.0], [2.0], [-1.0]]
-    later, now = filter_runs(model, z), filter_runs(model, z, first=0)
-    assert later.x_plus[0, 0, 0] == 3
-    assert later.schedule.P_plus[0, 0, 0] == 4
-    assert not later.schedule.measured[0].any()
+    later, now = filterpys(model, z[1:]), filterpys(model, z, first=0)
+    assert (later.steps, now.steps) == (2, 2)
+    assert later.x_plus[0, 0] == 3
+    assert later.P_plus[0, 0, 0] == 4
+    assert not later.used[0].any()
     assert np.isnan(later.innovation[0]).all()
-    assert same_bits(later.x_plus, filter_runs(model, [[nan], *z[1:]]).x_plus)
+    assert same_bits(later.x_plus, filterpys(model, [[nan], *z[1:]], first=0).x_plus)
+    assert agrees(later, recursion(model, z), model, EXACT)
     assert close(now.x_plus[0], 3 + 4 / 6 * (1 - 3), EXACT)
-    assert close(now.schedule.P_plus[0], 4 * 2 / 6, EXACT)
-    assert now.schedule.P_minus[0, 0, 0] == 4
+    assert close(now.P_plus[0], 4 * 2 / 6, EXACT)
+    assert now.P_minus[0, 0, 0] == 4
     assert agrees(now, recursion(model, z, first=0), model, EXACT)
 
 
@@ -282,13 +284,13 @@ def test_first_measurement_is_at_t1_unless_one_is_taken_at_t0() -> None:
 def test_several_predictions_can_be_reduced_to_one(model: DiscreteModel) -> None:
     """Steps without measurements are one step with Φʲ, ΣΦⁱQdΦⁱᵀ and ΣΦⁱc."""
     z = np.full((STEPS + 1, model.m), nan)
-    found = filter_runs(model, z)
+    found = filterpys(model, z[1:])
     Phi, Qd, c = np.eye(model.n), np.zeros((model.n, model.n)), np.zeros(model.n)
     for k in range(STEPS):
         Qd, c, Phi = Qd + Phi @ model.Qd @ Phi.T, c + Phi @ offset_at(model, k), model.Phi @ Phi
-    once = filter_runs(replace(model, Phi=Phi, Qd=Qd, offset=c), z[:2])
+    once = filterpys(replace(model, Phi=Phi, Qd=Qd, offset=c), z[1:2])
     assert close(found.x_plus[-1], once.x_plus[-1], EXACT)
-    assert close(found.schedule.P_plus[-1], once.schedule.P_plus[-1], EXACT)
+    assert close(found.P_plus[-1], once.P_plus[-1], EXACT)
 
 
 # --- order and batches of measurements --------------------------------------------------------------------------
@@ -307,10 +309,10 @@ def test_numbering_of_the_measurements_does_not_matter(model: DiscreteModel, see
         N=None if model.N is None else model.N[:, order],
         measurements=[model.measurements[i] for i in order],
     )
-    found, expected = filter_runs(shuffled, z[:, order]), filter_runs(model, z)
+    found, expected = filterpys(shuffled, z[1:, order]), filterpys(model, z[1:])
     assert close(found.x_plus, expected.x_plus, EXACT)
-    assert close(found.schedule.P_plus, expected.schedule.P_plus, EXACT, size(model))
-    assert close(found.schedule.K, expected.schedule.K[:, :, order], EXACT, size(model))
+    assert close(found.P_plus, expected.P_plus, EXACT, size(model))
+    assert close(found.K, expected.K[:, :, order], EXACT, size(model))
 
 
 @properties
@@ -341,11 +343,11 @@ def test_perfect_measurement_of_a_state_is_exact() -> None:
     """R = 0: x̂ takes the measured value, its variance and covariances become zero exactly, the rest is conditioned."""
     P0 = np.array([[2.0, 0.6], [0.6, 1.0]])
     model = DiscreteModel(np.eye(2), 0.1 * np.eye(2), [[1, 0]], [[0]], x0=[0, 0], P0=P0)
-    found = filter_runs(model, [[1.3], [nan]], first=0)
-    assert close(found.x_plus[0, :, 0], [1.3, 1.3 * 0.3], EXACT)
-    assert found.schedule.P_plus[0].tolist()[0] == [0, 0]
-    assert close(found.schedule.P_plus[0, 1, 1], 1 - 0.36 / 2, EXACT)
-    assert found.schedule.measured[0].all()
+    found = filterpys(model, [[1.3], [nan]], first=0)
+    assert close(found.x_plus[0], [1.3, 1.3 * 0.3], EXACT)
+    assert found.P_plus[0].tolist()[0] == [0, 0]
+    assert close(found.P_plus[0, 1, 1], 1 - 0.36 / 2, EXACT)
+    assert found.used[0].all()
 
 
 @properties
@@ -356,7 +358,7 @@ def test_perfect_measurements_are_conditioning_too(model: DiscreteModel, seed: i
     perfect[0], perfect[:, 0] = 0.0, 0.0
     model = replace(model, R=perfect)
     z = record(model, STEPS, np.random.default_rng(seed))
-    assert agrees(filter_runs(model, z), conditioned(model, z), model, 1e-10)
+    assert agrees(filterpys(model, z[1:]), conditioned(model, z), model, 1e-10)
 
 
 @properties
@@ -384,11 +386,11 @@ def test_the_same_perfect_measurement_later_tells_nothing_new(seed: int) -> None
     n = int(rng.integers(1, 5))
     P0 = covariance(rng, n) + 10.0 ** rng.integers(0, 7) * np.diag(rng.uniform(size=n))
     model = DiscreteModel(np.eye(n), np.zeros((n, n)), rng.normal(size=(1, n)), [[0]], x0=rng.normal(size=n), P0=P0)
-    found = filter_runs(model, record(model, 4, rng))
-    assert found.schedule.measured.ravel().tolist() == [False, True, False, False, False]
-    assert not found.schedule.K[2:].any()
-    assert np.isinf(found.schedule.S[2:]).all()
-    assert same_bits(found.schedule.P_plus[2:], found.schedule.P_minus[2:])
+    found = filterpys(model, record(model, 4, rng)[1:])
+    assert found.used.ravel().tolist() == [False, True, False, False, False]
+    assert not found.K[2:].any()
+    assert np.isinf(found.S[2:]).all()
+    assert same_bits(found.P_plus[2:], found.P_minus[2:])
     assert np.isnan(found.innovation[2:]).all()
 
 
@@ -399,18 +401,19 @@ def test_what_is_known_stays_known_as_it_moves(Phi: Array) -> None:
     """Without disturbances the measured combination moves with Φ, and measuring it perfectly again gets K = 0."""
     H = np.array([[[2.0, 1.0]] @ np.linalg.matrix_power(np.linalg.inv(Phi), k) for k in range(5)])
     model = DiscreteModel(Phi, np.zeros((2, 2)), H, [[0]], x0=[1, 2], P0=[[3, 1], [1, 2]])
-    found = filter_runs(model, z := record(model, 4, np.random.default_rng(3)))
-    assert found.schedule.measured.ravel().tolist() == [False, True, False, False, False]
+    z = record(model, 4, np.random.default_rng(3))
+    found = filterpys(model, z[1:])
+    assert found.used.ravel().tolist() == [False, True, False, False, False]
     assert agrees(found, conditioned(model, z), model, 1e-10)
 
 
 def test_after_all_states_are_known_the_filter_only_predicts() -> None:
     """R = 0 on a full-rank H with Q = 0: P stays exactly zero; a filter of lab 6 becomes a sign flip."""
     model = DiscreteModel([[-1]], [[0]], [[1]], [[[1]], [[1]], [[0]], [[1]], [[0]]], x0=[0], P0=[[4]])
-    found = filter_runs(model, [[nan], [1.0], [-2.0], [2.5], [-2.0]])
-    assert found.schedule.P_plus[2:].ravel().tolist() == [0, 0, 0]
-    assert close(found.x_plus[2:, 0, 0], [-2, 2, -2], EXACT)
-    assert not found.schedule.K[3:].any()
+    found = filterpys(model, [[1.0], [-2.0], [2.5], [-2.0]])
+    assert found.P_plus[2:].ravel().tolist() == [0, 0, 0]
+    assert close(found.x_plus[2:, 0], [-2, 2, -2], EXACT)
+    assert not found.K[3:].any()
 
 
 def test_perfectly_correlated_noises_are_one_noise() -> None:
@@ -426,7 +429,7 @@ def test_perfectly_correlated_noises_are_one_noise() -> None:
     assert close(reveals.P_plus, 0, EXACT, size=2)
     model = DiscreteModel([[1]], [[0.5]], [[1], [1]], R, x0=[0], P0=[[2]])
     z = np.repeat(np.array([[nan], [1.0], [-0.5], [0.3]]), 2, axis=1)
-    assert agrees(filter_runs(model, z), conditioned(model, z), model, EXACT)
+    assert agrees(filterpys(model, z[1:]), conditioned(model, z), model, EXACT)
 
 
 @pytest.mark.parametrize(("R", "N"), [(2.0, 1.0), (0.3, 0.1), (0.7, -0.3)])
@@ -437,10 +440,10 @@ def test_a_disturbance_that_the_measurement_noise_determines_leaves_no_error(R: 
     x = [1.0]
     for k in range(4):
         x.append(0.9 * x[k] + N / R * v[k])
-    found = filter_runs(model, np.add(x, v)[:, None], first=0)
-    assert not found.schedule.P_plus.any()
-    assert not found.schedule.sd_minus.any()
-    assert close(found.x_plus[:, 0, 0], x, EXACT)
+    found = filterpys(model, np.add(x, v)[:, None], first=0)
+    assert not found.P_plus.any()
+    assert not found.sd_minus.any()
+    assert close(found.x_plus[:, 0], x, EXACT)
 
 
 # --- given gains, failures --------------------------------------------------------------------------------------
@@ -448,76 +451,80 @@ def test_a_disturbance_that_the_measurement_noise_determines_leaves_no_error(R: 
 
 @properties
 @given(discrete_models(stable=True, correlated=False, varying=False), seeds)
-def test_a_given_schedule_is_applied_as_it_is(model: DiscreteModel, seed: int) -> None:
+def x(model: DiscreteModel, seed: int) -> None:
     """x̂⁺ = x̂⁻ + Kν with any gains; a missing element leaves its column out."""
     rng = np.random.default_rng(seed)
-    plan = schedule(model, STEPS)
+    plan = planned(model, STEPS)
     gains = replace(plan, K=rng.normal(size=plan.K.shape))
     z = record(model, STEPS, rng, gaps=0.3)
-    found = filter_runs(model, z, gains)
+    found = kalman_filter(model, z[1:], gains=gains)
     x = model.x0
     for k in range(STEPS + 1):
         x = x if k == 0 else model.Phi @ x + offset_at(model, k - 1)
         nu = np.nan_to_num(z[k] - model.H @ x)
         x = x + (gains.K[k] @ nu if k else 0)
-        assert close(found.x_plus[k, :, 0], x, EXACT)
-    assert found.schedule is gains
+        assert close(found.x_plus[k], x, EXACT)
+    assert identical(found, gains, [name for name in PLAN if name != "used"])
+    assert np.array_equal(found.used, gains.used & ~np.isnan(z))
 
 
 def test_overflow_is_reported_with_its_time() -> None:
     """A covariance beyond double precision is an error that names the step, not a NaN later."""
     model = DiscreteModel([[1e100]], [[1]], [[1]], [[inf]], x0=[0], P0=[[1]], dt=0.5)
     with pytest.raises(FloatingPointError, match=r"^P_minus: .*received an overflow at step 2 \(t = 1 s\)$"):
-        schedule(model, 4)
+        planned(model, 4)
 
 
 def test_innovations_that_rounding_makes_equal_are_reported_with_their_time() -> None:
     """Two measurements of one state so uncertain that their own noises are beyond the last digit of S."""
     model = DiscreteModel([[1]], [[1e12]], [[1], [1]], np.diag([1e-9, 1e-9]), x0=[0], P0=[[0]], dt=0.5)
     with pytest.raises(FloatingPointError, match=r"^S: .*received one singular by rounding at step 1 \(t = 0.5 s\)$"):
-        schedule(model, 3)
+        planned(model, 3)
 
 
 def test_error_is_estimate_minus_truth() -> None:
     """e = x̂ − x; measured data have no truth to compare with."""
     model = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[2], P0=[[1]])
-    found = filter_runs(model, [[nan], [3.0]])
-    x = np.array([[[1.0]], [[2.5]]])
-    assert same_bits(replace(found, x=x).error(), found.x_plus - x)
-    assert same_bits(replace(found, x=x).error("minus"), found.x_minus - x)
+    found = filterpys(model, [[3.0]])
+    x = np.array([[1.0], [2.5]])
+    assert same_bits(replace(found, truth=x).error(), found.x_plus - x)
+    assert same_bits(replace(found, truth=x).error("minus"), found.x_minus - x)
     with pytest.raises(ValueError, match=r"^error: expected a simulated truth, received measured data"):
         found.error()
 
 
 REFUSED: dict[str, tuple[Any, type[Exception], str]] = {
     "a continuous model": (
-        lambda m: schedule(ContinuousModel([[0]], [[1]], [[1]], [[1]], P0=[[1]]), 1),  # type: ignore[arg-type]  # refused
+        lambda m: planned(ContinuousModel([[0]], [[1]], [[1]], [[1]], P0=[[1]]), 1),  # type: ignore[arg-type]  # refused
         TypeError,
         r"^model: expected a DiscreteModel, received a ContinuousModel$",
     ),
-    "no steps": (lambda m: schedule(m, 0), ValueError, r"^steps: expected a whole number >= 1, received 0$"),
-    "a fraction of a step": (lambda m: schedule(m, 1.5), ValueError, r"^steps: expected a whole number >= 1, received 1.5$"),
-    "a first measurement at t2": (lambda m: schedule(m, 3, first=2), ValueError, r"^first: expected 0 or 1, received 2$"),
+    "no steps": (lambda m: planned(m, 0), ValueError, r"^steps: expected a whole number >= 1, received 0$"),
+    "a fraction of a step": (lambda m: planned(m, 1.5), ValueError, r"^steps: expected a whole number >= 1, received 1.5$"),
+    "a first measurement at t2": (lambda m: planned(m, 3, first=2), ValueError, r"^first: expected 0 or 1, received 2$"),
     "data of another width": (
-        lambda m: filter_runs(m, np.zeros((3, 1))), ValueError, r"^z: expected shape \(steps\+1, 2\[, runs\]\), received \(3, 1\)$",
+        lambda m: filterpys(m, np.zeros((3, 1))), ValueError, r"^z: expected shape \(rows, 2\) or \(rows, 2, runs\), received \(3, 1\)$",
     ),
-    "a flat record": (lambda m: filter_runs(m, [1.0, 2.0]), ValueError, r"^z: expected shape .*received \(2,\)$"),
-    "one row only": (lambda m: filter_runs(m, np.zeros((1, 2))), ValueError, r"^steps: expected a whole number >= 1, received 0$"),
+    "a flat record": (lambda m: filterpys(m, [1.0, 2.0]), ValueError, r"^z: expected shape .*received \(2,\)$"),
+    "no row": (lambda m: filterpys(m, np.zeros((0, 2))), ValueError, r"^z: expected shape \(rows, 2\) .*received \(0, 2\)$"),
     "infinite data": (
-        lambda m: filter_runs(m, [[0, 0], [1, inf]]), ValueError, r"^z\[1\]\[1\]: expected finite .*received an infinite value$",
+        lambda m: filterpys(m, [[0, 0], [1, inf]]), ValueError, r"^z\[1\]\[1\]: expected finite .*received an infinite value$",
+    ),
+    "infinite data from t0 on": (
+        lambda m: filterpys(m, [[0, 0], [1, inf]], first=0), ValueError, r"^z\[1\]\[1\]: expected finite .*received an infinite value$",
     ),
     "a gap in one run": (
-        lambda m: filter_runs(m, [[[0.0, 0.0]] * 2, [[1.0, nan], [1.0, 1.0]]]),
+        lambda m: filterpys(m, [[[0.0, 0.0]] * 2, [[1.0, nan], [1.0, 1.0]]]),
         ValueError,
         r"^z\[1\]\[0\]: expected finite numbers, or NaN in every run, received NaN in some runs only$",
     ),
-    "a schedule of another length": (
-        lambda m: filter_runs(m, np.zeros((3, 2)), schedule(m, 3)),
+    "gains of another length": (
+        lambda m: filterpys(m, np.zeros((2, 2)), gains=planned(m, 3)),
         ValueError,
-        r"^schedule: expected gains of shape \(3, 2, 2\), received \(4, 2, 2\)$",
+        r"^gains: expected gains of shape \(3, 2, 2\), received \(4, 2, 2\)$",
     ),
     "more steps than the model has": (
-        lambda m: schedule(replace(m, Phi=[np.eye(2)] * 3), 4),
+        lambda m: planned(replace(m, Phi=[np.eye(2)] * 3), 4),
         ValueError,
         r"^steps: expected at most 3 \(the model is given for so many\), received 4$",
     ),
@@ -537,7 +544,7 @@ def test_bad_input_is_refused(case: tuple[Any, type[Exception], str]) -> None:
 
 def test_gains_are_those_of_lab_1() -> None:
     """Random walk with Q = R = 1, P0 = 10: P⁻ = 11, 1.91667, 1.65714, P⁺ = 0.916667, 0.657143, 0.623656."""
-    plan: Schedule = schedule(DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]]), 3)
+    plan = planned(DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]]), 3)
     assert close(plan.P_minus[1:].ravel(), [11, 23 / 12, 58 / 35], EXACT)
     assert close(plan.P_plus[1:].ravel(), [11 / 12, 23 / 35, 58 / 93], EXACT)
     assert close(plan.K[1:].ravel(), plan.P_plus[1:].ravel(), EXACT)
@@ -550,7 +557,7 @@ def test_known_combination_stays_known_when_turned_onto_a_state(angle: float, kn
     """A state that Φ makes of a known combination has variance 0, not ±1e-17, and no variance is ever negative."""
     turn = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     P0 = np.diag(np.roll([0.0, 2.0], known))
-    plan = schedule(DiscreteModel(turn, np.zeros((2, 2)), [[1, 0]], [[1]], x0=[0, 0], P0=P0), 26)
+    plan = planned(DiscreteModel(turn, np.zeros((2, 2)), [[1, 0]], [[1]], x0=[0, 0], P0=P0), 26)
     k = np.arange(27)
     hits = np.abs(np.sin(2 * k * angle)) < 1e-9  # a multiple of a quarter turn: onto an axis
     assert hits[1:].any()

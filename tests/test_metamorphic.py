@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from hypothesis import Phase, given, settings
 
-from ctlabs.filtering import algorithms, kalman, records, smoothing, steady
+from ctlabs.filtering import covariances, kalman_filter, smooth, steady
 from ctlabs.models import DiscreteModel
 from tests import metamorphic
-from tests.metamorphic import CONTINUOUS, DISCRETE, STEPS, Change, Verb, changes, field, problems
+from tests.metamorphic import ALGORITHMS, CONTINUOUS, DISCRETE, STEPS, Change, Verb, changes, field, problems
 
 #: In units of the standard deviations: rounding of a change of units, times the condition of a well-posed problem.
 CLOSE = 1e-9
@@ -84,17 +84,16 @@ def test_continuous_verbs(verb, kind, data):
 
 
 FILTERS = {
-    "records.filter_record": records.filter_record,
-    **{f"forms.{name}": lambda m, z, name=name: algorithms.run(m, z, name) for name in algorithms.FORMS if name != "steady"},
-    "smoothing.smooth": lambda m, z: smoothing.smooth(m, records.filter_record(m, z)),
+    **{name: lambda m, z, name=name: kalman_filter(m, z, algorithm=name) for name in ALGORITHMS},
+    "smooth": smooth,
 }
 
 
 def halved(model: DiscreteModel, z: np.ndarray) -> tuple[DiscreteModel, np.ndarray]:
     """Two steps for each of the model's, nothing measured after the first of them."""
     whole = replace(model, Phi=model.Phi @ model.Phi, Qd=model.Phi @ model.Qd @ model.Phi.T + model.Qd)
-    twice = np.full((2 * len(z) - 1, model.m), np.nan)
-    twice[::2] = z
+    twice = np.full((2 * len(z), model.m), np.nan)
+    twice[1::2] = z
     return whole, twice
 
 
@@ -107,11 +106,11 @@ def test_a_step_in_two_halves(name, problem):
     whole, twice = halved(model, z)
     one, two = FILTERS[name](whole, z), FILTERS[name](model, twice)
     # A form of information moves Φ⁻¹ about, and what it inverts has the square of its condition.
-    lost = 64 * np.finfo(float).eps * np.linalg.cond(model.Phi) ** 2 if name == "algorithms.information" else 0.0
-    for letter in ("x", "P") if name == "smoothing.smooth" else ("x_plus", "P_plus"):
+    lost = 64 * np.finfo(float).eps * np.linalg.cond(model.Phi) ** 2 if name == "information" else 0.0
+    for letter in ("x", "P") if name == "smooth" else ("x_plus", "P_plus"):
         a, b = getattr(one, letter), getattr(two, letter)[::2]
         np.testing.assert_allclose(a, b, rtol=0, atol=(1e-10 + lost) * max(1.0, np.abs(a).max()))
-    if name != "smoothing.smooth":
+    if name != "smooth":
         np.testing.assert_allclose(one.log_likelihood, two.log_likelihood, rtol=1e-10 + lost)
 
 
@@ -156,7 +155,7 @@ def test_perfect_measurements_are_the_limit_of_good_ones(name, problem):
     if model.m > model.n:
         return
     good, perfect = (FILTERS[name](replace(model, R=r * np.eye(model.m)), z) for r in (1e-11, 0.0))
-    for letter in ("x", "P") if name == "smoothing.smooth" else ("x_plus", "P_plus"):
+    for letter in ("x", "P") if name == "smooth" else ("x_plus", "P_plus"):
         a, b = getattr(good, letter), getattr(perfect, letter)
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-5 * max(1.0, np.abs(a).max()))
 
@@ -167,8 +166,8 @@ def test_the_steady_state_is_where_the_recursion_goes(problem):
     """N steps at once: from P⁻ of the limit a step leads to itself, and from P0 the steps lead there."""
     model, _z = problem
     limit = steady.solve(model)
-    again = kalman.schedule(replace(model, P0=limit.P_plus), 1)
+    again = covariances(replace(model, P0=limit.P_plus), 1, algorithm="filterpy")
     sd = np.sqrt(np.diag(limit.P_minus))
     assert (np.abs(again.P_minus[1] - limit.P_minus) / np.outer(sd, sd)).max() < 1e-11
-    far = kalman.schedule(model, 40 * STEPS)
+    far = covariances(model, 40 * STEPS, algorithm="filterpy")
     assert (np.abs(far.P_minus[-1] - limit.P_minus) / np.outer(sd, sd)).max() < 1e-9

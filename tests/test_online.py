@@ -12,7 +12,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs.filtering import algorithms, records
+from ctlabs.filtering import kalman_filter
+from ctlabs.filtering.algorithms.catalogue import FORMS
 from ctlabs.filtering.online import Filter, files, plants
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.models.discretisation import discretise
@@ -22,7 +23,7 @@ from tests.strategies import continuous_models, discrete_models, record
 
 pytestmark = pytest.mark.numerical
 
-OPTIMAL = [name for name in algorithms.FORMS if name != "steady"]
+OPTIMAL = [name for name in FORMS if name != "steady"]
 INFORMATION = ("information", "srif")
 #: The forms that take R = 0.
 PERFECT = [name for name in OPTIMAL if name not in (*INFORMATION, "extended_array")]
@@ -38,12 +39,14 @@ WHEEL = ContinuousModel(
     units=["rad", "rad/s"],
 )
 NOISE = [[0.01, 0.002], [0.002, 0.04]]
-MODEL = discretise(WHEEL, 0.25, R=NOISE)
+#: Without its known input.
+COASTING = dataclasses.replace(WHEEL, B=None)
+MODEL = discretise(COASTING, 0.25, R=NOISE)
 WALK = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]], dt=0.5)
 
 
 def streamed(online, z, first=1):
-    """The estimates after every row of a record; with first=1 row 0 is not used."""
+    """The estimates after every row of a record, that is given by instants."""
     return [online.step(row) for row in z[first:]]
 
 
@@ -65,12 +68,12 @@ def test_a_stream_is_a_record(model, seed, first):
     z = record(model, 5, np.random.default_rng(seed), gaps=0.2, first=first)
     for form in OPTIMAL:
         try:
-            wanted = algorithms.run(model, z, form, first)
+            wanted = kalman_filter(model, z[first:], first=first, algorithm=form)
         except ValueError as refusal:
             with pytest.raises(ValueError, match=str(refusal)[:30]):
-                streamed(Filter(model, form, first=first), z, first)
+                streamed(Filter(model, algorithm=form, first=first), z, first)
             continue
-        online = Filter(model, form, first=first)
+        online = Filter(model, algorithm=form, first=first)
         found = streamed(online, z, first)
         for k, estimate in enumerate(found, start=first):
             assert close(estimate.t, wanted.t[k], EXACT)
@@ -88,7 +91,7 @@ def test_a_stream_is_a_record(model, seed, first):
 def test_a_stream_of_another_model_is_another():
     """The comparison above notices 5 % in one element of a model."""
     z = record(MODEL, 5, np.random.default_rng(1))
-    wanted = algorithms.run(MODEL, z, "joseph")
+    wanted = kalman_filter(MODEL, z[1:], algorithm="joseph")
     for name in ("Phi", "Qd", "R"):
         other = dataclasses.replace(MODEL, **{name: broken(getattr(MODEL, name), (1, 1))})
         found = streamed(Filter(other), z)
@@ -98,7 +101,7 @@ def test_a_stream_of_another_model_is_another():
 def test_the_steady_gain_streams_too():
     """The form ``steady`` as on a record; a missing measurement it refuses, and stays where it was."""
     z = record(MODEL, 6, np.random.default_rng(2))
-    wanted, online = algorithms.run(MODEL, z, "steady"), Filter(MODEL, "steady")
+    wanted, online = kalman_filter(MODEL, z[1:], algorithm="steady"), Filter(MODEL, algorithm="steady")
     for k, estimate in enumerate(streamed(online, z), start=1):
         assert np.array_equal(estimate.x, wanted.x_plus[k])
         assert np.array_equal(estimate.P, wanted.P_plus[k])
@@ -123,9 +126,9 @@ def test_its_likelihood_is_that_of_the_joint_density(model, seed):
 @pytest.mark.parametrize("form", PERFECT)
 def test_perfect_measurements_of_what_is_known_are_left_out_as_in_a_record(form):
     """R = 0 and the same thing measured twice: K = 0, no 0/0; as on the record."""
-    twice = dataclasses.replace(MODEL, H=[[1, 0], [1, 0]], R=np.zeros((2, 2)), P0=np.zeros((2, 2)), measurements=None)
+    twice = dataclasses.replace(MODEL, H=[[1, 0], [1, 0]], R=np.zeros((2, 2)), P0=np.zeros((2, 2)))
     z = np.repeat(record(twice, 4, np.random.default_rng(3))[:, :1], 2, axis=1)
-    wanted, online = algorithms.run(twice, z, form), Filter(twice, form)
+    wanted, online = kalman_filter(twice, z[1:], algorithm=form), Filter(twice, algorithm=form)
     for k, estimate in enumerate(streamed(online, z), start=1):
         assert close(estimate.x, wanted.x_plus[k], EXACT)
         assert close(estimate.P, wanted.P_plus[k], EXACT)
@@ -133,15 +136,15 @@ def test_perfect_measurements_of_what_is_known_are_left_out_as_in_a_record(form)
     assert not wanted.used[1:].all()
 
 
-@pytest.mark.parametrize("form", [name for name in algorithms.FORMS if name != "steady"])
+@pytest.mark.parametrize("form", [name for name in FORMS if name != "steady"])
 @pytest.mark.parametrize("size", [np.inf, 1e14])
 def test_a_stream_may_begin_with_little_or_no_information(form, size, tmp_path):
     """P0 = inf: NaN and inf until a state is known, then as on the record; a saved filter goes on from any instant."""
-    model = dataclasses.replace(MODEL, H=[[1, 0]], R=[[0.01]], measurements=None)
+    model = dataclasses.replace(MODEL, H=[[1, 0]], R=[[0.01]], measurements=None, measurement_units=None)
     z = record(model, 5, np.random.default_rng(4))
     z[2] = np.nan
     P0 = np.diag([size, size])
-    wanted, online = algorithms.run(model, z, form, P0=P0), Filter(model, form, P0=P0, memory=2)
+    wanted, online = kalman_filter(model, z[1:], algorithm=form, P0=P0), Filter(model, algorithm=form, P0=P0, memory=2)
     assert np.isnan(online.x).all() == np.isinf(size)
     for k in range(1, 6):
         estimate = online.step(z[k])
@@ -158,7 +161,7 @@ def test_a_perfect_stream_may_begin_without_information():
     """R = 0 and P0 = inf: a random walk is known from its first value on, and what is known already is left out."""
     model = DiscreteModel([[1, 0], [0, 1]], np.diag([1.0, 0.0]), np.eye(2), np.zeros((2, 2)), x0=[0, 0], P0=np.diag([np.inf] * 2))
     z = np.array([[np.nan, np.nan], [2.0, np.nan], [3.0, 5.0], [4.0, 5.0]])
-    wanted, online = records.filter_record(model, z), Filter(model)
+    wanted, online = kalman_filter(model, z[1:]), Filter(model)
     for k in range(1, 4):
         assert close(online.step(z[k]).x, wanted.x_plus[k], EXACT)
     assert online.P.tolist() == np.zeros((2, 2)).tolist()
@@ -180,7 +183,7 @@ def test_irregular_times_are_discretised_interval_by_interval(model, seed, form)
     pieces = [discretise(model, h, R) for h in np.diff(t)]
     whole = dataclasses.replace(pieces[0], Phi=np.array([p.Phi for p in pieces]), Qd=np.array([p.Qd for p in pieces]))
     z = record(whole, 5, rng, gaps=0.2)
-    wanted, online = reference.recursion(whole, z), Filter(model, form, R=R, t0=3.0)
+    wanted, online = reference.recursion(whole, z), Filter(model, algorithm=form, R=R, t0=3.0)
     for k in range(1, 6):
         estimate = online.step(z[k], t[k])
         assert (estimate.t, online.k) == (t[k], k)
@@ -190,17 +193,35 @@ def test_irregular_times_are_discretised_interval_by_interval(model, seed, form)
     assert not close(estimate.P, regular.P_plus[-1], SOLVER)
 
 
-def test_a_known_input_acts_over_the_interval_that_ends():
-    """u in step is the input since the previous instant, as in discretise; without one it is zero."""
-    z, u = record(MODEL, 4, np.random.default_rng(5)), np.array([[0.3], [-0.2], [0.0], [1.0]])
-    wanted = algorithms.run(discretise(WHEEL, 0.25, NOISE, u=u), z, "joseph")
-    online, still = Filter(WHEEL, R=NOISE), Filter(WHEEL, R=NOISE)
-    for k in range(1, 5):
-        found = online.step(z[k], 0.25 * k, u=u[k - 1])
-        assert close(found.x, wanted.x_plus[k], EXACT)
-        still.step(z[k], 0.25 * k)
-    assert close(still.x, algorithms.run(MODEL, z, "joseph").x_plus[-1], EXACT)
-    assert not close(still.x, wanted.x_plus[-1], SOLVER)
+def test_a_known_input_acts_from_its_instant_until_the_next():
+    """u in step is the input from then on, and u0 that from t0, as in the offsets of discretise; without one it is refused."""
+    z, u = record(MODEL, 4, np.random.default_rng(5)), np.array([[0.3], [-0.2], [0.0], [1.0], [7.0]])
+    wanted = kalman_filter(discretise(WHEEL, 0.25, NOISE, u=u[:4]), z[1:])
+    periodic = discretise(WHEEL, 0.25, NOISE)
+    for online in (Filter(WHEEL, R=NOISE, u0=u[0]), Filter(periodic, u0=u[0])):
+        for k in range(1, 5):
+            found = online.step(z[k], 0.25 * k, u=u[k])  # the last acts on nothing yet
+            assert close(found.x, wanted.x_plus[k], EXACT)
+            assert close(found.P, wanted.P_plus[k], EXACT)
+    late = Filter(WHEEL, R=NOISE, u0=0.05 + u[0])
+    assert not close(late.step(z[1], 0.25, u=u[1]).x, wanted.x_plus[1], SOLVER)
+    with pytest.raises(ValueError, match=r"u: expected the known input, \(1,\), as the model has B; received None"):
+        late.step(z[2], 0.5)
+    with pytest.raises(ValueError, match=r"u: expected none with a measurement at 0.25 s \(now is 0.25 s\), received one"):
+        late.step(None, 0.25, u=[1.0])
+    with pytest.raises(ValueError, match=r"u0: expected the known input from t0 to the first measurement .*, received None"):
+        Filter(WHEEL, R=NOISE).step(z[1], 0.25, u=u[1])
+
+
+def test_the_input_from_t0_may_come_with_a_step_to_t0():
+    """A step without a measurement at t0 says what acts from there on; a first measurement there takes its own."""
+    z, u = record(MODEL, 2, np.random.default_rng(5)), [[0.3], [-0.2], [0.0]]
+    one, other = Filter(WHEEL, R=NOISE, u0=u[0]), Filter(WHEEL, R=NOISE)
+    other.step(None, 0.0, u=u[0])
+    assert close(one.step(z[1], 0.25, u=u[1]).x, other.step(z[1], 0.25, u=u[1]).x, EXACT)
+    at_t0, wanted = Filter(WHEEL, R=NOISE, first=0), kalman_filter(WHEEL, z[1:], t=[0.0, 0.25], R=NOISE, u=u[:2])
+    at_t0.step(z[1], u=u[0])
+    assert close(at_t0.step(z[2], 0.25, u=u[1]).x, wanted.x_plus[1], EXACT)
 
 
 def test_equal_intervals_are_discretised_once(monkeypatch):
@@ -208,7 +229,7 @@ def test_equal_intervals_are_discretised_once(monkeypatch):
     asked = []
     compute = plants.interval
     monkeypatch.setattr(plants, "interval", lambda F, W, h: asked.append(h) or compute(F, W, h))
-    online = Filter(WHEEL, R=NOISE)
+    online = Filter(COASTING, R=NOISE)
     for t in np.cumsum([0.25, 0.5] * 10):
         online.step(None, t)
     assert asked == [0.25, 0.5]
@@ -220,7 +241,7 @@ def test_equal_intervals_are_discretised_once(monkeypatch):
 def test_skipped_instants_are_predictions():
     """A discrete model taken two periods ahead predicts twice; a time within rounding of an instant is that instant."""
     z = np.array([np.nan, np.nan, 1.0, np.nan, 3.0])[:, None]
-    wanted, online = algorithms.run(WALK, z, "joseph"), Filter(WALK, t0=10.0)
+    wanted, online = kalman_filter(WALK, z[1:], algorithm="joseph"), Filter(WALK, t0=10.0)
     online.step(1.0, 11.0 + 1e-9)
     assert (online.t, online.k) == (11.0, 2)
     assert close(online.step(3.0, 12.0).P, wanted.P_plus[-1], EXACT)
@@ -235,7 +256,7 @@ def test_the_first_measurement_may_come_at_t0():
     assert (a.k, a.t) == (0, 0.0)
     assert same(a, b)
     assert a.step(2.0).t == b.step(2.0).t == 0.5
-    assert Filter(WHEEL, R=NOISE, t0=2.0, first=0).step([1.0, 2.0]).t == 2.0
+    assert Filter(COASTING, R=NOISE, t0=2.0, first=0).step([1.0, 2.0]).t == 2.0
     with pytest.raises(
         ValueError, match=r"t: expected a first measurement after t0 = 0 s \(first=1\), received one at t0"
     ):
@@ -255,7 +276,7 @@ def test_late_elements_give_what_elements_in_order_give(model, seed, form):
     """Elements of a record in any order, within the memory: every bit is that of the record in order."""
     rng = np.random.default_rng(seed)
     z = record(model, 5, rng, gaps=0.1)
-    ordered, late = Filter(model, form, memory=5), Filter(model, form, memory=5)
+    ordered, late = Filter(model, algorithm=form, memory=5), Filter(model, algorithm=form, memory=5)
     streamed(ordered, z)
     late.step(z[5], 5 * model.dt)
     for k in rng.permutation(np.arange(1, 5)):
@@ -263,7 +284,7 @@ def test_late_elements_give_what_elements_in_order_give(model, seed, form):
             late.step(np.where(np.arange(model.m) == i, z[k], np.nan), k * model.dt)
     assert same(late, ordered)
     if np.isfinite(z[2]).any():
-        assert not same(late, _without(Filter(model, form, memory=5), z, 2))
+        assert not same(late, _without(Filter(model, algorithm=form, memory=5), z, 2))
 
 
 def _without(online, z, k):
@@ -279,7 +300,7 @@ def _without(online, z, k):
 def test_late_instants_of_a_continuous_model_are_inserted(order, form):
     """Measurements at irregular times, come in any order, with an input: every bit is that of the times in order."""
     t, z = np.array([0.0, 0.3, 0.7, 0.75, 1.9]), record(MODEL, 4, np.random.default_rng(6))
-    ordered, late = (Filter(WHEEL, form, R=NOISE, memory=4) for _ in range(2))
+    ordered, late = (Filter(WHEEL, algorithm=form, R=NOISE, memory=4, u0=[0.4]) for _ in range(2))
     ordered.step(None, 2.0, u=[0.4])  # an input that is held while instants are inserted
     late.step(None, 2.0, u=[0.4])
     for k in (1, 2, 3, 4):
@@ -288,7 +309,7 @@ def test_late_instants_of_a_continuous_model_are_inserted(order, form):
         assert late.step(z[k], t[k]).t == 2.0
     assert late.k == 5
     assert same(late, ordered)
-    direct = Filter(WHEEL, form, R=NOISE, memory=4)
+    direct = Filter(WHEEL, algorithm=form, R=NOISE, memory=4, u0=[0.4])
     for k in (1, 2, 3, 4):
         direct.step(z[k], t[k], u=[0.4])
     direct.step(None, 2.0, u=[0.4])
@@ -332,7 +353,7 @@ def test_what_a_late_measurement_overflows_is_undone():
 def test_a_restored_filter_continues_to_the_bit(form, tmp_path):
     """Saved in the middle, with a memory: what comes after, late or not, is the same in every bit."""
     z, path = record(MODEL, 8, np.random.default_rng(7), gaps=0.2), tmp_path / "filter.npz"
-    online = Filter(MODEL, form, t0=-3.0, memory=2)
+    online = Filter(MODEL, algorithm=form, t0=-3.0, memory=2)
     for row in z[1:5]:
         online.step(row)
     online.save(path)
@@ -359,12 +380,12 @@ def test_every_kind_of_model_is_saved(model, seed, form, perfect, tmp_path_facto
     if isinstance(model, ContinuousModel):
         options = {"R": np.zeros((model.m, model.m)) if perfect and form != "srif" else np.eye(model.m)}
     try:
-        online = Filter(model, form, memory=1, first=0, **options)
+        online = Filter(model, algorithm=form, memory=1, first=0, **options)
     except ValueError as refusal:
         assert str(refusal).startswith("form srif: expected")  # noqa: PT017  # singular P0
         return
     u = {"u": np.ones(model.B.shape[1])} if options and model.B is not None else {}
-    online.step(rng.normal(size=model.m))
+    online.step(rng.normal(size=model.m), **u)
     try:
         online.step(rng.normal(size=model.m), online.t + (model.dt if not options else 0.3), **u)
         online.save(path)
@@ -379,7 +400,7 @@ def test_every_kind_of_model_is_saved(model, seed, form, perfect, tmp_path_facto
 
 def test_the_steady_gain_is_saved_too(tmp_path):
     """Nested states and flags come back as they were."""
-    online = Filter(MODEL, "steady")
+    online = Filter(MODEL, algorithm="steady")
     online.step([0.1, 0.2])
     online.save(tmp_path / "f")
     restored = Filter.load(tmp_path / "f")
@@ -391,7 +412,7 @@ def test_the_steady_gain_is_saved_too(tmp_path):
 @pytest.fixture
 def saved(tmp_path):
     """A filter and its file."""
-    online, path = Filter(MODEL, "ud", memory=1), tmp_path / "filter.npz"
+    online, path = Filter(MODEL, algorithm="ud", memory=1), tmp_path / "filter.npz"
     streamed(online, record(MODEL, 3, np.random.default_rng(8)))
     online.save(path)
     return online, path
@@ -439,19 +460,23 @@ def test_a_damaged_file_is_refused_in_one_line(saved):
 def test_another_format_is_named(saved):
     """A file of a later version says so."""
     path = saved[1]
-    rewritten(path, {"format": 3})
-    assert refused(path) == f"{path}: expected a saved filter of format 2, received format 3"
+    rewritten(path, {"format": 4})
+    assert refused(path) == f"{path}: expected a saved filter of format 3, received format 4"
 
 
 @pytest.mark.parametrize(
     ("header", "arrays", "found"),
     [
-        ({"algorithm": "os.system"}, {}, "algorithm: expected one of conventional"),
+        ({"algorithm": "os.system"}, {}, "algorithm: expected one of auto, filterpy, conventional"),
         ({"model": "Popen"}, {}, "KeyError: 'Popen'"),
         ({"first": 2}, {}, "first: expected 0 or 1, received 2"),
         ({"instants": 3}, {}, "IndexError: list index out of range"),
         ({"instants": 0}, {}, "instants: expected a whole number >= 1, received 0"),
-        ({"labels": {"states": ["a"], "units": ["", ""], "measurements": ["", ""]}}, {}, "states: expected 2 names"),
+        (
+            {"labels": {"states": ["a"], "units": ["", ""], "measurements": ["", ""], "measurement_units": ["", ""]}},
+            {},
+            "states: expected 2 names",
+        ),
         ({}, {"model.Qd": -np.eye(2)}, "Qd: expected variances >= 0"),
         ({}, {"instant.0.6": np.zeros(3)}, "expected float64 of shape"),
     ],
@@ -543,7 +568,7 @@ def test_a_file_that_is_not_there_is_an_oserror(tmp_path):
         ),
         (WHEEL, {"R": [[1]]}, ValueError, r"R: expected shape \(2, 2\), received \(1, 1\)"),
         (WALK, {"R": [[1]]}, ValueError, "R: expected none beside a DiscreteModel"),
-        (WALK, {"algorithm": "kalman"}, ValueError, "algorithm: expected one of conventional, .*, received 'kalman'"),
+        (WALK, {"algorithm": "kalman"}, ValueError, "algorithm: expected one of auto, filterpy, conventional, .*, received 'kalman'"),
         (WHEEL, {"algorithm": "steady", "R": NOISE}, ValueError, "algorithm: expected a DiscreteModel for steady"),
         (WALK, {"first": 2}, ValueError, "first: expected 0 or 1, received 2"),
         (WALK, {"first": True}, ValueError, "first: expected 0 or 1, received True"),
@@ -573,15 +598,16 @@ def test_a_filter_that_cannot_be_is_refused(model, options, kind, message):
         (Filter(WALK), (1.0, 1e6), ValueError, r"t: expected at most 1000000 instants ahead \(now is 0 s\)"),
         (Filter(WALK), (1.0, "noon"), ValueError, "t: expected a finite time in s, received 'noon'"),
         (Filter(WALK), (1.0, np.nan), ValueError, "t: expected a finite time in s, received nan"),
-        (Filter(WALK), (1.0, 0.5, [1.0]), ValueError, "u: expected none with a DiscreteModel"),
+        (Filter(WALK), (1.0, 0.5, [1.0]), ValueError, "u: expected a model with B or D, received one without"),
         (Filter(WHEEL, R=NOISE), ([1.0, 2.0],), ValueError, "t: expected the time of the measurement"),
         (Filter(WHEEL, R=NOISE), ([1.0, 2.0], 1.0, [1.0, 2.0]), ValueError, r"u: expected shape \(1,\), received"),
-        (Filter(WHEEL, R=NOISE), (None, 0.0, [1.0]), ValueError, "u: expected none with a measurement at 0 s"),
+        (Filter(WHEEL, R=NOISE), ([1.0, 2.0], 1.0), ValueError, r"u: expected the known input, \(1,\), .*; received None"),
+        (Filter(WHEEL, R=NOISE), ([1.0, 2.0], 1.0, [1.0]), ValueError, r"u0: expected the known input from t0 to the first"),
         (
-            Filter(dataclasses.replace(WHEEL, B=None), R=NOISE),
+            Filter(COASTING, R=NOISE),
             (None, 1.0, [1.0]),
             ValueError,
-            "u: expected a model with B",
+            "u: expected a model with B or D, received one without",
         ),
         (
             Filter(dataclasses.replace(WALK, Phi=[[[1]], [[1]]])),

@@ -2,16 +2,19 @@
 
 import dataclasses
 import importlib.util
+from functools import partial
 
 import numpy as np
 import pytest
-from ctlabs.filtering.records import filter_record, log_likelihood
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs.filtering import algorithms, kalman, records
-from ctlabs.filtering.engines import forward
-from ctlabs.linalg import compiled
+from ctlabs.filtering import kalman_filter, log_likelihood
+from ctlabs.filtering.comparison import reference as fifty_digits
+from ctlabs.filtering.engines import compiled, driver, forward
+from ctlabs.filtering.problem import pose
+from ctlabs.filtering.results import without_runs
+from ctlabs.linalg import compiled as kernels
 from ctlabs.models import ContinuousModel, DiscreteModel
 from tests import reference
 from tests.reference import EXACT, broken, close
@@ -32,6 +35,11 @@ def differs(a, b, tolerance=EXACT):
     return [name for name in FIELDS if not close(*(1.0 * np.asarray(getattr(f, name)) for f in (a, b)), tolerance)]
 
 
+def josephs(model, z, first=1):
+    """The record by the form ``joseph``, instant by instant."""
+    return without_runs(driver.run(pose(model, z, first=first), "joseph")[0])
+
+
 def changed(model, **arrays):
     """The model with other arrays."""
     return dataclasses.replace(model, **arrays)
@@ -42,24 +50,24 @@ def changed(model, **arrays):
 def test_the_compiled_filter_is_josephs_form(model, seed, gaps, first):
     """Every field equals that of the form ``joseph``, whatever the model."""
     z = record(model, 6, np.random.default_rng(seed), gaps, first)
-    assert differs(filter_record(model, z, first), algorithms.run(model, z, "joseph", first)) == []
+    assert differs(kalman_filter(model, z[first:], first=first), josephs(model, z[first:], first=first)) == []
 
 
 @settings(max_examples=40)
 @given(discrete_models(), seeds, st.sampled_from([0.0, 0.3]), st.integers(0, 1))
 def test_estimates_are_those_of_the_textbook_and_of_filterpy(model, seed, gaps, first):
-    """x and P equal the plain recursion's (with N a one-step predictor) and those of ``kalman.filter_runs``."""
+    """x and P equal the plain recursion's (with N a one-step predictor) and filterpy's."""
     z = record(model, 6, np.random.default_rng(seed), gaps, first)
-    found, textbook = filter_record(model, z, first), reference.recursion(model, z, first)
+    found, textbook = kalman_filter(model, z[first:], first=first), reference.recursion(model, z, first)
     size = np.abs(model.Qd).max() + np.abs(model.P0).max()  # with N all of it may cancel
-    runs = kalman.filter_runs(model, z, first=first)
+    runs = kalman_filter(model, z[first:], first=first, algorithm="filterpy")
     for name in ("x_minus", "x_plus"):
         assert close(getattr(found, name), getattr(textbook, name), EXACT)
-        assert close(getattr(found, name), getattr(runs, name)[..., 0], EXACT)
+        assert close(getattr(found, name), getattr(runs, name), EXACT)
     for name in ("P_minus", "P_plus"):
         assert close(getattr(found, name), getattr(textbook, name), EXACT, size)
-        assert close(getattr(found, name), getattr(runs.schedule, name), EXACT, size)
-    assert close(found.innovation, runs.innovation[..., 0], EXACT)
+        assert close(getattr(found, name), getattr(runs, name), EXACT, size)
+    assert close(found.innovation, runs.innovation, EXACT)
 
 
 @settings(max_examples=40)
@@ -67,12 +75,12 @@ def test_estimates_are_those_of_the_textbook_and_of_filterpy(model, seed, gaps, 
 def test_the_likelihood_is_the_joint_density_of_the_record(model, seed, gaps, first):
     """Innovations before the update multiply to the density of all measurements together; a broken R is noticed."""
     z = record(model, 6, np.random.default_rng(seed), gaps, first)
-    found = log_likelihood(model, z, first)
+    found = log_likelihood(model, z[first:], first)
     assert close(found, reference.log_likelihood(model, z, first), EXACT, size=z.size)
-    assert found == filter_record(model, z, first).log_likelihood
+    assert found == kalman_filter(model, z[first:], first=first).log_likelihood
     if not np.isnan(z[first:]).all():
         wrong = changed(model, R=1.05 * model.R)
-        assert not close(log_likelihood(wrong, z, first), reference.log_likelihood(model, z, first), EXACT, size=z.size)
+        assert not close(log_likelihood(wrong, z[first:], first), reference.log_likelihood(model, z, first), EXACT, size=z.size)
 
 
 @pytest.mark.parametrize("name", ["Phi", "Qd", "H", "R", "x0", "P0"])
@@ -80,7 +88,7 @@ def test_a_broken_input_is_noticed(name):
     """5 % in one element of any array changes the result."""
     z = record(TRACK, 12, np.random.default_rng(1))
     wrong = changed(TRACK, **{name: broken(getattr(TRACK, name))})
-    assert differs(filter_record(wrong, z), algorithms.run(TRACK, z, "joseph"))
+    assert differs(kalman_filter(wrong, z[1:]), josephs(TRACK, z[1:]))
 
 
 CORRELATED = changed(TRACK, N=[[0.1, 0.0], [0.05, 0.1]])
@@ -93,16 +101,16 @@ def test_the_settled_filter_is_the_filter(model, gaps):
     """With covariances left out after they have settled the results are the same, also after and in a stretch of gaps."""
     z = record(model, 600, np.random.default_rng(2))
     z[list(gaps), 0] = np.nan
-    found = filter_record(model, z)
-    assert differs(found, algorithms.run(model, z, "joseph")) == []
+    found = kalman_filter(model, z[1:])
+    assert differs(found, josephs(model, z[1:])) == []
     assert (found.P_plus[590:] == found.P_plus[590]).all()
-    assert log_likelihood(model, z) == found.log_likelihood
+    assert log_likelihood(model, z[1:]) == found.log_likelihood
 
 
 def test_a_small_step_is_not_taken_for_the_end_of_the_way():
     """P = 1/(1/P0 + k) changes by 5e-14 of itself per step, and by 1.5e-10 in the record: it is not settled."""
     constant = DiscreteModel([[1]], [[0]], [[1]], [[1]], x0=[0], P0=[[5e-14]])
-    found = filter_record(constant, np.zeros((3001, 1))).P_plus[:, 0, 0]
+    found = kalman_filter(constant, np.zeros((3001, 1))[1:]).P_plus[:, 0, 0]
     exact = 1 / (1 / 5e-14 + np.arange(3001))
     assert close(found, exact, EXACT)
     assert not close(np.full(3001, exact[1]), exact, EXACT)
@@ -130,7 +138,7 @@ def test_what_is_left_of_the_way_is_summed_to_its_end(Phi, step, wanted):
 def test_slow_filters_settle_at_their_limit(q):
     """A random walk with little noise has a pole near 1; after 20 000 steps its variance is √(qr) for small q."""
     walk = DiscreteModel([[1]], [[q]], [[1]], [[1]], x0=[0], P0=[[1]])
-    found = filter_record(walk, np.zeros((20001, 1))).P_plus[:, 0, 0]
+    found = kalman_filter(walk, np.zeros((20001, 1))[1:]).P_plus[:, 0, 0]
     P, exact = 1.0, [1.0]
     for _ in range(20000):
         P = (P + q) / (P + q + 1)
@@ -143,17 +151,17 @@ def test_an_unstable_model_settles_too():
     """The filter of an unstable model is stable: P settles though the estimate grows."""
     model = DiscreteModel([[1.1]], [[1]], [[1]], [[1]], x0=[1], P0=[[1]])
     z = record(model, 300, np.random.default_rng(3))
-    found = filter_record(model, z)
-    assert differs(found, algorithms.run(model, z, "joseph")) == []
+    found = kalman_filter(model, z[1:])
+    assert differs(found, josephs(model, z[1:])) == []
     assert (found.P_plus[100:] == found.P_plus[100]).all()
 
 
 def test_absent_elements_are_left_out():
     """R = inf is no measurement: the likelihood and the estimates are those without the element."""
     both = changed(TRACK, R=[[1, 0], [0, np.inf]])
-    alone = changed(TRACK, H=TRACK.H[:1], R=[[1]], measurements=("z1",))
+    alone = changed(TRACK, H=TRACK.H[:1], R=[[1]], measurements=("z1",), measurement_units=None)
     z = record(TRACK, 20, np.random.default_rng(4))
-    found, wanted = filter_record(both, z), filter_record(alone, z[:, :1])
+    found, wanted = kalman_filter(both, z[1:]), kalman_filter(alone, z[:, :1][1:])
     assert close(found.x_plus, wanted.x_plus, EXACT)
     assert close(found.log_likelihood, wanted.log_likelihood, EXACT)
     assert np.isnan(found.innovation[:, 1]).all()
@@ -167,11 +175,11 @@ def test_a_perfect_measurement_is_one():
     R[4:, 0, 0] = 0.5
     for model in (changed(TRACK, R=np.diag([0.0, 1.0])), changed(TRACK, R=R)):
         z = record(model, 8, np.random.default_rng(5))
-        found, wanted = filter_record(model, z), reference.conditioned(model, z)
+        found, wanted = kalman_filter(model, z[1:]), reference.conditioned(model, z)
         assert close(found.x_plus, wanted.x_plus, EXACT)
         assert close(found.P_plus, wanted.P_plus, EXACT)
         assert found.P_plus[1, 0, 0] == 0
-        assert log_likelihood(model, z) == found.log_likelihood
+        assert log_likelihood(model, z[1:]) == found.log_likelihood
         assert close(found.log_likelihood, reference.log_likelihood(model, z), EXACT, size=z.size)
 
 
@@ -182,7 +190,7 @@ def test_a_record_shorter_than_the_models_horizon():
         TRACK.R * rng.uniform(0.5, 2, (31, 1, 1))))  # fmt: skip
     z = np.asfortranarray(record(varying, 12, rng))
     z.setflags(write=False)
-    assert differs(filter_record(varying, z), algorithms.run(varying, z, "joseph")) == []
+    assert differs(kalman_filter(varying, z[1:]), josephs(varying, z[1:])) == []
 
 
 @pytest.mark.parametrize("first", [0, 1])
@@ -195,13 +203,17 @@ def test_plain_python_is_what_is_compiled(first):
     for model in (TRACK, DRIVEN, singular, varying, known, perfect):
         z = record(model, 150, np.random.default_rng(7), first=first)
         z[60, 0] = np.nan
-        data, used = records._measured(model, z, first)
-        own, plain = (records._histories(151, model.n, model.m) for _ in range(2))
-        arguments = (records.system(model), model.x0, model.P0, data, used, 0)
-        assert records._forward(model, data, used, own, None) == pytest.approx(
-            forward.forward.py_func(*arguments, plain)[2], rel=EXACT
-        )
-        assert all(close(a, b, EXACT) for a, b in zip(own, plain, strict=True))
+        problem, found = pose(model, z[first:], first=first), kalman_filter(model, z[first:], first=first)
+        plain = histories(151, model.n, model.m)
+        arguments = (compiled.system(problem.model), model.x0, model.P0, problem.z[:, :, 0], ~problem.absent, 0)
+        assert found.log_likelihood == pytest.approx(forward.forward.py_func(*arguments, plain)[2], rel=EXACT)
+        assert all(close(getattr(found, name), values, EXACT) for name, values in plain._asdict().items())
+
+
+def histories(rows, n, m):
+    """What the kernel fills in."""
+    shapes = {"x_minus": (n,), "x_plus": (n,), "P_minus": (n, n), "P_plus": (n, n), "innovation": (m,), "S": (m, m), "nis": ()}
+    return forward.Histories(**{name: np.empty((rows, *shape)) for name, shape in shapes.items()})
 
 
 def test_plain_python_reports_how_a_record_ends():
@@ -209,12 +221,11 @@ def test_plain_python_reports_how_a_record_ends():
     ends = []
     for Phi, Qd, R in (([[1.0]], [[0.0]], [[0.0]]), ([[1e200]], [[1.0]], [[1.0]]), ([[1.0]], [[1.0]], [[1.0]])):
         model = DiscreteModel(Phi, Qd, [[1]], R, x0=[0], P0=[[1]])
-        data, used = records._measured(model, [[0.0], [0.0], [0.0]], 1)
+        problem = pose(model, [0.0, 0.0])
         start = -100 * model.P0 if len(ends) == 2 else model.P0  # no model has it; rounding may
         with np.errstate(over="ignore", invalid="ignore"):
-            end = forward.forward.py_func(
-                records.system(model), model.x0, start, data, used, 0, records._histories(0, 1, 1)
-            )
+            arguments = (compiled.system(model), model.x0, start, problem.z[:, :, 0], ~problem.absent, 0)
+            end = forward.forward.py_func(*arguments, histories(0, 1, 1))
         ends.append(end[:2])
     assert ends == [(forward.PERFECT, 2), (forward.OVERFLOW, 1), (forward.INDEFINITE, 1)]
 
@@ -226,12 +237,12 @@ def test_an_overflow_names_its_step():
     with pytest.raises(
         FloatingPointError, match=r"P_minus: expected finite .* overflow at step 52 \(t = 26 s\)"
     ) as own:
-        filter_record(growing, z)
+        kalman_filter(growing, z[1:])
     with pytest.raises(FloatingPointError) as filterpys:
-        kalman.filter_runs(growing, z)
+        kalman_filter(growing, z[1:], algorithm="filterpy")
     assert str(own.value) == str(filterpys.value)
     with pytest.raises(FloatingPointError, match="step 52"):
-        log_likelihood(growing, z)
+        log_likelihood(growing, z[1:])
 
 
 def test_an_innovation_beyond_double_precision_is_refused_with_advice():
@@ -239,9 +250,20 @@ def test_an_innovation_beyond_double_precision_is_refused_with_advice():
     hard = DiscreteModel([[1, 0], [0, 1]], np.eye(2), [[1, 1], [1, 1]], 1e-18 * np.eye(2), x0=[0, 0], P0=np.zeros((2, 2)))
     z = np.full((6, 2), 0.5)
     with pytest.raises(FloatingPointError, match=r"S: expected a covariance with digits left .* at step \d+ .*larger R"):
-        filter_record(hard, z)
+        kalman_filter(hard, z[1:])
     with pytest.raises(FloatingPointError, match="S: expected"):
-        log_likelihood(hard, z)
+        log_likelihood(hard, z[1:])
+
+
+def test_auto_takes_the_form_that_keeps_its_digits():
+    """Where Joseph's form loses S the factors UDUᵀ take over, and the result says so; two sensors that are one share their gain."""
+    hard = DiscreteModel([[1, 0], [0, 1]], np.eye(2), [[1, 1], [1, 1]], 1e-18 * np.eye(2), x0=[0, 0], P0=np.zeros((2, 2)))
+    z = np.full((5, 2), 0.5)
+    found, exact = kalman_filter(hard, z), fifty_digits(hard, z)
+    assert found.algorithm == "ud"
+    assert close(found.x_plus, exact.x_plus, EXACT)
+    assert close(found.P_plus, exact.P_plus, EXACT)
+    assert close(found.K[1], np.full((2, 2), 0.25), EXACT)
 
 
 def test_what_joseph_loses_is_kept_from_a_large_start():
@@ -251,7 +273,7 @@ def test_what_joseph_loses_is_kept_from_a_large_start():
         np.eye(3), np.zeros((3, 3)), [[1, 1, 1], [1, 1, 1 + delta]], delta**2 * np.eye(2), x0=np.zeros(3), P0=np.eye(3)
     )
     z = record(hard, 10, np.random.default_rng(8))
-    found, exact = filter_record(hard, z), algorithms.reference(hard, z)
+    found, exact = kalman_filter(hard, z[1:]), fifty_digits(hard, z[1:])
     assert close(found.x_plus, exact.x_plus, 1e-5)  # of what H, with its 1e-9 beside 1, determines in each of ten steps
     assert close(found.P_plus, exact.P_plus, 1e-5)
     assert close(found.log_likelihood, exact.log_likelihood, 1e-5)
@@ -259,39 +281,46 @@ def test_what_joseph_loses_is_kept_from_a_large_start():
 
 def test_no_likelihood_is_no_number(monkeypatch):
     """Where the form that takes over for a perfect measurement loses S, that is said as well."""
-    perfect, run = changed(TRACK, R=np.diag([0.0, 1.0]), N=[[0.0, 0.1], [0.0, 0.1]]), algorithms.run
+    perfect, run = changed(TRACK, R=np.diag([0.0, 1.0]), N=[[0.0, 0.1], [0.0, 0.1]]), driver.run
 
     def lost(*arguments):
-        found = run(*arguments)
-        return dataclasses.replace(found, nis=np.where(np.arange(9) == 3, np.nan, found.nis))
+        found, seconds = run(*arguments)
+        return dataclasses.replace(found, nis=np.where(np.arange(9)[:, None] == 3, np.nan, found.nis)), seconds
 
-    monkeypatch.setattr(forms, "run", lost)
-    for verb in (filter_record, log_likelihood):
+    monkeypatch.setattr(driver, "run", lost)
+    for verb in (partial(kalman_filter, algorithm="joseph"), log_likelihood):
         with pytest.raises(FloatingPointError, match=r"S: expected .* at step 3 \(t = 1.5 s\)"):
-            verb(perfect, record(perfect, 8, np.random.default_rng(9)))
+            verb(perfect, record(perfect, 8, np.random.default_rng(9))[1:])
 
 
 @pytest.mark.parametrize(
     ("z", "first", "message"),
     [
-        (np.zeros((5, 3)), 1, r"z: expected shape \(steps\+1, 2\), received \(5, 3\)"),
-        (np.zeros((5, 2, 1)), 1, r"z: expected shape \(steps\+1, 2\), received \(5, 2, 1\)"),
-        (np.zeros((1, 2)), 1, "steps: expected a whole number >= 1, received 0"),
+        (np.zeros((5, 3)), 1, r"z: expected shape \(rows, 2\) or \(rows, 2, runs\), received \(5, 3\)"),
+        (np.zeros((0, 2)), 1, r"z: expected shape \(rows, 2\) .*, received \(0, 2\)"),
+        (np.zeros((5, 2, 0)), 1, r"z: expected shape \(rows, 2\) .*, received \(5, 2, 0\)"),
         ([[0, 0], [0, np.inf]], 1, r"z\[1\]\[1\]: expected finite numbers, .* received an infinite value"),
         (np.zeros((5, 2)), 2, "first: expected 0 or 1, received 2"),
     ],
 )
 def test_bad_records_are_refused(z, first, message):
     """Shape, length, infinity and first are checked, with what was expected."""
-    for verb in (filter_record, log_likelihood):
-        with pytest.raises(ValueError, match=message):
-            verb(TRACK, z, first)
+    with pytest.raises(ValueError, match=message):
+        kalman_filter(TRACK, z, first=first)
+    with pytest.raises(ValueError, match=message):
+        log_likelihood(TRACK, z, first)
+
+
+def test_the_likelihood_alone_is_of_one_record():
+    """An ensemble has one of each run, which the filter gives."""
+    with pytest.raises(ValueError, match=r"z: expected one record, \(rows, 2\), received an ensemble"):
+        log_likelihood(TRACK, np.zeros((5, 2, 3)))
 
 
 def test_the_model_must_be_discrete_and_long_enough():
-    """A continuous model is a TypeError; more rows than the model is given for are refused."""
-    with pytest.raises(TypeError, match="model: expected a DiscreteModel, received a ContinuousModel"):
-        filter_record(ContinuousModel([[0]], [[1]], [[1]], [[1]], P0=[[1]]), [[0], [0]])
+    """A continuous model has no period; more rows than the model is given for are refused."""
+    with pytest.raises(ValueError, match=r"t: expected the times of the rows .*a ContinuousModel has no period.*, received None"):
+        kalman_filter(ContinuousModel([[0]], [[1]], [[1]], [[1]], P0=[[1]]), [[0]])
     with pytest.raises(ValueError, match="steps: expected at most 600"):
         log_likelihood(DRIVEN, np.zeros((700, 2)))
 
@@ -303,13 +332,13 @@ def test_kernels_are_kept_where_the_user_says_or_not_at_all(tmp_path, monkeypatc
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
     dispatcher = numba.njit(forward.alike)
-    compiled.enable(dispatcher)
+    kernels.enable(dispatcher)
     assert dispatcher._cache.cache_path.startswith(str(tmp_path))
     monkeypatch.delenv("NUMBA_CACHE_DIR")
-    monkeypatch.setattr(compiled, "folder", lambda: tmp_path / "file" / "kernels")
+    monkeypatch.setattr(kernels, "folder", lambda: tmp_path / "file" / "kernels")
     (tmp_path / "file").write_text("in the way")
     dispatcher = numba.njit(forward.alike)
-    compiled.enable(dispatcher)
+    kernels.enable(dispatcher)
     assert dispatcher(np.array([True]), np.array([True]))
 
 
@@ -326,7 +355,7 @@ def test_a_kernel_is_compiled_anew_when_its_helpers_change(tmp_path, monkeypatch
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
         dispatcher = numba.njit(module.add)
-        compiled.enable(dispatcher)
+        kernels.enable(dispatcher)
         return dispatcher._cache._impl.locator.get_source_stamp()
 
     before = stamp()

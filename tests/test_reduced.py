@@ -12,7 +12,7 @@ import scipy.linalg
 from hypothesis import given, settings
 from numpy.typing import NDArray
 
-from ctlabs.filtering import bucy, kalman, reduced, steady
+from ctlabs.filtering import bucy, covariances, kalman_filter, reduced, steady
 from ctlabs.models import ContinuousModel, DiscreteModel, shaping
 from ctlabs.models.discretisation import discretise
 from tests.reference import EXACT, SOLVER, broken, close, conditioned, order
@@ -78,32 +78,32 @@ def signal_and_noise(w0: float = 1.0, wn: float = 2.0, Q1: float = 2.0, Q2: floa
 def test_the_reduced_filter_gives_the_estimates_of_the_full_one(first: int, model: DiscreteModel, seed: int) -> None:
     """x̂⁺, P⁺ and K of every step equal those of the Kalman filter and of conditioning the joint distribution."""
     z = record(model, 8, np.random.default_rng(seed), first=first)
-    small, full = reduced.discrete(model, first=first), kalman.filter_runs(model, z, first=first)
-    P, K = reduced.schedule(small, 8)
-    found = reduced.filter_runs(small, z)
+    small, full = reduced.discrete(model, first=first), kalman_filter(model, z[first:], first=first, algorithm="filterpy")
+    P, K = reduced.covariances(small, 8)
+    found = reduced.estimates(small, z[first:])
     assert small.model.n < model.n
-    assert close(found.x_plus[..., 0], full.x_plus[..., 0], 1e-10)
-    assert close(P, full.schedule.P_plus, 1e-10)
-    assert close(K, full.schedule.K, SOLVER)
-    assert close(found.x_plus[..., 0], conditioned(model, z, first=first).x_plus, SOLVER)
+    assert close(found.x_plus, full.x_plus, 1e-10)
+    assert close(P, full.P_plus, 1e-10)
+    assert close(K, full.K, SOLVER)
+    assert close(found.x_plus, conditioned(model, z, first=first).x_plus, SOLVER)
     wrong = replace(small, model=replace(small.model, Phi=broken(small.model.Phi)))
-    assert not close(reduced.filter_runs(wrong, z).x_plus, full.x_plus, 1e-6)
+    assert not close(reduced.estimates(wrong, z[first:]).x_plus, full.x_plus, 1e-6)
 
 
 def test_lab_15_is_reproduced_to_rounding() -> None:
     """Signal in coloured noise alone: the first-order recursion equals the two-state filter to 1e-12 on many records."""
     model = discretise(signal_and_noise(), 0.5, R=[[0]])
     z = np.random.default_rng(3).normal(size=(41, 1, 5))
-    full = kalman.filter_runs(model, z, first=0)
+    full = kalman_filter(model, z, first=0, algorithm="filterpy")
     small = reduced.discrete(model, keep=["s"], first=0)
-    assert close(reduced.filter_runs(small, z).x_plus, full.x_plus, EXACT)
-    P, K = reduced.schedule(small, 40)
-    assert close(P, full.schedule.P_plus, EXACT)
-    assert close(K, full.schedule.K, EXACT)
+    assert close(reduced.estimates(small, z).x_plus, full.x_plus, EXACT)
+    P, K = reduced.covariances(small, 40)
+    assert close(P, full.P_plus, EXACT)
+    assert close(K, full.K, EXACT)
     transformed = small.basis.T @ P @ small.basis.T.T
     assert close(transformed[:, 1, 1], P[:, 0, 0], EXACT)
     assert np.abs(transformed[:, 0]).max() < EXACT
-    assert not close(reduced.filter_runs(replace(small, A_0=1.05 * small.A_0), z).x_plus, full.x_plus, 1e-3)
+    assert not close(reduced.estimates(replace(small, A_0=1.05 * small.A_0), z).x_plus, full.x_plus, 1e-3)
 
 
 @settings(max_examples=25)
@@ -153,12 +153,12 @@ def test_the_continuous_filter_is_the_limit_of_little_white_noise(model: Continu
 def test_sampled_filters_tend_to_the_continuous_one(model: ContinuousModel) -> None:
     """The full filter of the sampled perfect measurements approaches the reduced continuous one as dt → 0."""
     H_p = reduced.continuous(model).basis.H_p
-    perfect = replace(model, H=H_p, Rc=None, N=None, measurements=None)
+    perfect = replace(model, H=H_p, Rc=None, N=None, measurements=None, measurement_units=None)
     P = reduced.transient(reduced.continuous(perfect), [1.0])[0]
     errors = []
     for steps in (128, 256, 512):
         sampled = discretise(perfect, 1 / steps, R=np.zeros((len(H_p), len(H_p))))
-        errors.append(np.abs(kalman.schedule(sampled, steps, first=0).P_plus[-1] - P).max())
+        errors.append(np.abs(covariances(sampled, steps, first=0, algorithm="filterpy").P_plus[-1] - P).max())
     assert errors[-1] < 0.1 * max(1.0, np.abs(P).max())
     assert 0.7 < order(errors)[-1] < 2.5 or errors[-1] < 1e-8
 
@@ -241,12 +241,12 @@ def test_a_record_of_one_step_and_a_first_measurement_at_t1_are_in_order() -> No
     """Before the first measurement the estimate is the mean and the covariance P0."""
     model = replace(discretise(signal_and_noise(), 0.5, R=[[0]]), x0=[1.0, -0.5])
     small = reduced.discrete(model, first=1)
-    found = reduced.filter_runs(small, [[np.nan], [0.4]])
-    expected = kalman.filter_runs(model, [[np.nan], [0.4]])
+    found = reduced.estimates(small, [[0.4]])
+    expected = kalman_filter(model, [[0.4]], algorithm="filterpy")
     assert close(found.x_plus, expected.x_plus, EXACT)
-    P, K = reduced.schedule(small, 1)
-    assert close(P, expected.schedule.P_plus, EXACT)
-    assert close(K, expected.schedule.K, EXACT)
+    P, K = reduced.covariances(small, 1)
+    assert close(P, expected.P_plus, EXACT)
+    assert close(K, expected.K, EXACT)
 
 
 @pytest.mark.parametrize(
@@ -263,7 +263,7 @@ def test_what_cannot_be_reduced_is_refused(change: dict[str, Any], message: str)
     """No perfect measurement, all states measured, empty or dependent rows, variation, absence: each in one line."""
     model = discretise(signal_and_noise(), 0.5, R=[[0]])
     with pytest.raises(ValueError, match=message):
-        reduced.discrete(replace(model, measurements=None, **change))
+        reduced.discrete(replace(model, measurements=None, measurement_units=None, **change))
 
 
 def test_bad_choices_are_refused() -> None:
@@ -277,10 +277,10 @@ def test_bad_choices_are_refused() -> None:
     with pytest.raises(ValueError, match="first: expected 0 or 1, received 2"):
         reduced.discrete(model, first=2)
     small = reduced.discrete(model)
-    with pytest.raises(ValueError, match=r"z: expected shape \(steps\+1, 1\[, runs\]\), received \(3, 2\)"):
-        reduced.filter_runs(small, np.zeros((3, 2)))
-    with pytest.raises(ValueError, match="z: expected finite numbers from index 1 on"):
-        reduced.filter_runs(small, [[0.0], [np.nan], [1.0]])
+    with pytest.raises(ValueError, match=r"z: expected shape \(rows, 1\) or \(rows, 1, runs\), received \(3, 2\)"):
+        reduced.estimates(small, np.zeros((3, 2)))
+    with pytest.raises(ValueError, match=r"z: expected finite numbers \(a gap needs the full filter\)"):
+        reduced.estimates(small, [[0.0], [np.nan], [1.0]])
     with pytest.raises(TypeError, match="model: expected a DiscreteModel, received a ContinuousModel"):
         reduced.discrete(signal_and_noise())  # type: ignore[arg-type]
 

@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 
 from ctlabs.analysis import diagnosis, fitting, sensitivity
 from ctlabs.files import modelfile
-from ctlabs.filtering import algorithms, kalman, records, smoothing
+from ctlabs.filtering import Smoothed, covariances, kalman_filter, log_likelihood, smooth
+from ctlabs.filtering.algorithms.catalogue import FORMS
 from ctlabs.linalg import columns, rounding
+from ctlabs.linalg.covariance import deviations
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.montecarlo import simulate
 from tests import cases, twin_smoother
@@ -24,12 +26,12 @@ SMOOTHED = [
     *(f"k3_{name}" for name in ("acceleration*", "first*", "lagged*", "level*", "nile*", "trend*", "two*", "velocity*", "walk*")),
 ]
 #: The forms that take R = 0, and those that do not.
-PERFECT = [name for name in algorithms.FORMS if name not in ("information", "srif", "extended_array", "steady")]
-ALL = [name for name in algorithms.FORMS if name != "steady"]
+PERFECT = [name for name in FORMS if name not in ("information", "srif", "extended_array", "steady")]
+ALL = [name for name in FORMS if name != "steady"]
 NAN = float("nan")
 
 
-def algorithms(model):
+def taking(model):
     """The default route and every form that takes the model."""
     regular = all((np.linalg.eigvalsh(R) > 0).all() for R in model.R.reshape(-1, model.m, model.m))
     invertible = abs(np.linalg.det(model.Phi)) > 0
@@ -37,7 +39,7 @@ def algorithms(model):
 
 
 def filtered(model, z, first, form=""):
-    return algorithms.run(model, z, form, first) if form else records.filter_record(model, z, first)
+    return kalman_filter(model, z[first:], first=first, algorithm=form or "auto")
 
 
 def known(P):
@@ -46,11 +48,11 @@ def known(P):
     return np.where(sd < 1e-200, 0.0, sd)
 
 
-def deviations(found, right, rows, names):
+def misses(found, right, rows, names):
     """The errors of estimates, of their σ, in units of the largest σ of the state."""
     (x, P), sd = found, known(right[names[1]])
     size = np.where(sd.max(axis=0) > 0, sd.max(axis=0), 1.0)
-    return np.abs(x[rows] - np.array(right[names[0]])) / size, np.abs(kalman.sd(P[rows]) - sd) / size
+    return np.abs(x[rows] - np.array(right[names[0]])) / size, np.abs(deviations(P[rows]) - sd) / size
 
 
 # Cases --------------------------------------------------------------------------------------------------------------
@@ -60,10 +62,10 @@ def deviations(found, right, rows, names):
 def test_smoothed_estimates_are_right_whatever_the_form(case):
     """Moving averages observed exactly, unknown and vaguely known states: every form's history is smoothed rightly."""
     model, z, first, right = cases.model(case["model"]), cases.record(case["given"]), case["given"]["first"], case["right"]
-    for form in algorithms(model):
+    for form in taking(model):
         past = filtered(model, z, first, form)
-        found = smoothing.smooth(model, past)
-        x, sd = deviations((found.x, found.P), right, right["rows"], ("x", "sd"))
+        found = smooth(model, past)
+        x, sd = misses((found.x, found.P), right, right["rows"], ("x", "sd"))
         limit = 1e-7 if "inf" in case["name"] else 1e-6
         if form in ("conventional", "") or "k3" in case["name"]:
             assert x.max() < limit, form
@@ -73,7 +75,7 @@ def test_smoothed_estimates_are_right_whatever_the_form(case):
         if "log_likelihood_diffuse" in right:
             assert past.log_likelihood_diffuse == pytest.approx(right["log_likelihood_diffuse"], abs=1e-8)
         if "x_plus" in right:
-            x, sd = deviations((past.x_plus, past.P_plus), right, right["filter_rows"], ("x_plus", "sd_plus"))
+            x, sd = misses((past.x_plus, past.P_plus), right, right["filter_rows"], ("x_plus", "sd_plus"))
             assert max(x.max(), sd.max()) < 1e-7
 
 
@@ -82,10 +84,10 @@ def test_smoothed_estimates_are_right_whatever_the_form(case):
 def test_no_form_depends_on_the_units_of_what_is_unknown(case, form):
     """A slow clock and a velocity in units 1e12 apart, from no information."""
     model, z, right = cases.model(case["model"]), cases.record(case["given"]), case["right"]
-    found = algorithms.run(model, z, form, 0)
+    found = kalman_filter(model, z, first=0, algorithm=form)
     sd = np.array(right["sd_plus"])
     assert (np.abs(found.x_plus[right["rows"]] - np.array(right["x_plus"])) < 1e-7 * sd).all()
-    assert (np.abs(kalman.sd(found.P_plus[right["rows"]]) / sd - 1) < 1e-7).all()
+    assert (np.abs(deviations(found.P_plus[right["rows"]]) / sd - 1) < 1e-7).all()
     assert found.log_likelihood == pytest.approx(right["log_likelihood"], abs=1e-7)
 
 
@@ -93,11 +95,11 @@ def test_no_form_depends_on_the_units_of_what_is_unknown(case, form):
 def test_likelihoods_keep_their_digits(case):
     """P0 up to 1e21 times R."""
     model, z, right = cases.model(case["model"]), cases.record(case["given"]), case["right"]
-    for form in algorithms(model):
+    for form in taking(model):
         assert filtered(model, z, case["given"]["first"], form).log_likelihood == pytest.approx(
             right["log_likelihood"], abs=1e-8
         )
-    assert records.log_likelihood(model, z, case["given"]["first"]) == pytest.approx(right["log_likelihood"], abs=1e-8)
+    assert log_likelihood(model, z[case["given"]["first"] :], case["given"]["first"]) == pytest.approx(right["log_likelihood"], abs=1e-8)
 
 
 @pytest.mark.parametrize("item", cases.peers("likelihoods"))
@@ -107,7 +109,7 @@ def test_likelihoods_of_others(item):
     data = cases.read(cases.PEERS / "likelihoods.json")["data"]
     z = cases.record({"z": data[given["z"]]} if isinstance(given["z"], str) else given)
     model, reference = cases.model(item["model"]), item["reference"]
-    found = records.filter_record(model, z, given["first"])
+    found = kalman_filter(model, z[given["first"] :], first=given["first"])
     assert found.log_likelihood == pytest.approx(reference["log_likelihood"], abs=1e-8)
     if "log_likelihood_diffuse" in reference:
         assert found.log_likelihood_diffuse == pytest.approx(reference["log_likelihood_diffuse"], abs=1e-8)
@@ -133,10 +135,10 @@ def test_the_nile_from_no_information():
     assert found.log_likelihood == pytest.approx(-632.5456, abs=1e-4)
     assert found.log_likelihood_diffuse == pytest.approx(reference["log_likelihood_diffuse"], abs=1e-4)
     model = cases.model(item["model"])
-    smoothed = smoothing.smooth(model, records.filter_record(model, z, 0))
+    smoothed = smooth(model, kalman_filter(model, z, first=0))
     assert close(smoothed.x[reference["smoothed_rows"], 0], reference["smoothed_x"], SOLVER)
     assert close(smoothed.P[reference["smoothed_rows"], 0, 0], reference["smoothed_P"], SOLVER)
-    assert diagnosis.diagnose(model, records.filter_record(model, z, 0), z, 0).verdict == "consistent"
+    assert diagnosis.diagnose(model, kalman_filter(model, z, first=0)).verdict == "consistent"
 
 
 @pytest.mark.parametrize("item", cases.peers("smoother"))
@@ -147,7 +149,7 @@ def test_the_continuous_smoother_is_the_limit(item):
     given, model = item["given"], cases.model(item["model"])
     discrete = discretise(model, given["dt"], R=np.array(model.Rc) / given["dt"])
     z = np.zeros((given["steps"] + 1, 1))
-    found = smoothing.smooth(discrete, records.filter_record(discrete, z, given["first"]))
+    found = smooth(discrete, kalman_filter(discrete, z[given["first"] :], first=given["first"]))
     assert found.P[given["row"], 0, 0] == pytest.approx(item["expected"]["P"], abs=5e-3)
 
 
@@ -184,9 +186,9 @@ def vague_models(draw):
 def test_what_is_unknown_and_what_is_exact_is_conditioned_on(both, first, lag):
     """Filter, smoother, lag-one covariances, fixed lag and likelihood, whatever is unknown, singular, perfect or missing."""
     model, z = both
-    past = records.filter_record(model, z, first)
+    past = kalman_filter(model, z[first:], first=first)
     z = np.where(past.used, z, NAN)  # perfect measurements of what is known already agree with no random record
-    twin, found = twin_smoother.conditioned(model, z, first), smoothing.smooth(model, past)
+    twin, found = twin_smoother.conditioned(model, z, first), smooth(model, past)
     variances = np.diagonal(twin.P, axis1=1, axis2=2)
     size = max(variances[np.isfinite(variances)].max(initial=0.0), 1.0)
     scale = size**0.5 + np.abs(np.nan_to_num(twin.x)).max(initial=0.0)
@@ -194,11 +196,11 @@ def test_what_is_unknown_and_what_is_exact_is_conditioned_on(both, first, lag):
     same(found.x, twin.x, 1e-6 * scale)
     same(found.P, twin.P, 1e-6 * size)
     same(found.lag_one, twin.lag_one, 1e-6 * size)
-    likelihood = records.log_likelihood(model, z, first)  # of a record that contradicts nothing
+    likelihood = log_likelihood(model, z[first:], first)  # of a record that contradicts nothing
     assert likelihood == pytest.approx(twin.log_likelihood, rel=1e-7, abs=1e-7)
     if not past.contradictions:
         assert past.log_likelihood_diffuse == pytest.approx(likelihood, rel=EXACT, abs=EXACT)
-    behind = smoothing.fixed_lag(model, z, lag, first)
+    behind = smooth(model, z[first:], first=first, lag=lag)
     k = 5 - lag
     short = twin_smoother.conditioned(model, z, first, end=k - 1 + lag)
     same(behind.x[k - 1], short.x[k - 1], 1e-6 * scale)
@@ -226,7 +228,7 @@ def test_units_and_order_of_the_states_do_not_matter(both, seed):
         model, Phi=T @ model.Phi @ back, Qd=T @ model.Qd @ T.T, H=model.H @ back, x0=T @ model.x0, P0=P0,
         N=None if model.N is None else T @ model.N, offset=None if model.offset is None else T @ model.offset,
     )  # fmt: skip
-    own, theirs = (smoothing.smooth(m, records.filter_record(m, z)) for m in (model, other))
+    own, theirs = (smooth(m, kalman_filter(m, z[1:])) for m in (model, other))
     variances = np.diagonal(own.P, axis1=1, axis2=2)
     size = max(variances[np.isfinite(variances)].max(initial=0.0), 1.0)
     assume(size < 1e8)
@@ -242,10 +244,10 @@ Z = np.array([[1.2], [NAN], [1.9], [4.4], [NAN], [9.6], [14.2]])
 def test_no_information_is_the_limit_of_little(size):
     """The difference falls as 1/P0, and no rounding shows below it; x0 does not matter."""
     little = dataclasses.replace(LINE, P0=size * np.eye(2), x0=[0, 0])
-    found, limit = (smoothing.smooth(m, records.filter_record(m, Z, 0)) for m in (little, LINE))
+    found, limit = (smooth(m, kalman_filter(m, Z, first=0)) for m in (little, LINE))
     assert close(found.x, limit.x, 50 / size + 1e-13)
     assert close(found.P, limit.P, 50 / size + 1e-13)
-    one, other = (records.filter_record(m, Z, 0) for m in (little, LINE))
+    one, other = (kalman_filter(m, Z, first=0) for m in (little, LINE))
     assert close(one.log_likelihood + np.log(size), other.log_likelihood_diffuse, 50 / size + 1e-13)
 
 
@@ -253,11 +255,11 @@ def test_an_exact_measurement_is_the_limit_of_a_good_one():
     """R → 0: the smoothed σ of a moving average's shock tends to that of R = 0, not to 0."""
     exact = DiscreteModel([[0, 0.9], [0, 0]], [[1, 1], [1, 1]], [[1, 0]], [[0]], x0=[0, 0], P0=[[1.81, 1], [1, 1]])
     z = np.random.default_rng(3).normal(size=(120, 1))
-    right = smoothing.smooth(exact, records.filter_record(exact, z, 0))
+    right = smooth(exact, kalman_filter(exact, z, first=0))
     closed = 0.9**2 * (1 - 0.9**2) / (1 - 0.9 ** (2 * 121))
     assert right.P[0, 1, 1] == pytest.approx(closed, rel=1e-6)
     for R in (1e-6, 1e-9, 1e-12):
-        good = smoothing.smooth(near := dataclasses.replace(exact, R=[[R]]), records.filter_record(near, z, 0))
+        good = smooth(near := dataclasses.replace(exact, R=[[R]]), kalman_filter(near, z, first=0))
         assert abs(good.P[0, 1, 1] - closed) < 20 * R + 1e-6 * closed
         assert np.abs(good.x[:, 1] - right.x[:, 1]).max() < 1e3 * R + 1e-6  # (1 − θ²)⁻² = 28 times the innovations
 
@@ -267,16 +269,16 @@ def test_an_exact_measurement_is_the_limit_of_a_good_one():
 
 def test_schedules_and_ensembles_begin_without_information():
     """filterpy's route is the compiled one's, gains and all; innovations of something unknown are NaN."""
-    plan, found = kalman.schedule(LINE, 6, 0), kalman.filter_runs(LINE, Z, first=0)
-    own = records.filter_record(LINE, Z, 0)
+    plan, found = covariances(LINE, 6, first=0, algorithm="filterpy"), kalman_filter(LINE, Z, first=0, algorithm="filterpy")
+    own = kalman_filter(LINE, Z, first=0)
     assert np.isinf(plan.P_minus[0].diagonal()).all()
     assert np.isfinite(plan.P_plus[1:]).all()
     assert np.isnan(found.x_minus[0]).all()
     assert np.isnan(found.innovation[[0, 1, 2]]).all()
-    for theirs, ours in ((found.x_plus[:, :, 0], own.x_plus), (found.schedule.P_plus, own.P_plus)):
+    for theirs, ours in ((found.x_plus, own.x_plus), (found.P_plus, own.P_plus)):
         assert np.array_equal(np.isfinite(theirs), np.isfinite(ours))
         assert close(np.where(np.isfinite(theirs), theirs, 0.0), np.where(np.isfinite(ours), ours, 0.0), EXACT)
-    again = kalman.filter_runs(LINE, np.stack([Z, 2 * Z], axis=2), found.schedule, 0)
+    again = kalman_filter(LINE, np.stack([Z, 2 * Z], axis=2), first=0, algorithm="filterpy", gains=found)
     assert close(again.x_plus[2:, :, 1], 2 * own.x_plus[2:], EXACT)
 
 
@@ -284,10 +286,10 @@ def test_what_is_never_measured_stays_unknown():
     """NaN and inf to the end, smoothed too; what does not depend on it is estimated, and the likelihood is that of the rest."""
     both = DiscreteModel(np.eye(2), np.eye(2), [[1, 0]], [[1]], x0=[0, 0], P0=np.diag([np.inf, np.inf]))
     alone = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[np.inf]])
-    found, wanted = records.filter_record(both, Z, 0), records.filter_record(alone, Z, 0)
-    for one, other in ((found, wanted), (smoothing.smooth(both, found), smoothing.smooth(alone, wanted))):
-        x, P = (one.x, one.P) if isinstance(one, smoothing.Smoothed) else (one.x_plus, one.P_plus)
-        x1, P1 = (other.x, other.P) if isinstance(other, smoothing.Smoothed) else (other.x_plus, other.P_plus)
+    found, wanted = kalman_filter(both, Z, first=0), kalman_filter(alone, Z, first=0)
+    for one, other in ((found, wanted), (smooth(both, found), smooth(alone, wanted))):
+        x, P = (one.x, one.P) if isinstance(one, Smoothed) else (one.x_plus, one.P_plus)
+        x1, P1 = (other.x, other.P) if isinstance(other, Smoothed) else (other.x_plus, other.P_plus)
         assert close(x[:, 0], x1[:, 0], EXACT)
         assert close(P[:, 0, 0], P1[:, 0, 0], EXACT)
         assert np.isnan(x[:, 1]).all()
@@ -303,7 +305,7 @@ def test_a_difference_of_two_unknown_states_is_known():
     H = np.array([[1.0, -1.0]]) @ np.linalg.matrix_power(np.array(turn).T, 7)  # some direction that is no state
     model = DiscreteModel(np.eye(2), np.zeros((2, 2)), H, [[0.5]], x0=[0, 0], P0=np.diag([np.inf, np.inf]))
     z = np.random.default_rng(1).normal(size=(300, 1))
-    found = records.filter_record(model, z, 0)
+    found = kalman_filter(model, z, first=0)
     assert np.isnan(found.x_plus).all()
     spread = (z - z.mean()) / 0.5**0.5
     alpha = np.linalg.norm(H)
@@ -317,7 +319,7 @@ def test_a_large_start_that_nothing_measures_costs_no_digits():
     model = DiscreteModel(np.eye(2), 0.1 * np.eye(2), [[1, -1]], [[1e-4]], x0=[0, 0], P0=1e20 * np.eye(2))
     z = np.random.default_rng(2).normal(size=(12, 1))
     small = DiscreteModel([[1]], [[0.2]], [[1]], [[1e-4]], x0=[0], P0=[[2e20]])
-    found, wanted = records.filter_record(model, z, 0), records.filter_record(small, z, 0)
+    found, wanted = kalman_filter(model, z, first=0), kalman_filter(small, z, first=0)
     assert found.log_likelihood == pytest.approx(wanted.log_likelihood, rel=EXACT)
     assert close(found.x_plus @ [1, -1], wanted.x_plus[:, 0], 1e-5)  # x itself is known to 1e-16 of 1e10
 
@@ -380,10 +382,10 @@ def test_small_columns_keep_their_digits():
     model = DiscreteModel(Phi, np.zeros((2, 2)), [[1, 0]], [[1]], x0=[0, 0], P0=np.diag([np.inf, np.inf]))
     z = np.full((63, 1), NAN)
     z[60:] = [[1.0], [2.0], [2.5]]
-    found = records.filter_record(model, z, 0)
+    found = kalman_filter(model, z, first=0)
     assert np.isnan(found.x_plus[:61, 1]).all()
     assert np.isfinite(found.x_plus[61:]).all()
     late = dataclasses.replace(model)
-    wanted = records.filter_record(late, z[60:], 0)  # from inf at t60: the same, as no mode is lost
+    wanted = kalman_filter(late, z[60:], first=0)  # from inf at t60: the same, as no mode is lost
     assert close(found.x_plus[61:], wanted.x_plus[1:], 1e-9)
     assert close(found.P_plus[61:], wanted.P_plus[1:], 1e-9)

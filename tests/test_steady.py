@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ctlabs.filtering.kalman import filter_runs, schedule
 from hypothesis import given, settings
 from numpy.typing import NDArray
 
-from ctlabs.filtering import steady
+from ctlabs.filtering import covariances, kalman_filter, settling, settling_step, steady
 from ctlabs.models import DiscreteModel
 from tests.reference import EXACT, SOLVER, broken, close, recursion
 from tests.strategies import covariance, discrete_models, transition
@@ -38,7 +37,7 @@ def riccati(P: Array, model: DiscreteModel) -> Array:
 @given(discrete_models(stable=None, singular=False, varying=False, offset=False))
 def test_steady_state_is_the_limit_of_the_schedule(model: DiscreteModel) -> None:
     """P⁻, P⁺, K and S after many steps, for stable and unstable models, with and without N."""
-    limit, plan = steady.solve(model), schedule(model, 400)
+    limit, plan = steady.solve(model), covariances(model, 400, algorithm="filterpy")
     assert (np.abs(limit.poles) < 0.97).all(), "the strategy is meant to give filters that settle within 400 steps"
     for name in ("P_minus", "P_plus", "K", "S"):
         assert close(getattr(limit, name), getattr(plan, name)[-1], SOLVER)
@@ -160,7 +159,7 @@ def test_without_disturbances_what_does_not_grow_becomes_known(Phi: Any, H: Any)
     assert not limit.P_minus.any()
     assert not limit.P_plus.any()
     assert not limit.K.any()
-    P = schedule(model, 800).P_plus
+    P = covariances(model, 800, algorithm="filterpy").P_plus
     assert np.trace(P[800]) < 0.6 * np.trace(P[400]) < 0.4 * np.trace(P[200])
     assert np.trace(P[800]) < 0.1
 
@@ -173,7 +172,7 @@ def test_without_disturbances_what_grows_keeps_an_error(Phi: float) -> None:
     limit = steady.solve(model)
     assert close(limit.P_plus, (Phi**2 - 1) * R / Phi**2, 1e-10)
     assert close(limit.poles, 1 / Phi, 1e-10)
-    assert close(schedule(model, 2000).P_plus[-1], limit.P_plus, SOLVER)
+    assert close(covariances(model, 2000, algorithm="filterpy").P_plus[-1], limit.P_plus, SOLVER)
     assert not close(broken(limit.P_plus), (Phi**2 - 1) * R / Phi**2, 1e-3)
 
 
@@ -279,11 +278,11 @@ def impulse_response(num: Array, den: Array, length: int) -> Array:
 def test_transfer_function_is_the_filters_response_to_an_impulse(model: DiscreteModel) -> None:
     """The steady gains applied to a unit impulse in one measurement give the quotient's series, from every measurement."""
     model, length = replace(model, x0=np.zeros(model.n)), 12
-    limit, plan = steady.solve(model), schedule(model, length - 1, first=0)
+    limit, plan = steady.solve(model), covariances(model, length - 1, first=0, algorithm="filterpy")
     constant = replace(plan, K=np.array([limit.K] * length))
     z = np.zeros((length, model.m, model.m))
     z[0] = np.eye(model.m)
-    response = filter_runs(model, z, constant, first=0).x_plus
+    response = kalman_filter(model, z, first=0, algorithm="filterpy", gains=constant).x_plus
     for state in range(model.n):
         for measurement in range(model.m):
             num, den = steady.transfer_function(model, state, measurement)
@@ -305,41 +304,41 @@ def test_transfer_function_is_that_of_lab_16() -> None:
 
 def test_settling_is_counted_from_the_last_step_outside_the_band() -> None:
     """A later excursion counts, a value at the end outside means not settled, a zero limit needs exact zeros."""
-    assert steady.settling_step([[1.0], [1.005], [1.02], [1.0]], [1.0]) == 3
-    assert steady.settling_step([[1.0], [1.005]], [1.0]) == 0
-    assert steady.settling_step([[1.0], [2.0]], [1.0]) is None
-    assert steady.settling_step([[1.0, 2.0], [1.0, 1.0], [1.0, 1.0]], [1.0, 1.0]) == 1
-    assert steady.settling_step([[1.0], [0.0], [0.0]], [0.0]) == 1
-    assert steady.settling_step([[1.0], [1.005], [1.02], [1.0]], [1.0], within=0.05) == 0
+    assert settling_step([[1.0], [1.005], [1.02], [1.0]], [1.0]) == 3
+    assert settling_step([[1.0], [1.005]], [1.0]) == 0
+    assert settling_step([[1.0], [2.0]], [1.0]) is None
+    assert settling_step([[1.0, 2.0], [1.0, 1.0], [1.0, 1.0]], [1.0, 1.0]) == 1
+    assert settling_step([[1.0], [0.0], [0.0]], [0.0]) == 1
+    assert settling_step([[1.0], [1.005], [1.02], [1.0]], [1.0], within=0.05) == 0
 
 
 def test_settling_of_the_labs() -> None:
     """Steps within 1 % of the limit: 3 in lab 1, 5 in lab 3, 6 in lab 4 (by the schedule), none for P like 1/k."""
-    assert steady.settling(scalar(1.0, 1.0, 1.0)) == 3
+    assert settling(scalar(1.0, 1.0, 1.0)) == 3
     two = DiscreteModel(
         [[1, 1], [0, 1]], [[1 / 3, 1 / 2], [1 / 2, 1]], [[1, 0]], [[1]], x0=[0, 0], P0=np.diag([100, 10])
     )
-    assert steady.settling(two) == 5
+    assert settling(two) == 5
     Qd = [[1 / 20, 1 / 8, 1 / 6], [1 / 8, 1 / 3, 1 / 2], [1 / 6, 1 / 2, 1]]
     three = DiscreteModel(
         [[1, 1, 0.5], [0, 1, 1], [0, 0, 1]], Qd, [[1, 0, 0]], [[1]], x0=np.zeros(3), P0=np.diag([100, 10, 1])
     )
-    assert steady.settling(three) == 6
-    assert steady.settling(scalar(1.0, 0.0, 1.0)) is None
-    assert steady.settling(scalar(1.0, 1.0, 0.0)) == 1
-    assert steady.settling(scalar(1.0, 1.0, 0.0), first=0) == 0
+    assert settling(three) == 6
+    assert settling(scalar(1.0, 0.0, 1.0)) is None
+    assert settling(scalar(1.0, 1.0, 0.0)) == 1
+    assert settling(scalar(1.0, 1.0, 0.0), first=0) == 0
     slow = scalar(1.0, 1e-6, 1.0, P0=0.0)
-    plan, limit = schedule(slow, 5000).P_plus[:, :, 0], np.diag(steady.solve(slow).P_plus)
-    assert steady.settling(slow) == steady.settling_step(plan, limit) > 1000
+    plan, limit = covariances(slow, 5000, algorithm="filterpy").P_plus[:, :, 0], np.diag(steady.solve(slow).P_plus)
+    assert settling(slow) == settling_step(plan, limit) > 1000
 
 
 @properties
 @given(discrete_models(stable=True, singular=False, varying=False, offset=False))
 def test_after_settling_the_variances_stay_in_the_band(model: DiscreteModel) -> None:
     """From the step found on all variances are within 1 %, and just before it one is not."""
-    step, limit = steady.settling(model), np.diag(steady.solve(model).P_plus)
+    step, limit = settling(model), np.diag(steady.solve(model).P_plus)
     assert step is not None
-    values = np.diagonal(schedule(model, step + 50).P_plus, axis1=1, axis2=2)
+    values = np.diagonal(covariances(model, step + 50, algorithm="filterpy").P_plus, axis1=1, axis2=2)
     inside = (np.abs(values - limit) <= 0.01 * limit).all(axis=1)
     assert inside[step:].all()
     assert step == 1 or not inside[step - 1]
@@ -379,6 +378,6 @@ def test_a_measurement_that_repeats_another_with_its_noise_changes_nothing() -> 
 def test_noises_of_very_different_size_have_the_recursions_limit(R: Any, H: Any) -> None:
     """A sensor that says next to nothing beside a precise one; no library's warning gets out."""
     model = DiscreteModel([[1, 1], [0, 1]], [[0.1, 0], [0, 0.1]], H, R, x0=[0, 0], P0=np.eye(2))
-    wanted = schedule(model, 400).P_minus[-1]
+    wanted = covariances(model, 400, algorithm="filterpy").P_minus[-1]
     assert close(steady.solve(model).P_minus, wanted, SOLVER)
     assert not close(steady.solve(replace(model, Qd=1.05 * model.Qd)).P_minus, wanted, SOLVER)

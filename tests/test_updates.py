@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from ctlabs.filtering import kalman, updates
+from ctlabs.filtering import covariances, kalman_filter, update, updates
 from ctlabs.filtering.extended import Extended
 from ctlabs.models import DiscreteModel
 from ctlabs.models.nonlinear import NonlinearModel
@@ -98,13 +98,14 @@ def test_a_decorrelated_model_gives_the_same_filter_over_time():
         new, by = updates.decorrelated(wanted)
         changed = by.measurements(z)
         assert changed.shape == z.shape
-        assert close(kalman.filter_runs(new, changed).x_plus, kalman.filter_runs(wanted, z).x_plus, 1e-10)
-        assert close(kalman.schedule(new, 8).P_plus, kalman.schedule(wanted, 8).P_plus, 1e-10)
+        own, plain = kalman_filter(new, changed[1:], algorithm="filterpy"), kalman_filter(wanted, z[1:], algorithm="filterpy")
+        assert close(own.x_plus, plain.x_plus, 1e-10)
+        assert close(covariances(new, 8, algorithm="filterpy").P_plus, covariances(wanted, 8, algorithm="filterpy").P_plus, 1e-10)
     constant = DiscreteModel([[1]], [[1]], [[1], [2]], [[2, 1], [1, 3]], x0=[0], P0=[[4]], N=[[0.3, -0.4]])
     z = rng.normal(size=(7, 2, 4))
     new, by = updates.decorrelated(constant)
-    whole = kalman.filter_runs(new, np.array([by.measurements(each) for each in z])).x_plus
-    assert close(whole, kalman.filter_runs(constant, z).x_plus, 1e-10)
+    whole = kalman_filter(new, np.array([by.measurements(each) for each in z])[1:], algorithm="filterpy").x_plus
+    assert close(whole, kalman_filter(constant, z[1:], algorithm="filterpy").x_plus, 1e-10)
 
 
 CASES = [(3.0, 0.5, (3.0, 1.0), 1.0, 0.3), (0.2, 2.0, (0.0, -0.4), 0.5, 0.01), (-4.0, 0.1, (-7.0, 0.9), 2.0, 4.0)]
@@ -240,7 +241,7 @@ def test_the_point_mass_filter_is_the_kalman_filter_of_a_linear_system():
     linear = DiscreteModel([[0.7]], [[0.05]], [[2.0], [0.5]], np.diag([1.0, 0.3]), x0=[4], P0=[[1]], offset=[0.2])
     z = data(model, 4, 3)
     record = np.array([np.full((2, 3), np.nan), *z])
-    expected = kalman.filter_runs(linear, record)
+    expected = kalman_filter(linear, record[1:], algorithm="filterpy")
     bayes = updates.PointMass(model, np.linspace(-8, 16, 321))
     bayes.start(3)
     for k in range(1, 5):
@@ -248,8 +249,8 @@ def test_the_point_mass_filter_is_the_kalman_filter_of_a_linear_system():
         nis, used = bayes.update(k, z[k - 1])
         assert used == 2
         assert close(bayes.x, expected.x_plus[k], 1e-8)
-        assert close(bayes.P[0, 0], np.full(3, expected.schedule.P_plus[k, 0, 0]), 1e-8)
-        nu, S = expected.innovation[k], expected.schedule.S[k]
+        assert close(bayes.P[0, 0], np.full(3, expected.P_plus[k, 0, 0]), 1e-8)
+        nu, S = expected.innovation[k], expected.S[k]
         assert close(nis, np.einsum("ir,ij,jr->r", nu, np.linalg.inv(S), nu), 1e-6)
 
 
@@ -396,7 +397,7 @@ def test_far_innovations_stay_finite():
 @pytest.mark.parametrize("ratio", np.linspace(-3, 3, 13))
 def test_noises_that_cancel_leave_no_negative_variance(ratio):
     """v2 = ratio·v1 exactly: a scalar state is known after both elements, with the variance 0 and not −1e-17."""
-    found = kalman.update([[0.5]], [[2.0], [0.8]], np.outer([1.0, ratio], [1.0, ratio]))
+    found = update([[0.5]], [[2.0], [0.8]], np.outer([1.0, ratio], [1.0, ratio]))
     assert found.P_plus[0, 0] == 0
     nearly = np.outer([1.0, ratio], [1.0, ratio]) + np.diag([0, 1e-6])
-    assert kalman.update([[0.5]], [[2.0], [0.8]], nearly).P_plus[0, 0] > 0
+    assert update([[0.5]], [[2.0], [0.8]], nearly).P_plus[0, 0] > 0

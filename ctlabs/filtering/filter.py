@@ -117,7 +117,7 @@ def covariances(model: DiscreteModel, steps: int, *, first: int | None = None, a
 
 def planned(model: DiscreteModel, absent: Mask, first: int, algorithm: str = "auto") -> Covariances:
     """:func:`covariances` where the elements ``absent`` (steps+1, m) are not measured."""
-    absent = np.array(absent)
+    absent, model = np.array(absent), model.cut(len(absent) - 1)
     absent[:first] = True
     t = np.arange(len(absent)) * model.dt
     if algorithm == "filterpy":

@@ -18,13 +18,18 @@ def motion(model: DiscreteModel, k: int, used: Mask) -> tuple[Array, Array, Arra
     What a measurement tells of the next disturbance is used: Φ − NR⁺H, Qd − NR⁺Nᵀ and the known input NR⁺z
     (Kailath, Sayed & Hassibi, *Linear Estimation*, section 9.5).
     """
+    return measured(model, k, used, at(model.H, k, 2), at(model.R, k, 2))
+
+
+def measured(model: DiscreteModel, k: int, used: Mask, H: Array, R: Array) -> tuple[Array, Array, Array | None]:
+    """The same after a measurement at k with H and R of its own."""
     Phi, Qd = at(model.Phi, k, 2), at(model.Qd, k, 2)
     if model.N is None or not used.any():
         return Phi, Qd, None
     N = model.N[:, used]
-    M = regression(N, at(model.R, k, 2)[np.ix_(used, used)])
+    M = regression(N, R[np.ix_(used, used)])
     taken = M @ N.T
-    return Phi - M @ at(model.H, k, 2)[used], rounding.difference(Qd - taken, Qd, taken), M
+    return Phi - M @ H[used], rounding.difference(Qd - taken, Qd, taken), M
 
 
 def without_cancelled(P: Array, Phi: Array, before: Array, Q: Array) -> Array:

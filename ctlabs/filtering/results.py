@@ -141,10 +141,20 @@ def gains(P_minus: Array, H: Array, S: Array, used: Mask) -> Array:
     m = used.shape[1]
     cross = np.where(used[:, :, None], H @ np.where(np.isfinite(P_minus), P_minus, 0.0), 0.0)
     finite = used & np.isfinite(np.diagonal(S, axis1=1, axis2=2))
-    scale = np.sqrt(np.where(finite, np.diagonal(S, axis1=1, axis2=2), 1.0))  # unit variances: no unit matters
+    variances = np.abs(np.where(finite, np.diagonal(S, axis1=1, axis2=2), 1.0))  # rounding may have made one negative
+    scale = np.sqrt(np.where(variances > 0, variances, 1.0))  # unit variances: no unit matters
     unit = np.where(finite[:, :, None] & finite[:, None, :], S, np.eye(m)) / (scale[:, :, None] * scale[:, None, :])
-    K = cross / scale[:, :, None] ** 2 if m == 1 else np.linalg.solve(unit, cross / scale[:, :, None]) / scale[:, :, None]
+    plain = m == 1 and (unit > 0).all()
+    K = cross / scale[:, :, None] ** 2 if plain else _solved(unit, cross / scale[:, :, None]) / scale[:, :, None]
     return np.swapaxes(np.where(finite[:, :, None], K, 0.0), 1, 2)
+
+
+def _solved(S: Array, right: Array) -> Array:
+    """S⁻¹ times the right sides; where rounding has made sensors one, they share the gain of that one."""
+    try:
+        return np.linalg.solve(S, right)
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.pinv(S, hermitian=True) @ right)
 
 
 def consistency(innovation: Array, S: Array, used: Mask) -> tuple[Array, Array]:

@@ -116,8 +116,7 @@ def _instant(record: Record, k: int, state: vague.State) -> tuple[dict[str, Any]
         z, H, R = z[told.used], H[told.used], record.measurement(k)[2]
         own["nominal_innovation"][used] = contract.doubles(z - H @ before.x)
         own["innovation"][used], own["S"][np.ix_(used, used)] = vague.innovation(before, z, H, R)
-        units = before._replace(x=contract.zeros((n, len(told.used)), before.x))
-        own["K"][:, used] = contract.doubles(_gain(units, z, *given, told.used))
+        own["K"][:, used] = contract.doubles(_gain(before, *given)[:, told.used])
         own |= {"determined": told.determined, "log_likelihood": contract.doubles(told.log_likelihood)}
         if used.any() and np.isfinite(own["S"][used, used]).all():
             own["nis"] = contract.doubles(told.nis)
@@ -128,10 +127,10 @@ def _instant(record: Record, k: int, state: vague.State) -> tuple[dict[str, Any]
     return own | {"unknown": state.unknown, "used": record.used[k].copy()}, state
 
 
-def _gain(state: vague.State, z: Numbers, H: Numbers, R: contract.Noise, used: NDArray[np.bool_]) -> Numbers:
-    """K (n, used): what unit innovations move."""
-    after = vague.update(state, contract.identity(len(z), z), H, R)[0]
-    return after.x[:, used]
+def _gain(state: vague.State, H: Numbers, R: contract.Noise) -> Numbers:
+    """K (n, m): what unit innovations move."""
+    nowhere = state._replace(x=contract.zeros((len(state.P), len(H)), state.x))
+    return vague.update(nowhere, contract.identity(len(H), state.x), H, R)[0].x
 
 
 def _spread(x: Numbers, runs: int) -> Array:

@@ -164,10 +164,9 @@ class Periodic(Plant):
         """Φ, c and Q to the next instant; with N ≠ 0 what the last measurement tells of w is in them."""
         model, used = self.model, last.used
         coupled = model.N is not None and bool(used.any())
-        parts = (model.Phi, model.Qd, model.H, model.R) if coupled else (model.Phi, model.Qd)
-        constant = all(part.ndim == 2 for part in parts)
-        key = ("motion", used.tobytes() if coupled else b"")
-        Phi, Q, M = self._keep(key, constant, lambda: self._motion(last.k, used))
+        constant = model.Phi.ndim == model.Qd.ndim == 2
+        key = ("motion", *(part.tobytes() for part in (used, last.H, last.R) if coupled))
+        Phi, Q, M = self._keep(key, constant, lambda: self._motion(last))
         c = None if model.offset is None else at(model.offset, last.k, 1)[:, None]
         if model.B is not None:
             moved = (at(model.B, last.k, 2) @ last.u)[:, None]
@@ -177,8 +176,8 @@ class Periodic(Plant):
             c = told if c is None else c + told
         return Phi, c, Q
 
-    def _motion(self, k: int, used: Array) -> tuple[Array, Noise, Array | None]:
-        Phi, Qd, M = motion.motion(self.model, k, used)
+    def _motion(self, last: Instant) -> tuple[Array, Noise, Array | None]:
+        Phi, Qd, M = motion.measured(self.model, last.k, last.used, last.H, last.R)
         return Phi, Noise(Qd), M
 
 
