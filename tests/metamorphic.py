@@ -108,13 +108,13 @@ DISCRETE = [
 #: The verbs of continuous models, which need no record.
 CONTINUOUS = [
     Verb("bucy.steady", lambda m, z: bucy.steady(m), {"P": "xx", "K": "xZ/"}),
-    Verb("bucy.transient", lambda m, z: bucy.transient(m, _rate(m) * np.array([0.3, 1.0, 4.0])), {"P": "xx"}),
-    Verb("discretise", lambda m, z: discretise(m, 0.5 * _rate(m)), {"Qd": "xx"}),
+    Verb("bucy.transient", lambda m, z: bucy.transient(m, rate(m) * np.array([0.3, 1.0, 4.0])), {"P": "xx"}),
+    Verb("discretise", lambda m, z: discretise(m, 0.5 * rate(m)), {"Qd": "xx"}),
     Verb("shaping.stationary_covariance", lambda m, z: {"P": stationary_covariance(m)}, {"P": "xx"}),
 ]
 
 
-def _rate(model: ContinuousModel) -> float:
+def rate(model: ContinuousModel) -> float:
     """A time of the model's own."""
     return float(1 / np.abs(np.linalg.eigvals(model.F)).max())
 

@@ -41,7 +41,7 @@ def same(verb: Verb, model: Any, z: np.ndarray, change: Change) -> None:
         before, after = verb.call(model, z), verb.call(change.model(model), change.record(z))
     moved = change.model(model)
     P = moved.P0 + (moved.Qd if isinstance(moved, DiscreteModel) else 0.0)
-    R = moved.R if isinstance(moved, DiscreteModel) else moved.Rc / (change.c * metamorphic._rate(model))
+    R = moved.R if isinstance(moved, DiscreteModel) else moved.Rc / (change.c * metamorphic.rate(model))
     noise = np.sqrt(np.diag(moved.H @ P @ moved.H.T + R))
     sd = {"x": np.sqrt(np.diag(P)), "z": noise}
     for name, made in verb.made.items():
@@ -56,7 +56,7 @@ def same(verb: Verb, model: Any, z: np.ndarray, change: Change) -> None:
         wanted, found = np.where(finite, wanted, 0.0), np.where(finite, found, 0.0)
         own = size(made, wanted, sd)
         if "/" in made:
-            own = own / (change.c * metamorphic._rate(model))
+            own = own / (change.c * metamorphic.rate(model))
         # Estimates move with the data, which are no larger than some σ; covariances of a filter lie below P0 + Qd.
         scale = np.broadcast_to(np.maximum(own, np.abs(wanted) if made == "XX" else own), wanted.shape)
         error = np.abs(found - wanted) / scale

@@ -212,7 +212,8 @@ def test_plain_python_is_what_is_compiled(first):
 
 def histories(rows, n, m):
     """What the kernel fills in."""
-    shapes = {"x_minus": (n,), "x_plus": (n,), "P_minus": (n, n), "P_plus": (n, n), "innovation": (m,), "S": (m, m), "nis": ()}
+    shapes = {"x_minus": (n,), "x_plus": (n,), "P_minus": (n, n), "P_plus": (n, n), "K": (n, m)}
+    shapes |= {"innovation": (m,), "S": (m, m), "nis": ()}
     return forward.Histories(**{name: np.empty((rows, *shape)) for name, shape in shapes.items()})
 
 
@@ -255,15 +256,16 @@ def test_an_innovation_beyond_double_precision_is_refused_with_advice():
         log_likelihood(hard, z[1:])
 
 
-def test_auto_takes_the_form_that_keeps_its_digits():
-    """Where Joseph's form loses S the factors UDUᵀ take over, and the result says so; two sensors that are one share their gain."""
-    hard = DiscreteModel([[1, 0], [0, 1]], np.eye(2), [[1, 1], [1, 1]], 1e-18 * np.eye(2), x0=[0, 0], P0=np.zeros((2, 2)))
-    z = np.full((5, 2), 0.5)
-    found, exact = kalman_filter(hard, z), fifty_digits(hard, z)
-    assert found.algorithm == "ud"
-    assert close(found.x_plus, exact.x_plus, EXACT)
-    assert close(found.P_plus, exact.P_plus, EXACT)
-    assert close(found.K[1], np.full((2, 2), 0.25), EXACT)
+def test_roots_take_over_where_josephs_form_loses_digits():
+    """Of a sensor that is 1e-16 of the prediction Joseph's form keeps few digits: roots keep them, and the result says so."""
+    fine = DiscreteModel([[1, 1], [0, 1]], 1e-3 * np.eye(2), [[1, 0]], [[1e-16]], x0=[0, 0], P0=np.eye(2))
+    z = record(fine, 20, np.random.default_rng(3))[1:]
+    found, exact = kalman_filter(fine, z), fifty_digits(fine, z)
+    assert found.algorithm == "array"
+    assert close(found.x_plus, exact.x_plus, 1e-10)
+    assert np.allclose(found.P_plus, exact.P_plus, rtol=1e-7, atol=0)  # element by element: variances of 1e-16 too
+    assert np.allclose(found.K, exact.K, rtol=1e-9, atol=1e-12)
+    assert differs(found, kalman_filter(fine, z, algorithm="array"), 1e-7) == []
 
 
 def test_what_joseph_loses_is_kept_from_a_large_start():
@@ -332,13 +334,13 @@ def test_kernels_are_kept_where_the_user_says_or_not_at_all(tmp_path, monkeypatc
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
     dispatcher = numba.njit(forward.alike)
-    kernels.enable(dispatcher)
+    kernels.keep(dispatcher)
     assert dispatcher._cache.cache_path.startswith(str(tmp_path))
     monkeypatch.delenv("NUMBA_CACHE_DIR")
     monkeypatch.setattr(kernels, "folder", lambda: tmp_path / "file" / "kernels")
     (tmp_path / "file").write_text("in the way")
     dispatcher = numba.njit(forward.alike)
-    kernels.enable(dispatcher)
+    kernels.keep(dispatcher)
     assert dispatcher(np.array([True]), np.array([True]))
 
 
@@ -355,7 +357,7 @@ def test_a_kernel_is_compiled_anew_when_its_helpers_change(tmp_path, monkeypatch
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
         dispatcher = numba.njit(module.add)
-        kernels.enable(dispatcher)
+        kernels.keep(dispatcher)
         return dispatcher._cache._impl.locator.get_source_stamp()
 
     before = stamp()

@@ -136,9 +136,9 @@ def test_a_mode_that_only_one_scaling_hides_is_seen() -> None:
     """An exchange of 1 and 1, in units in which it is 1e-13 and 1e13: below 1e-12 of A, and above it."""
     A, H = np.array([[-1.0, 1e-13], [1e13, -2.0]]), np.array([[1.0, 0.0]])
     assert hidden(A, H, 1e-12, 1e-12).shape == (2, 1)
-    assert observability._hidden(A, H, 1e-12).shape == (2, 0)
+    assert observability.never_seen(A, H, 1e-12).shape == (2, 0)
     hidden_mode = np.array([[-1.0, 0.0], [1e13, -2.0]])
-    assert observability._hidden(hidden_mode, H, 1e-12).shape == (2, 1)
+    assert observability.never_seen(hidden_mode, H, 1e-12).shape == (2, 1)
 
 
 def test_two_hundred_states() -> None:

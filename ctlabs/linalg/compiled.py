@@ -66,11 +66,11 @@ def kernel(function: F | None = None, **options: Any) -> Any:
 
     settings: dict[str, Any] = {"nogil": True, "error_model": "numpy"} | options
     dispatcher = numba.njit(**settings)(function)
-    _keep(dispatcher)
+    keep(dispatcher)
     return dispatcher
 
 
-def _keep(dispatcher: Any) -> None:
+def keep(dispatcher: Any) -> None:
     """Keep what ``dispatcher`` compiles in :func:`folder`; where that cannot be written it compiles anew each time."""
     from numba.core import caching
 

@@ -245,7 +245,7 @@ def undetectable(A: Array, H: Array, continuous: bool) -> list[Mode]:
     """The modes of A that do not decay and are not seen by H, of conjugate pairs the one with Im λ > 0."""
     scaling = _scaling(A, H, continuous)
     scaled, seen = scaling.apply(A, H)
-    modes = _modes(_hidden(scaled, seen, UNSEEN), scaled, scaling, continuous)
+    modes = _modes(never_seen(scaled, seen, UNSEEN), scaled, scaling, continuous)
     return [mode for mode in modes if not mode.decays]
 
 
@@ -330,7 +330,7 @@ def _weights(A: Array, time: float) -> Array:
     return np.where(((relative > 4 * eps) | (loop > 0)) & ~np.eye(len(A), dtype=bool), weights, 0.0)
 
 
-def _hidden(A: Array, H: Array, unseen: float) -> Array:
+def never_seen(A: Array, H: Array, unseen: float) -> Array:
     """Orthonormal basis of what H does not see, and A keeps, in these units and in those that balance the rows and columns of A.
 
     What is hidden is so in all units; what is seen may seem hidden beside elements a million times as large.
@@ -377,7 +377,7 @@ def _analysed(
 ) -> Observability:
     """Evidence for one pair."""
     scaled, seen = scaling.apply(A, H)
-    lost_in = _hidden(scaled, seen, unseen)
+    lost_in = never_seen(scaled, seen, unseen)
     rest = scipy.linalg.null_space(lost_in.T) if lost_in.shape[1] else np.eye(len(A))
     lost = np.linalg.eigvals(lost_in.T @ scaled @ lost_in)
     values = np.concatenate([lost, np.linalg.eigvals(rest.T @ scaled @ rest)]).astype(np.complex128)
