@@ -497,7 +497,7 @@ REFUSED: dict[str, tuple[Any, type[Exception], str]] = {
     "a continuous model": (
         lambda m: planned(ContinuousModel([[0]], [[1]], [[1]], [[1]], P0=[[1]]), 1),  # type: ignore[arg-type]  # refused
         TypeError,
-        r"^model: expected a DiscreteModel, received a ContinuousModel$",
+        r"^model: expected a DiscreteModel for a number of steps \(discretise it, or give times\), received a ContinuousModel$",
     ),
     "no steps": (lambda m: planned(m, 0), ValueError, r"^steps: expected a whole number >= 1, received 0$"),
     "a fraction of a step": (lambda m: planned(m, 1.5), ValueError, r"^steps: expected a whole number >= 1, received 1.5$"),

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ctlabs.filtering import measured
+from ctlabs.filtering import bucy, measured
 from ctlabs.filtering.algorithms import beginning, catalogue
 from ctlabs.filtering.algorithms.vague import needed
 from ctlabs.filtering.engines import adapter, compiled, driver, gains
@@ -16,7 +16,7 @@ from ctlabs.filtering.engines.record import Record
 from ctlabs.filtering.problem import Problem, pose
 from ctlabs.filtering.results import Covariances, Filtered, Mask, without_runs
 from ctlabs.linalg.checks import Array
-from ctlabs.models.linear import DiscreteModel
+from ctlabs.models.linear import ContinuousModel, DiscreteModel
 
 
 def kalman_filter(
@@ -88,29 +88,44 @@ def kalman_filter(
     return without_runs(found) if problem.single else found
 
 
-def covariances(model: DiscreteModel, steps: int, *, first: int | None = None, algorithm: str = "auto") -> Covariances:
+@overload
+def covariances(model: DiscreteModel, steps: int, *, first: int | None = None, algorithm: str = "auto") -> Covariances: ...
+@overload
+def covariances(model: ContinuousModel, steps: ArrayLike) -> bucy.Transient: ...
+def covariances(model: Any, steps: Any, *, first: int | None = None, algorithm: str = "auto") -> Covariances | bucy.Transient:
     """The covariances and gains of the optimal filter of ``model`` over ``steps`` steps; no data are needed.
 
     Parameters
     ----------
-    model : discrete, constant or given for at least ``steps`` steps
-    steps : number of periods
+    model : discrete, constant or given for at least ``steps`` steps; or continuous, with Rc: then the transient of the Kalman–Bucy
+        filter (:func:`ctlabs.filtering.bucy.transient`)
+    steps : number of periods; of a continuous model the times, s
     first : 1 (first measurement at t1), 0 (at t0), or as the model says
     algorithm : as for :func:`kalman_filter`
 
     Raises
     ------
     TypeError
-        A continuous model: discretise it first.
+        Something that is no such model.
     ValueError
-        steps < 1, or more steps than a time-varying model is given for.
+        steps < 1, or more steps than a time-varying model is given for; first or an algorithm beside a continuous model.
     FloatingPointError
         The covariance overflows, or that of the innovation is singular by rounding: the step and the time are in the message.
 
     >>> m = DiscreteModel([[1]], [[1]], [[1]], [[1]], P0=[[10]])
     >>> covariances(m, 2).P_plus[1:, 0, 0].round(6)
     array([0.916667, 0.657143])
+    >>> covariances(ContinuousModel([[0]], [[1]], [[4]], [[1]], Rc=[[16]], P0=[[25]]), [0, 1, 10]).P[:, 0, 0].round(3)
+    array([25.   , 11.741,  8.   ])
     """
+    if isinstance(model, ContinuousModel):
+        if first is not None or algorithm != "auto":
+            msg = "first, algorithm: expected none with a ContinuousModel, whose measurement is continuous; received one"
+            raise ValueError(msg)
+        if np.ndim(steps) == 0:
+            msg = "model: expected a DiscreteModel for a number of steps (discretise it, or give times), received a ContinuousModel"
+            raise TypeError(msg)
+        return bucy.transient(model, steps)
     steps = measured.horizon(model, steps)
     return planned(model, np.zeros((steps + 1, model.m), dtype=bool), measured.begins(model, first), algorithm)
 

@@ -388,7 +388,10 @@ def _known(model: Any, put: Any, n: int, m: int, *varying: tuple[int | str, ...]
 
 def _labels(model: Any, put: Any, n: int, m: int) -> None:
     for name, count, default in (("states", n, "x"), ("measurements", m, "z"), ("units", n, ""), ("measurement_units", m, "")):
-        put(name, checks.labels(name, getattr(model, name), count, default))
+        given = getattr(model, name)
+        if isinstance(given, tuple) and not any(given):  # no units: as many of none as there are, also after dataclasses.replace
+            given = None
+        put(name, checks.labels(name, given, count, default))
 
 
 def _inputs(model: Any) -> int:
