@@ -119,12 +119,12 @@ def covariances(model: Any, steps: Any, *, first: int | None = None, algorithm: 
     array([25.   , 11.741,  8.   ])
     """
     if isinstance(model, ContinuousModel):
-        if first is not None or algorithm != "auto":
-            msg = "first, algorithm: expected none with a ContinuousModel, whose measurement is continuous; received one"
-            raise ValueError(msg)
         if np.ndim(steps) == 0:
             msg = "model: expected a DiscreteModel for a number of steps (discretise it, or give times), received a ContinuousModel"
             raise TypeError(msg)
+        if first is not None or algorithm != "auto":
+            msg = "first, algorithm: expected none with a ContinuousModel, whose measurement is continuous; received one"
+            raise ValueError(msg)
         return bucy.transient(model, steps)
     steps = measured.horizon(model, steps)
     return planned(model, np.zeros((steps + 1, model.m), dtype=bool), measured.begins(model, first), algorithm)
