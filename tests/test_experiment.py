@@ -91,6 +91,6 @@ def test_options_are_passed_to_the_experiment(monkeypatch):
 def test_a_crew_is_shared_by_all_ensembles_and_changes_no_number():
     """Workers are started once; the numbers are those of an experiment without a crew."""
     experiment = Experiment(30, 4, workers=2)
-    with experiment.crewed() as crewed:
-        assert isinstance(crewed.executor, montecarlo.Team)
-        assert np.array_equal(crewed.statistics(TRUTH, steps=6).rms, experiment.statistics(TRUTH, steps=6).rms)
+    with experiment.with_workers() as own:
+        assert isinstance(own.executor, montecarlo.Team)
+        assert np.array_equal(own.statistics(TRUTH, steps=6).rms, experiment.statistics(TRUTH, steps=6).rms)

@@ -485,7 +485,7 @@ def test_history_tells_what_was_done_and_any_step_can_be_gone_to(session: Sessio
     with pytest.raises(ValueError, match="expected one of its steps"):
         session.go(999)
     session.go(session.history[3].number)
-    with pytest.raises(ValueError, match="expected an edit that was taken back"):
+    with pytest.raises(ValueError, match="Nothing to redo"):
         session.redo()
 
 

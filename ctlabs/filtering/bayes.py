@@ -234,7 +234,7 @@ def batch(problem: SlowError, y: ArrayLike) -> Estimate:
     used = ~np.isnan(data[:, 0])
     F = scipy.linalg.block_diag(*(factor(K) for K in (problem.K_lambda, problem.K_mu) if len(K)))
     n = len(F)
-    R, d = np.zeros((1, n)), np.zeros((1, data.shape[1]))  # a row of nothing, lest there be no sample at all
+    R, d = np.zeros((1, n)), np.zeros((1, data.shape[1]))  # start with a zero row, so that an empty record works
     for A, b in _whitened(problem, data, used):
         Q, R = np.linalg.qr(np.vstack([R, A @ F]))
         d = Q.T @ np.vstack([d, b])

@@ -73,10 +73,10 @@ def flops(model: DiscreteModel, form: str) -> int:
     P0 = np.eye(model.n) + 0.1 if not known or contract.definite(model.P0) else model.P0
     state = how.start(model, contract.numbers(P0, Counted))
     if record.used[0].any():
-        state = how.update(state, *_tame(record, 0, P0))[0]
+        state = how.update(state, *_regular(record, 0, P0))[0]
     Phi, c, Q = record.motion(0)
     ahead = contract.doubles(Phi) @ P0 @ contract.doubles(Phi).T + contract.doubles(Q.matrix)
-    measured = _tame(record, 1, ahead) if record.used[1].any() else None
+    measured = _regular(record, 1, ahead) if record.used[1].any() else None
     Counted.total = 0
     state = how.predict(state, Phi, c, Q)
     if measured is not None:
@@ -84,7 +84,7 @@ def flops(model: DiscreteModel, form: str) -> int:
     return Counted.total
 
 
-def _tame(record: Record, k: int, P: Array) -> tuple[Numbers, Numbers, Noise]:
+def _regular(record: Record, k: int, P: Array) -> tuple[Numbers, Numbers, Noise]:
     """A measurement of the same shape, without the rounding that makes a form give up: a regular R of the size of HPHᵀ.
 
     What is counted are dense matrices, not their values; whether R is singular or correlated stays as it is.

@@ -172,7 +172,7 @@ def _system(model: DiscreteModel, used: Mask) -> tuple[System, Array]:
 
 
 def _own(a: NDArray[Any]) -> NDArray[Any]:
-    """A contiguous copy: one type for the compiler, whoever made the array."""
+    """A contiguous copy: the same array type for numba whatever the origin."""
     return np.array(a, order="C")
 
 

@@ -155,8 +155,8 @@ def run(lab: Lab, values: LabParameters, experiment: Experiment) -> Report:
         The parameters are allowed, but the numbers leave the range of double precision.
     """
     try:
-        with replace(experiment, name=lab.name).crewed() as crewed:
-            return load(lab).report(values, crewed)
+        with replace(experiment, name=lab.name).with_workers() as own:
+            return load(lab).report(values, own)
     except (OverflowError, FloatingPointError) as error:
         msg = (
             f"{lab.name}: expected parameters for which all numbers stay finite, received an overflow: {error.args[-1]}"

@@ -69,7 +69,7 @@ class Experiment:
     _ensembles: Iterator[int] = field(default_factory=count, repr=False, compare=False)
 
     @contextmanager
-    def crewed(self) -> Iterator[Experiment]:
+    def with_workers(self) -> Iterator[Experiment]:
         """The same experiment with its workers started once for all ensembles."""
         with montecarlo.team(self.executor, self.workers) as crew:
             yield replace(self, executor=crew, _ensembles=count())

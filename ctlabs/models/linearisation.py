@@ -97,7 +97,7 @@ class Dynamics:
 
         Parameters
         ----------
-        nominal : expressions for states, inputs and, where they hang on the nominal, parameters
+        nominal : expressions for states, inputs and, where they depend on the nominal, parameters
 
         Raises
         ------
@@ -125,7 +125,7 @@ def model(linear: Linear, values: Mapping[str, float], *, H: ArrayLike, P0: Arra
 
     Parameters
     ----------
-    linear : matrices that do not hang on time
+    linear : matrices that do not depend on time
     values : a number for each symbol that is left, by name
     H, P0, more : as for :class:`ctlabs.models.ContinuousModel`
 

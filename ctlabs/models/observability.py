@@ -224,7 +224,7 @@ def loss_by_sampling(model: ContinuousModel, dt: float) -> SamplingLoss:
     values = np.linalg.eigvals(model.F).astype(np.complex128)
     periods = {(low, high): _nearest(2 * math.pi / apart, dt) for low, high, apart in _comparable(values)}
     Phi = interval(model.F, np.zeros((model.n, model.n)), dt).Phi
-    # The continuous model's units: those of Φ itself may hang on elements like sin(2π) that are rounding.
+    # The continuous model's units: those of Φ itself may depend on elements like sin(2π) that are rounding.
     scaling = _scaling(model.F, model.H, continuous=True)._replace(time=1.0)
     # The phase λ dt is known to rounding, whatever it is; so are the elements of Φ that vanish with it.
     unseen = max(UNSEEN, 8 * np.finfo(float).eps * np.abs(values).max(initial=0.0) * dt)

@@ -190,10 +190,10 @@ def _processes(count: int) -> ProcessPoolExecutor:
     import multiprocessing
 
     # Not forked: a fork would copy locks that this process's threads hold.
-    return ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn"), initializer=_deaf)
+    return ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn"), initializer=_ignore_interrupts)
 
 
-def _deaf() -> None:
+def _ignore_interrupts() -> None:
     """Leave Ctrl-C to the parent, which ends its workers in order."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 

@@ -169,7 +169,7 @@ class Session:
     def undo(self) -> str:
         """Take the last edit back; what it was. ``ValueError`` if there is none."""
         if not self.can_undo:
-            msg = "undo: expected an edit to take back, received none"
+            msg = "Nothing to undo"
             raise ValueError(msg)
         label = self._revisions[self._at][1]
         self._move(self._at - 1)
@@ -178,7 +178,7 @@ class Session:
     def redo(self) -> str:
         """Do again what was taken back; what it was. ``ValueError`` if there is nothing."""
         if not self.can_redo:
-            msg = "redo: expected an edit that was taken back, received none"
+            msg = "Nothing to redo"
             raise ValueError(msg)
         self._move(self._at + 1)
         return self._revisions[self._at][1]

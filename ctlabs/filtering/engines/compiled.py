@@ -187,7 +187,7 @@ def _stack(matrix: Array) -> Array:
 
 
 def fixed(array: Array) -> Array:
-    """A contiguous view that cannot be written: one type for the compiler, whoever made the array."""
+    """A contiguous view that cannot be written: the same array type for numba whatever the origin."""
     view = np.ascontiguousarray(array).view()
     view.setflags(write=False)
     return view
