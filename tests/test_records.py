@@ -246,14 +246,17 @@ def test_an_overflow_names_its_step():
         log_likelihood(growing, z[1:])
 
 
-def test_an_innovation_beyond_double_precision_is_refused_with_advice():
-    """Two sensors that are one in double precision: roots have no digits left of their difference either."""
+def test_an_innovation_beyond_double_precision_is_refused_or_left_to_factors():
+    """Two sensors that are one in double precision: Joseph's form and roots refuse; factors keep what they have in common."""
     hard = DiscreteModel([[1, 0], [0, 1]], np.eye(2), [[1, 1], [1, 1]], 1e-18 * np.eye(2), x0=[0, 0], P0=np.zeros((2, 2)))
-    z = np.full((6, 2), 0.5)
-    with pytest.raises(FloatingPointError, match=r"S: expected a covariance with digits left .* at step \d+ .*larger R"):
-        kalman_filter(hard, z[1:])
-    with pytest.raises(FloatingPointError, match="S: expected"):
-        log_likelihood(hard, z[1:])
+    z = np.full((5, 2), 0.5)
+    with pytest.raises(FloatingPointError, match=r"S: expected a covariance with digits left .* at step \d+ .*larger R.*ud"):
+        kalman_filter(hard, z, algorithm="joseph")
+    found, exact = kalman_filter(hard, z), fifty_digits(hard, z)
+    assert found.algorithm == "ud"
+    assert close(found.x_plus, exact.x_plus, EXACT)
+    assert close(found.P_plus, exact.P_plus, EXACT)
+    assert close(log_likelihood(hard, z), exact.log_likelihood, 1e-6)
 
 
 def test_roots_take_over_where_josephs_form_loses_digits():

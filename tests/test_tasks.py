@@ -12,6 +12,7 @@ import pytest
 
 from ctlabs.filtering import settling
 from ctlabs.filtering.engines import adapter, compiled
+from ctlabs.filtering.problem import Problem
 from ctlabs.labs import catalogue as labs
 from ctlabs.labs.experiment import Experiment
 from ctlabs.reporting import plots
@@ -100,18 +101,22 @@ class TestLab:
         """At least one check fails when K, Qd or R of the discrete filter is multiplied by 1.05."""
         touched = []
 
-        def mutated(right, model, *rest):
-            if wrong == "K":
-                schedule = right(model, *rest)
-                touched.append(bool(schedule.K.any()))
-                return replace(schedule, K=1.05 * schedule.K)
+        def larger(model):
             matrix = getattr(model, wrong)
             finite = matrix[np.isfinite(matrix)]
             touched.append(bool(finite.any()))
-            return right(replace(model, **{wrong: np.where(np.isfinite(matrix), 1.05 * matrix, matrix)}), *rest)
+            return replace(model, **{wrong: np.where(np.isfinite(matrix), 1.05 * matrix, matrix)})
 
-        for engine in (adapter, compiled):
-            monkeypatch.setattr(engine, "covariances", partial(mutated, engine.covariances))
+        def mutated(right, given, *rest):
+            if wrong == "K":
+                found = right(given, *rest)
+                touched.append(bool(found.K.any()))
+                return replace(found, K=1.05 * found.K)
+            changed = replace(given, model=larger(given.model)) if isinstance(given, Problem) else larger(given)
+            return right(changed, *rest)
+
+        for engine, verb in ((adapter, "covariances"), (compiled, "covariances"), (compiled, "record")):
+            monkeypatch.setattr(engine, verb, partial(mutated, getattr(engine, verb)))
         # A wrong filter never comes near the right limit: the search for its settling need not go to the end.
         monkeypatch.setattr(settling, "__defaults__", (0.01, None, 500))
         try:

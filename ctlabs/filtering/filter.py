@@ -16,7 +16,11 @@ from ctlabs.filtering.engines.record import Record
 from ctlabs.filtering.problem import Problem, pose
 from ctlabs.filtering.results import Covariances, Filtered, Mask, without_runs
 from ctlabs.linalg.checks import Array
+from ctlabs.linalg.covariance import deviations
 from ctlabs.models.linear import ContinuousModel, DiscreteModel
+
+#: Two forms agree that differ by less than this fraction of the standard deviations.
+SAME = 1e-7
 
 
 def kalman_filter(
@@ -156,7 +160,12 @@ def log_likelihood(model: DiscreteModel, z: ArrayLike, first: int | None = None)
     if not problem.single:
         msg = f"z: expected one record, (rows, {model.m}), received an ensemble"
         raise ValueError(msg)
-    return compiled.log_likelihood(problem)
+    try:
+        return compiled.log_likelihood(problem)
+    except FloatingPointError as error:
+        if not str(error).startswith("S:"):
+            raise
+        return float(_best(problem).log_likelihood_diffuse[0])
 
 
 def _filtered(problem: Problem, algorithm: str, given: Covariances | None) -> Filtered:
@@ -166,10 +175,40 @@ def _filtered(problem: Problem, algorithm: str, given: Covariances | None) -> Fi
     if algorithm == "filterpy":
         plan = adapter.covariances(problem.model, problem.absent)
         return gains.apply(problem, plan, "filterpy", _begun(problem))
-    if algorithm in ("auto", "joseph"):
+    if algorithm == "auto":
+        return _best(problem)
+    if algorithm == "joseph":
         return _compiled(problem)
     catalogue.form(algorithm)
     return driver.run(problem, algorithm)[0]
+
+
+def _best(problem: Problem) -> Filtered:
+    """The compiled loop; where that has no digits left the factors UDUᵀ, if another factorised form agrees with them."""
+    try:
+        return _compiled(problem)
+    except FloatingPointError as error:
+        if not str(error).startswith("S:"):
+            raise
+        found, other = driver.run(problem, "ud")[0], driver.run(problem, "carlson")[0]
+        if not _agree(found, other):
+            raise
+        return found
+
+
+def _agree(one: Filtered, other: Filtered) -> bool:
+    """Whether two forms give the same estimates and covariances, in units of their standard deviations."""
+    for x, y, P, Q in (
+        (one.x_minus, other.x_minus, one.P_minus, other.P_minus),
+        (one.x_plus, other.x_plus, one.P_plus, other.P_plus),
+    ):
+        sd = deviations(Q)
+        unit = np.where(sd > 0, sd, 1.0)
+        with np.errstate(invalid="ignore"):
+            apart = np.abs(P - Q) > SAME * unit[:, :, None] * unit[:, None, :]
+            if apart.any() or (np.abs(x - y) > SAME * unit[:, :, None]).any():
+                return False
+    return bool(np.isfinite(one.log_likelihood).all())
 
 
 def _compiled(problem: Problem) -> Filtered:

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ctlabs.filtering.engines.common import EPS, System, alike, entry, helper, picked, root, triangle
+from ctlabs.filtering.engines.common import EPS, System, alike, crossed_out, entry, helper, picked, root, triangle
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import kernel
 
@@ -414,7 +414,7 @@ def hide(x: Array, P: Array, lost: Array) -> None:
     for i in range(x.shape[0]):
         if lost[i]:
             x[i] = np.nan
-            P[i, :], P[:, i] = 0.0, 0.0
+            crossed_out(P, i)
             P[i, i] = np.inf
 
 

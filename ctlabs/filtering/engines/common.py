@@ -34,6 +34,30 @@ def entry(stack: Array, k: int) -> Array:
 
 
 @helper
+def emptied(A: Array, value: float) -> None:
+    """Every element of a matrix becomes ``value``: loops compile in a fraction of the time of assignments to slices."""
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            A[i, j] = value
+
+
+@helper
+def copied(A: Array, out: Array) -> None:
+    """out = A, matrices."""
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            out[i, j] = A[i, j]
+
+
+@helper
+def crossed_out(A: Array, i: int) -> None:
+    """Row and column i of a square matrix become zero."""
+    for j in range(A.shape[0]):
+        A[i, j] = 0.0
+        A[j, i] = 0.0
+
+
+@helper
 def alike(a: Array, b: Array) -> bool:
     """Whether the same elements are used."""
     for i in range(a.shape[0]):  # noqa: SIM110  # numba knows no all()
@@ -85,7 +109,8 @@ def triangle(M: Array, L: Array, d: Array, pick: Array, count: int) -> bool:
 def root(M: Array, L: Array, left: Array, rest: Array) -> None:
     """Columns L (n, n) with M = LLᵀ, as :func:`ctlabs.filtering.algorithms.contract.rooted`; those that a singular M has not are zero."""
     n = M.shape[0]
-    rest[:], L[:] = M, 0.0
+    copied(M, rest)
+    emptied(L, 0.0)
     for i in range(n):
         left[i] = 1.0 if M[i, i] > 0.0 else 0.0
     for c in range(n):
@@ -113,7 +138,7 @@ def motion(system: System, k: int, pick: Array, count: int, Phi: Array, Q: Array
     n = system.N.shape[0]
     A, W, H, R = entry(system.Phi, k), entry(system.Q, k), entry(system.H, k), entry(system.R, k)
     triangle(R, L, d, pick, count)
-    M[:] = 0.0
+    emptied(M, 0.0)
     for i in range(n):
         for j in range(n):
             Phi[i, j], Q[i, j] = A[i, j], W[i, j]
@@ -137,8 +162,7 @@ def motion(system: System, k: int, pick: Array, count: int, Phi: Array, Q: Array
     if count > 0:  # exact zeros for a disturbance that the measurement gives away: rounding.difference
         for i in range(n):
             if Q[i, i] <= 16 * n * EPS * W[i, i]:
-                Q[i, :] = 0.0
-                Q[:, i] = 0.0
+                crossed_out(Q, i)
     for a in range(count - 1, -1, -1):  # from the elements used to all of them
         if pick[a] != a:
             for i in range(n):

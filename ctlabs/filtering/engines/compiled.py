@@ -170,7 +170,8 @@ def _when(problem: Problem, k: int) -> str:
 def _beyond(where: str) -> str:
     return (
         f"S: expected a covariance with digits left in double precision, received one {where} of a measurement, or of a difference of "
-        "some, whose noise is near the rounding of its prediction: a larger R, or fewer such elements at once, leaves some"
+        "some, whose noise is near the rounding of its prediction: a larger R, or fewer such elements at once, leaves some; a form with "
+        "factors (algorithm ud) may keep more"
     )
 
 

@@ -17,6 +17,8 @@ from ctlabs.filtering.engines.common import (
     EPS,
     System,
     alike,
+    copied,
+    crossed_out,
     entry,
     helper,
     mirror,
@@ -83,8 +85,7 @@ def predict(P: Array, Phi: Array, Q: Array, ahead: Array, work: Array, size: Arr
             work[0, i] = known
         for i in range(n):
             if work[0, i] > 0:
-                ahead[i, :] = 0.0
-                ahead[:, i] = 0.0
+                crossed_out(ahead, i)
     return finite
 
 
@@ -235,8 +236,7 @@ def determined(
         work[0, i] = P[i, i] <= level * (left * left + noise) + (level * whole) ** 2
     for i in range(n):
         if work[0, i] > 0:
-            P[i, :] = 0.0
-            P[:, i] = 0.0
+            crossed_out(P, i)
 
 
 @helper
@@ -271,6 +271,19 @@ def near(P: Array, before: Array) -> bool:
 
 
 @helper
+def largest(A: Array) -> float:
+    """The largest absolute value of a matrix; NaN where one is NaN."""
+    most = 0.0
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            size = abs(A[i, j])
+            if size != size:
+                return size
+            most = max(most, size)
+    return most
+
+
+@helper
 def settled(P: Array, before: Array, Phi: Array, B: Array, A: Array, X: Array, Y: Array, work: Array) -> bool:
     r"""Whether P is as near to its fixed point as :data:`SETTLED` says, in units of its standard deviations.
 
@@ -291,12 +304,12 @@ def settled(P: Array, before: Array, Phi: Array, B: Array, A: Array, X: Array, Y
     similarity(A, Y, X, work)
     mirror(X)
     for _ in range(60):
-        size, left = np.abs(A).max(), np.abs(X).max()
+        size, left = largest(A), largest(X)
         if not (size < 1e100 and left <= SETTLED):
             return False
         if left == 0.0 or size < 1e-4:
             return True
-        Y[:] = X
+        copied(X, Y)
         similarity(A, Y, X, work)
         mirror(X)
         for i in range(n):
@@ -305,7 +318,7 @@ def settled(P: Array, before: Array, Phi: Array, B: Array, A: Array, X: Array, Y
                 for h in range(n):
                     s += A[i, h] * A[h, j]
                 Y[i, j] = s
-        A[:] = Y
+        copied(Y, A)
     return False
 
 

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ctlabs.filtering.engines.common import EPS, System, entry, helper, motion, picked, root, triangle
+from ctlabs.filtering.engines.common import EPS, System, copied, emptied, entry, helper, motion, picked, root, triangle
 from ctlabs.filtering.engines.forward import DONE, INDEFINITE, LOG_2PI, OVERFLOW, PERFECT, Histories, put
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import kernel
@@ -157,7 +157,7 @@ def forward(
         if k > begin:
             Phi, Q = entry(system.Phi, k - 1), entry(system.Q, k - 1)
             coupled = correlated and count > 0
-            W[:] = 0.0
+            emptied(W, 0.0)
             if coupled:
                 H = entry(system.H, k - 1)
                 motion(system, k - 1, pick, count, Phi_N, Q_N, M, noise, d)
@@ -189,18 +189,19 @@ def forward(
                 for j in range(n):
                     s += Phi[i, j] * x[j]
                 x_minus[i] = s
-        before[:] = L
+        copied(L, before)
         if not squared(L, P_minus):
             return OVERFLOW, k, np.nan
-        P[:] = P_minus
+        copied(P_minus, P)
         H, R = entry(system.H, k), entry(system.R, k)
         count = picked(used[k], pick)
         nis = 0.0
-        x[:] = x_minus
+        for i in range(n):
+            x[i] = x_minus[i]
         if count > 0:
             if not triangle(R, noise, d, pick, count):
                 return PERFECT, k, np.nan
-            W[:] = 0.0
+            emptied(W, 0.0)
             measured(W, L, H, pick, count, noise, d)
             for i in range(n):
                 for j in range(n):
