@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ctlabs.files.mapping import pasted
+from ctlabs.files.times import choice
 from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
 from ctlabs.text import moment
@@ -16,6 +18,8 @@ if TYPE_CHECKING:
 
 #: How far, in periods, a row may be off the grid of a model in discrete time: written times are rounded.
 NEAR = 1e-2
+#: So many periods between t0 and the first row, or in a usual interval, are not what was meant.
+MANY = 1000
 
 
 def timed(model: ModelFile, record: Record) -> tuple[DiscreteModel, Array, Array]:
@@ -35,6 +39,8 @@ def timed(model: ModelFile, record: Record) -> tuple[DiscreteModel, Array, Array
         msg = f"{record.source}: expected at least 2 rows (first = 0: one is at t0), received {record.rows}"
         raise ValueError(msg)
     z = np.vstack([np.full((first, record.z.shape[1]), np.nan), record.z])
+    if record.t is not None:
+        _plausible(model, record, t0, first)
     if record.t is None:
         discrete = model.discrete(steps=steps)
         return discrete, z, t0 + np.arange(steps + 1) * discrete.dt
@@ -45,15 +51,45 @@ def timed(model: ModelFile, record: Record) -> tuple[DiscreteModel, Array, Array
     return model.discrete(times=t), z, t
 
 
+def _plausible(model: ModelFile, record: Record, t0: float, first: int) -> None:
+    """Refuse a first row or a usual interval that is a thousand periods away, unless the unit or t0 is told."""
+    assert record.t is not None
+    dt, start, told = model.dt, float(record.t[0]), record.mapping
+    where = f"{record.source}: line {record.lines[0]}, column {record.clock}:"
+    away = (start - t0) / dt
+    if away > MANY and not told.t0 and (model.kind == "continuous" or model.varying):
+        likely = choice(record.clock, record.start) if not told.unit else ""
+        msg = (
+            f"{where} {record.start} is {moment(away)} periods after t0 = {moment(t0, start)}: expected a first row near t0; "
+            f"{likely or pasted(('--t0', 'first'))} counts from the first row ({pasted(('--t0', 'model'))}: the times are meant so)"
+        )
+        raise ValueError(msg)
+    if record.rows < 2 or told.unit:
+        return
+    usual = float(np.median(np.diff(record.t))) / dt
+    if 1 / MANY < usual * (1 - 1e-6) and usual * (1 + 1e-6) < MANY:
+        return
+    factors = {"ms": 1e3, "us": 1e6, "ns": 1e9, "min": 1 / 60, "h": 1 / 3600, "d": 1 / 86400}
+    unit = min(factors, key=lambda name: abs(np.log(usual / factors[name])))
+    calendar = choice(record.clock, record.start)
+    other = calendar or pasted(("--time", f"{record.clock}:{unit}"))
+    names = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds", "min": "minutes", "h": "hours", "d": "days"}
+    msg = (
+        f"{where} the usual interval, {moment(usual * dt)} s, is {moment(float(f'{usual:.4g}'))} times the model's dt = {moment(dt)} s: expected a choice, "
+        f"{other} ({'the calendar' if calendar else names[unit]}) or {pasted(('--time', record.clock + ':s'))} (seconds)"
+    )
+    raise ValueError(msg)
+
+
 def _begins(record: Record, t0: float, first: int) -> None:
     """Refuse a first row that is not after t0, or (with ``first = 0``) not at it."""
     assert record.t is not None
-    start, where = float(record.t[0]), f"{record.source}: line {record.lines[0]}, column t: expected"
+    start, where = float(record.t[0]), f"{record.source}: line {record.lines[0]}, column {record.clock}: expected"
     if first and start <= t0:
-        msg = f"{where} a time after t0 = {moment(t0, start)} (the first row is t1), received {moment(start, t0)}; set t0 or first = 0 under [experiment]"
+        msg = f"{where} a time after t0 = {moment(t0, start)} (the first row is t1), received {moment(start, t0)}; --t0 first, or set t0 or first = 0 under [experiment]"
         raise ValueError(msg)
     if not first and start != t0:
-        msg = f"{where} t0 = {moment(t0, start)} (first = 0), received {moment(start, t0)}; set t0 = {start!r} under [experiment]"
+        msg = f"{where} t0 = {moment(t0, start)} (first = 0), received {moment(start, t0)}; --t0 first, or set t0 = {start!r} under [experiment]"
         raise ValueError(msg)
 
 
@@ -66,7 +102,7 @@ def _uniform(model: ModelFile, record: Record, steps: int, z: Array) -> tuple[Di
     if off.size:
         row = off[0] - first
         msg = (
-            f"{record.source}: line {record.lines[row]}, column t: expected {moment(t[0] + dt * off[0], record.t[row])} "
+            f"{record.source}: line {record.lines[row]}, column {record.clock}: expected {moment(t[0] + dt * off[0], record.t[row])} "
             f"(a model in discrete time has one period, here {moment(dt)} s), received {moment(record.t[row], t[0] + dt * off[0])}; "
             "write a row with empty cells where nothing was measured, or a continuous model"
         )

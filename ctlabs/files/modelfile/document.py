@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from collections.abc import Mapping as Table
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path as FilePath
@@ -13,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ctlabs.files.mapping import Mapping
 from ctlabs.files.modelfile import build, checks, edits, schema
 from ctlabs.files.modelfile.errors import ModelFileError, Path, Problem, meant, place, shown
 from ctlabs.files.modelfile.toml import LARGEST, decoded, parsed, too_large
@@ -63,7 +65,7 @@ class ModelFile:
     _text: str
     _data: dict[str, Any]
     _read: schema.Read
-    _replaced: Mapping[str, float] = field(default_factory=dict)
+    _replaced: Table[str, float] = field(default_factory=dict)
     _sound: bool = False  # the text has no problems, so that only replaced numbers can make some
 
     # --- what the file says ------------------------------------------------------------------------------------------
@@ -148,6 +150,11 @@ class ModelFile:
         """What the commands do unless they are told otherwise."""
         told = self._document.experiment
         return Experiment(self._values.t0, told.first, told.steps, told.runs, told.seed, told.algorithms)
+
+    @property
+    def mapping(self) -> Mapping:
+        """[data]: how records name and write what the model measures."""
+        return self._document.data.mapping()
 
     @property
     def varying(self) -> tuple[str, ...]:
@@ -264,7 +271,7 @@ class ModelFile:
     def _written(self) -> str:
         return edits.constants(self._text, self._data, self._replaced) if self._replaced else self._text
 
-    def replace(self, values: Mapping[str, float]) -> ModelFile:
+    def replace(self, values: Table[str, float]) -> ModelFile:
         """The same file with other numbers for some constants; those that are expressions of them follow.
 
         >>> from ctlabs.files.modelfile import ready

@@ -1,0 +1,61 @@
+"""Tables of other programs, by pandas: workbooks of Excel, parquet, feather."""
+
+from __future__ import annotations
+
+import csv
+import io
+from typing import Any
+
+#: What reads each kind, and the package that pandas needs for it.
+READERS = {"excel": ("read_excel", "openpyxl"), "parquet": ("read_parquet", "pyarrow"), "feather": ("read_feather", "pyarrow")}
+NAMES = {"excel": "an Excel workbook", "parquet": "a parquet file", "feather": "a feather file"}
+
+
+def text(content: bytes, kind: str, source: str) -> str:
+    """The table as the text of a CSV file, its cells as they are."""
+    import pandas as pd
+
+    reader, package = READERS[kind]
+    options: dict[str, Any] = {"header": None, "dtype": object, "na_filter": False} if kind == "excel" else {}
+    what = f"{source}: expected a text file with separated values (CSV), received {NAMES[kind]}"
+    try:
+        if kind == "excel":
+            book = pd.ExcelFile(io.BytesIO(content))
+            if len(book.sheet_names) > 1:
+                sheets = [name for name in book.sheet_names if not book.parse(name, header=None).dropna(how="all").empty]
+                if len(sheets) > 1:
+                    raise ValueError(f"{what} of {len(sheets)} sheets with data ({', '.join(map(str, sheets))}) (save the one that is meant as CSV)")
+                options["sheet_name"] = (sheets or book.sheet_names)[0]
+        frame = getattr(pd, reader)(io.BytesIO(content), **options)
+    except ImportError:
+        raise ValueError(f"{what}, which needs the package {package}: pip install 'ctlabs[data]', or (save it as CSV)") from None
+    except ValueError as error:
+        if str(error).startswith(what):
+            raise
+        raise ValueError(f"{what} (save it as CSV): it cannot be opened") from None
+    except Exception:  # noqa: BLE001  # whatever the reader of a damaged file raises
+        raise ValueError(f"{what} (save it as CSV): it cannot be opened, damaged or another kind of archive") from None
+    if kind != "excel" and frame.index.name is not None:
+        frame = frame.reset_index()
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n", quoting=csv.QUOTE_MINIMAL)
+    if kind != "excel":
+        writer.writerow([str(name) for name in frame.columns])
+    for row in zip(*(_cells(frame[name]) for name in frame.columns), strict=True):
+        writer.writerow(row)
+    return out.getvalue()
+
+
+def _cells(column: Any) -> list[str]:
+    """The values of a column as text, numbers to the bit."""
+    return [_cell(value) for value in column.astype(object).tolist()]
+
+
+def _cell(value: Any) -> str:
+    if value is None or value != value:  # noqa: PLR0124  # NaN, NaT
+        return ""
+    if hasattr(value, "isoformat"):
+        return str(value.isoformat())
+    if isinstance(value, float):
+        return repr(float(value))
+    return str(value)
