@@ -17,7 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ctlabs.files import columns, decode, numbers, suspicions, table, times
+from ctlabs.files import columns as columns_
+from ctlabs.files import decode, fast, numbers, suspicions, table, times
 from ctlabs.files.columns import Columns
 from ctlabs.files.mapping import Mapping
 from ctlabs.files.numbers import Numbers, TwoReadings
@@ -87,9 +88,9 @@ def read(path: str | Path, measurements: Sequence[str], mapping: Mapping = PLAIN
 
 def parse(content: bytes, measurements: Sequence[str], source: str = "data", mapping: Mapping = PLAIN) -> Record:
     """The record in the bytes of a table; ``source`` is its name in messages. With ``t0 = "first"`` times begin at 0."""
-    wanted = columns.wanted(measurements, mapping)
+    wanted = columns_.wanted(measurements, mapping)
     layout = table.layout(text(content, source, wanted, mapping.encoding), wanted, source, mapping.skip)
-    found = columns.find(layout, measurements, mapping, source)
+    found = columns_.find(layout, measurements, mapping, source)
     thousands: dict[str, str] = {}
     while True:
         try:
@@ -112,47 +113,63 @@ def _record(
     layout: table.Layout, found: Columns, measurements: Sequence[str], mapping: Mapping, source: str, thousands: dict[str, str]
 ) -> Record:
     """One reading of the table."""
-    quoted = layout.mark == ","
 
     def numbered(place: int, needed: str = "") -> Numbers:
         name = layout.header[place] or str(place + 1)
-        return Numbers(name, source, mapping, thousands=thousands.get(name, ""), quoted=quoted, needed=needed)
+        return Numbers(name, source, mapping, thousands=thousands.get(name, ""), quoted=layout.mark == ",", needed=needed)
 
-    wanted = {place: numbered(place) for place in found.z} | {place: numbered(place, "an input") for place in found.u}
-    clock = None if found.time is None else numbered(found.time, "a time")
-    stamps: list[str] = []
-    lines: list[int] = []
-    rows = Rows(layout, found, mapping, source)
-    for some, cells in rows:
-        by_column = list(zip(*cells, strict=True))
-        lines += some
-        for place, column in wanted.items():
-            column.add(by_column[place], some)
-        if found.time is not None:
-            stamps += by_column[found.time]
-    if not lines:
-        raise ValueError(f"{source}: expected rows of numbers below the header, received none")
-    values = {place: column.values() for place, column in wanted.items()}
+    columns = {place: numbered(place) for place in found.z} | {place: numbered(place, "an input") for place in found.u}
+    if found.time is not None:
+        columns[found.time] = numbered(found.time, "a time")
+    plain = fast.read(layout, mapping, source)
+    gathered = None if plain is None else _plain(plain, columns, found)
+    lines, stamps, notes = gathered or _rows(layout, columns, found, mapping, source)
+    values = {place: column.values() for place, column in columns.items() if place != found.time}
     t, start = None, ""
-    if clock is not None:
-        told = times.read(stamps, lines, clock, mapping.unit)
+    if found.time is not None:
+        told = times.read(stamps, lines, columns[found.time], mapping.unit)
         t, start = (told.since if mapping.t0 == "first" else told.t), told.first
         t.setflags(write=False)
-    numbers.one_mark(wanted if clock is None or found.time is None else {**wanted, found.time: clock})
+    numbers.one_mark(columns)
     z = np.column_stack([values[place] for place in found.z])
-    notes = suspicions.notes(z, measurements, np.array(lines))
-    return Record(
-        t,
-        _scaled(z, measurements, mapping),
-        np.array(lines),
-        source,
-        _scaled(np.column_stack([values[place] for place in found.u]), mapping.inputs, mapping) if found.u else None,
-        found.ignored,
-        (*rows.notes, *notes),
-        mapping,
-        "" if found.time is None else layout.header[found.time] or str(found.time + 1),
-        start,
-    )
+    notes += suspicions.notes(z, measurements, np.asarray(lines))
+    clock = "" if found.time is None else layout.header[found.time] or str(found.time + 1)
+    u = _scaled(np.column_stack([values[place] for place in found.u]), mapping.inputs, mapping) if found.u else None
+    z = _scaled(z, measurements, mapping)
+    return Record(t, z, np.asarray(lines), source, u, found.ignored, tuple(notes), mapping, clock, start)
+
+
+def _rows(
+    layout: table.Layout, columns: dict[int, Numbers], found: Columns, mapping: Mapping, source: str
+) -> tuple[Sequence[int], Sequence[str], list[str]]:
+    """Feed the columns row by row; the lines, the cells of the times, what is to be noted."""
+    stamps: list[str] = []
+    lines: list[int] = []
+    told = Rows(layout, found, mapping, source)
+    for some, cells in told:
+        by_column = list(zip(*cells, strict=True))
+        lines += some
+        for place, column in columns.items():
+            if place == found.time:
+                stamps += by_column[place]
+            else:
+                column.add(by_column[place], some)
+    if not lines:
+        raise ValueError(f"{source}: expected rows of numbers below the header, received none")
+    return lines, stamps, told.notes
+
+
+def _plain(
+    plain: fast.Plain, columns: dict[int, Numbers], found: Columns
+) -> tuple[Sequence[int], Sequence[str], list[str]] | None:
+    """Feed the columns with numbers that are read already; None where one lacks that is needed."""
+    for place, column in columns.items():
+        if column.needed and np.isnan(plain.values[:, place]).any():
+            return None
+    lines = range(plain.line, plain.line + len(plain.values))
+    for place, column in columns.items():
+        column.take(plain.values[:, place].copy(), lines)
+    return lines, [] if found.time is None else plain.cells(found.time), []
 
 
 def _scaled(values: Array, names: Sequence[str], mapping: Mapping) -> Array:

@@ -15,6 +15,7 @@ from pathlib import Path
 LARGEST = 256 * 2**20
 #: What no text holds.
 CONTROL = re.compile(r"[\x00-\x08\x0e-\x19\x1b-\x1f]")
+CONTROLS = bytes(code for code in range(32) if CONTROL.match(chr(code)))
 #: Encodings of one byte a character, of which a text that is not UTF-8 may be any.
 NARROW = ("cp1251", "cp1252", "cp866", "koi8-r", "cp1250", "cp1253", "cp437", "mac-roman", "cp932", "gb18030")
 #: How files begin that are tables, but no text.
@@ -90,7 +91,8 @@ def text(found: bytes, source: str, wanted: Collection[str] = (), encoding: str 
         if found.startswith(begin):
             raise ValueError(f"{what} {name}")
     decoded = _decoded(found, [unicodedata.normalize("NFC", name) for name in wanted if not name.isascii()])
-    if decoded is None or CONTROL.search(decoded):
+    wide = b"\x00" in found
+    if decoded is None or (CONTROL.search(decoded) if wide else len(found.translate(None, CONTROLS)) < len(found)):
         raise ValueError(f"{what} a binary file")
     start = decoded[:200].lstrip().lower()
     if start.startswith(("<!doctype html", "<html", "<table", "<body", "<head")):
@@ -116,9 +118,11 @@ def _encodings(found: bytes, names: list[str]) -> list[str]:
         return [marked]
     if b"\x00" in found:
         head = found[:4000]
-        for encoding, step, zero in (("utf-32-le", 4, 2), ("utf-32-be", 4, 1), ("utf-16-le", 2, 1), ("utf-16-be", 2, 0)):
-            if len(found) % step == 0 and 2 * head[zero::step].count(0) > len(head[zero::step]):
-                return [encoding]
+        zeros = [2 * head[i::4].count(0) > len(head[i::4]) for i in range(4)]
+        wide: dict[tuple[bool, ...], str] = {(False, True, True, True): "utf-32-le", (True, True, True, False): "utf-32-be",
+                (False, True, False, True): "utf-16-le", (True, False, True, False): "utf-16-be"}  # fmt: skip
+        if tuple(zeros) in wide:
+            return [wide[tuple(zeros)]]
         return []
     try:
         found.decode("utf-8")

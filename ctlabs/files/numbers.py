@@ -64,6 +64,10 @@ class Numbers:
         values = self._quickly(told, lines)
         if values is None:
             values = np.array([self._value(cell, line) for cell, line in zip(cells, lines, strict=True)], dtype=float)
+        self.take(values, lines)
+
+    def take(self, values: Array, lines: Sequence[int]) -> None:
+        """Further numbers, whose marks are known to be decimal marks."""
         for number in self.absent:
             values[values == number] = np.nan
         if self.needed and np.isnan(values).any():

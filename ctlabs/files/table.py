@@ -10,15 +10,20 @@ import unicodedata
 from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 from ctlabs.files.spelling import INSTANT, NUMBER, WORDS, short
 
 #: The separators, the likelier first; a blank stands for any number of blanks and tabs.
 SEPARATORS = (",", ";", "\t", "|", " ")
 #: How many rows tell the layout; how many are read at a time.
-HEAD, CHUNK = 60, 50_000
+HEAD, CHUNK = 60, 20_000
+#: The characters among which the first rows are.
+TOP = 2**18
 #: Cells of spreadsheets that begin like a comment.
 ERRORS = ("#n/a", "#na", "#value!", "#div/0!", "#ref!", "#num!", "#name?", "#null!")
+#: Ends of lines inside a cell.
+_ENDS = re.compile(r"\r\n|\r|\n")
 SEP_LINE = re.compile(r"sep=([,;\t| ])[\r\n]")
 
 
@@ -52,11 +57,7 @@ def plain(name: str) -> str:
 
 def rows(text: str, mark: str, source: str, skip: int = 0) -> Iterator[tuple[int, list[str]]]:
     """The rows with the lines in which they begin, blank ones too (they have no cells)."""
-    lines = io.StringIO(text, newline="")
-    for _ in range(skip):
-        lines.readline()
-    stripped = (line.replace("\t", " ").strip(" \r\n") + "\n" for line in lines) if mark == " " else lines
-    reader = csv.reader(stripped, delimiter=mark, strict=True, skipinitialspace=mark == " " or _spaced(text))
+    reader = _reader(text, mark, skip)
     before = 0
     while True:
         line = before + 1 + skip
@@ -69,6 +70,15 @@ def rows(text: str, mark: str, source: str, skip: int = 0) -> Iterator[tuple[int
             raise ValueError(f"{source}: line {line}: expected separated values, received: {what}") from None
         before = reader.line_num
         yield line, cells
+
+
+def _reader(text: str, mark: str, skip: int) -> Any:
+    """The reader of the csv module, ``skip`` lines below the top."""
+    lines = io.StringIO(text, newline="")
+    for _ in range(skip):
+        lines.readline()
+    stripped = (line.replace("\t", " ").strip(" \r\n") + "\n" for line in lines) if mark == " " else lines
+    return csv.reader(stripped, delimiter=mark, strict=True, skipinitialspace=mark == " " or _spaced(text))
 
 
 def _spaced(text: str) -> bool:
@@ -94,15 +104,16 @@ def is_data(cells: list[str]) -> bool:
 
 
 def layout(text: str, wanted: Collection[str], source: str, skip: int = 0) -> Layout:
-    """The separator and the line of names: those that show most of the wanted names, else the most regular."""
+    """The separator and the line of names: those that show most of the ``wanted`` names (the last is that of the times), else the
+    most regular."""
     if not text.strip():
         raise ValueError(f"{source}: expected a header row and rows of numbers, received an empty file")
     if '"' in text:
         text = _unwrapped(re.sub(r'(^|[,;|])([ ]*"[^"\r\n]*")[ ]+(?=[,;|\r\n]|$)', r"\1\2", text), source)
     told = SEP_LINE.match(text)
     skip = max(skip, 1) if told else skip
-    names = {plain(name) for name in wanted if not NUMBER.fullmatch(name)}
-    found = max((_fitness(text, mark, names, source, skip) for mark in ([told[1]] if told else SEPARATORS)), key=lambda fit: fit[:-1])
+    names, own = ({plain(name) for name in some if not NUMBER.fullmatch(name)} for some in (wanted, list(wanted)[:-1]))
+    found = max((_fitness(text, mark, names, own, source, skip) for mark in ([told[1]] if told else SEPARATORS)), key=lambda fit: fit[:-1])
     return _named(text, found[-1], names, source, skip)
 
 
@@ -127,6 +138,8 @@ def _table_inside(whole: list[list[str]]) -> bool:
 def _head(text: str, mark: str, source: str, skip: int) -> list[tuple[int, list[str]]]:
     """The first rows, up to one that makes no sense with this separator."""
     found = []
+    if len(text) > TOP:  # as much as may be needed, whole lines
+        text = text[: max(text.rfind("\n", 0, TOP), text.rfind("\r", 0, TOP), 0) or TOP]
     try:
         for row in itertools.islice(rows(text, mark, source, skip), HEAD):
             found.append(row)  # noqa: PERF402  # what was read before an error counts
@@ -145,8 +158,10 @@ def _bare(cells: list[str]) -> list[str]:
     return told
 
 
-def _fitness(text: str, mark: str, names: set[str], source: str, skip: int) -> tuple[int, float, int, int, str]:
-    """How well a separator suits: wanted names in one row, rows of the width of the names, columns, rank."""
+def _fitness(
+    text: str, mark: str, names: set[str], own: set[str], source: str, skip: int
+) -> tuple[int, float, int, int, int, str]:
+    """How well a separator suits: measurements named in one row, rows of the width of the names, wanted names, columns, rank."""
     head = [cells for _, cells in _head(text, mark, source, skip) if not is_blank(cells)]
     hits = [len(names & set(_bare(cells))) for cells in head]
     best = max(hits, default=0)
@@ -155,7 +170,9 @@ def _fitness(text: str, mark: str, names: set[str], source: str, skip: int) -> t
     width = len(_bare(head[at])) if head else 0
     common = Counter(map(len, body)).most_common(1)[0][0] if body else 0
     share = sum(len(cells) == width for cells in body) / max(len(body), 1)
-    return best, share if best or width > 1 else share * 0.99, min(width, common), -SEPARATORS.index(mark), mark
+    measured = max((len(own & set(_bare(cells))) for cells in head), default=0)
+    share *= 1 if best or width > 1 else 0.99
+    return measured, share, best, min(width, common), -SEPARATORS.index(mark), mark
 
 
 def _first(head: list[list[str]]) -> int:
@@ -208,31 +225,59 @@ def _trimmed(found: Layout) -> Layout:
 
 
 def chunks(found: Layout, source: str) -> Iterator[tuple[list[int], list[list[str]]]]:
-    """The rows below the names, many at a time, without comments and without the blank ones at the end."""
+    """The rows below the names, many at a time, without comments and without the blank ones at the end; blank ones have no cells."""
     told = rows(found.text, found.mark, source, found.skip)
+    below = next(itertools.islice(told, found.start, None), None)
+    if below is None:
+        return
     commented = "#" in found.text
-    held: list[tuple[int, list[str]]] = []
-    lines: list[int] = []
-    block: list[list[str]] = []
-    for line, cells in itertools.islice(told, found.start, None):
-        if len(cells) < 2:
-            if is_blank(cells):
-                held.append((line, []))
-                continue
-            if held:
-                lines += [at for at, _ in held]
-                block += [[] for _ in held]
-                held = []
-        elif held:
-            lines += [at for at, _ in held]
-            block += [[] for _ in held]
+    held: list[int] = []
+    for lines, block in _blocks(found, below[0], source):
+        if commented or min(map(len, block)) < 2 or held:
+            lines, block, held = _without(lines, block, held, commented)
+        if block:
+            yield lines, block
+
+
+def _blocks(found: Layout, line: int, source: str) -> Iterator[tuple[list[int], list[list[str]]]]:
+    """All rows from a line on, in blocks."""
+    reader = _reader(found.text, found.mark, line - 1)
+    before = 0
+    while True:
+        try:
+            block = list(itertools.islice(reader, CHUNK))
+        except csv.Error:
+            for _ in rows(found.text, found.mark, source, line - 1 + before):  # once more one by one, to name the line
+                pass
+            raise
+        if not block:
+            return
+        if reader.line_num - before == len(block):
+            lines = list(range(line + before, line + before + len(block)))
+        else:  # cells of several lines
+            lines = [line + before]
+            for row in block[:-1]:
+                lines.append(lines[-1] + 1 + sum(len(_ENDS.findall(cell)) for cell in row))
+        before = reader.line_num
+        yield lines, block
+
+
+def _without(
+    lines: list[int], block: list[list[str]], held: list[int], commented: bool
+) -> tuple[list[int], list[list[str]], list[int]]:
+    """A block without comments; blank rows are held back until another row follows."""
+    told: list[int] = []
+    kept: list[list[str]] = []
+    for line, cells in zip(lines, block, strict=True):
+        if len(cells) < 2 and is_blank(cells):
+            held.append(line)
+            continue
+        if held:
+            told += held
+            kept += [[] for _ in held]
             held = []
         if commented and is_comment(cells):
             continue
-        lines.append(line)
-        block.append(cells)
-        if len(block) >= CHUNK:
-            yield lines, block
-            lines, block = [], []
-    if block:
-        yield lines, block
+        told.append(line)
+        kept.append(cells)
+    return told, kept, held

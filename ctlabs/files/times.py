@@ -5,7 +5,6 @@ from __future__ import annotations
 import datetime
 import re
 from collections.abc import Sequence
-from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
@@ -66,7 +65,8 @@ def read(cells: Sequence[str], lines: Sequence[int], numbers: Numbers, unit: str
     else:
         if written(cells):
             _refuse_written(cells, lines, numbers)
-        numbers.add(cells, lines)
+        if not numbers.parts:
+            numbers.add(cells, lines)
         times = _numbers(cells, numbers.values(), unit, numbers.mapping.t0 == "first")
     _increasing(times, cells, lines, numbers)
     return times
@@ -111,8 +111,13 @@ def _written(cells: Sequence[str], lines: Sequence[int], numbers: Numbers, unit:
     """Dates and times of day, in seconds since 1970 (UTC) or since midnight."""
     seconds = np.zeros(len(cells), dtype=np.int64)
     behind = np.zeros(len(cells))
-    zoned = None
+    zoned: bool | None = None
+    done = np.zeros(len(cells), dtype=bool)
+    if unit == "iso":
+        done, zoned = _regular(cells, seconds, behind)
     for i, cell in enumerate(cells):
+        if done[i]:
+            continue
         text, where = cell.strip(), f"{numbers.source}: line {lines[i]}, column {numbers.name}"
         if text.lower() in WORDS:
             raise ValueError(f"{where}: expected a time, received none: only measurements may be missing")
@@ -126,6 +131,46 @@ def _written(cells: Sequence[str], lines: Sequence[int], numbers: Numbers, unit:
             raise ValueError(f"{where}: expected times all with a zone or all without one, received {shown(text)} after {shown(cells[0])}")
         seconds[i], behind[i], zoned = whole, fraction, zone
     return Times(seconds + behind, (seconds - seconds[0]) + (behind - behind[0]), cells[0].strip())
+
+
+_REGULAR = re.compile(r"(\d{4})-(\d\d)-(\d\d)([T ])(\d\d):(\d\d):(\d\d)(\.\d+)?(Z|[+-]\d\d:?\d\d)?", re.ASCII)
+
+
+def _regular(cells: Sequence[str], seconds: Array, behind: Array) -> tuple[Array, bool | None]:
+    """Fill in the instants that are written like the first, digit under digit; which they are, and whether a zone is told."""
+    done = np.zeros(len(cells), dtype=bool)
+    lengths = np.array([len(cell) for cell in cells])
+    zoned = None
+    for length in np.unique(lengths)[:4]:
+        rows = np.flatnonzero(lengths == length)
+        first = _REGULAR.fullmatch(cells[int(rows[0])])
+        if not first or (zoned is not None and zoned != bool(first[9])):
+            continue
+        written = np.array([cells[int(i)] for i in rows])
+        codes = written.view(np.uint32).reshape(len(rows), length)
+        fixed = [i for i in range(length) if not first[0][i].isdecimal() or i >= length - len(first[9] or "")]
+        pattern = np.array([ord(c) for c in first[0]], dtype=np.uint32)
+        digits = [i for i in range(length) if i not in fixed]
+        good = (codes[:, fixed] == pattern[fixed]).all(axis=1) & ((codes[:, digits] >= 48) & (codes[:, digits] <= 57)).all(axis=1)
+
+        def number(start: int, end: int, codes: Array = codes) -> Array:
+            return (codes[:, start:end].astype(np.int64) - 48) @ 10 ** np.arange(end - start - 1, -1, -1)
+
+        year, month, day, hour, minute, second = (number(*first.span(i)) for i in (1, 2, 3, 5, 6, 7))
+        good &= (year > 1000) & (month >= 1) & (month <= 12) & (day >= 1) & (hour < 24) & (minute < 60) & (second < 60)
+        months = (12 * (year - 1970) + month - 1).astype("datetime64[M]")
+        days = months.astype("datetime64[D]") + (day - 1)
+        good &= days.astype("datetime64[M]") == months
+        told = 86400 * days.astype(np.int64) + 3600 * hour + 60 * minute + second - _offset(first[9])
+        seconds[rows[good]] = told[good]
+        if first[8] and len(first[8]) < 17:
+            start, end = first.span(8)
+            behind[rows[good]] = number(start + 1, end)[good] / 10.0 ** (end - start - 1)
+        elif first[8]:
+            continue
+        done[rows[good]] = True
+        zoned = bool(first[9])
+    return done, zoned
 
 
 _MEANT = {
@@ -186,7 +231,7 @@ def _clock(text: str) -> tuple[int, float]:
         hours = hours % 12 + 12 * (half[0] in "pP")
     if int(minute) > 59 or int(second or 0) > 60 or hours > 24:
         raise ValueError(text)
-    fraction = float(Fraction("0" + behind.replace(",", "."))) if behind and len(behind) > 1 else 0.0
+    fraction = float("0" + behind.replace(",", ".")) if behind and len(behind) > 1 else 0.0
     return 3600 * hours + 60 * int(minute) + int(second or 0), fraction
 
 
