@@ -20,7 +20,15 @@ FILES = Path(__file__).parent / "cases" / "files"
 CASES = json.loads((FILES / "expected.json").read_text(encoding="utf-8"))["cases"]
 TRIES = [(case, one, f"{case['id']}-{i}") for case in CASES for i, one in enumerate(case["tries"])]
 #: Kinds that other tests have: fits, diagnoses, unknown beginnings.
-ELSEWHERE = ("fit", "diagnosis", "analysis", "unknown beginning", "contradiction", "filter and smoother values", "forecasts")
+ELSEWHERE = (
+    "fit",
+    "diagnosis",
+    "analysis",
+    "unknown beginning",
+    "contradiction",
+    "filter and smoother values",
+    "forecasts",
+)
 #: What no command does yet.
 LATER: dict[str, str] = {
     "S4_regressor-0": "elements of H that name a column",
@@ -82,7 +90,9 @@ def compare(right, results, estimates):
     assert len(rows) == right["rows"]
     assert results["values"]["missing"]["value"] == right["missing"]
     if "log_likelihood" in right:
-        np.testing.assert_allclose(results["values"]["log_likelihood"]["value"], right["log_likelihood"], rtol=right["tolerance"])
+        np.testing.assert_allclose(
+            results["values"]["log_likelihood"]["value"], right["log_likelihood"], rtol=right["tolerance"]
+        )
     for state, (x, sd) in right.get("last", {}).items():
         assert abs(float(rows[-1][state]) - x) <= right["tolerance"] * sd
         assert abs(float(rows[-1][f"{state}_sd"]) - sd) <= right["tolerance"] * sd

@@ -260,6 +260,48 @@ def fit(
     return _deliver(fitting.study(chosen, record, free.split(",")), folder, as_json, "estimates")
 
 
+@click.command()
+@click.argument("data", metavar="DATA.csv")
+@click.argument("model", metavar="[MODEL]", required=False)
+@reading
+@click.option("--json", "as_json", is_flag=True, help="Print results.json instead of the table.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for the report (default: look_DATA).")
+def look(data: str, model: str | None, mapping: Mapping, out: Path | None, as_json: bool) -> int:
+    """See what is in a table of data, before it is filtered.
+
+    Its columns with their types and ranges, gaps, sampling, suspicious values, a figure, and the table [data] of a
+    model file (or the options) by which MODEL would read it. - is the standard input.
+
+    \b
+    ctlabs look log.csv
+    ctlabs look log.csv track.toml
+    ctlabs look log.csv --time stamp:unix_ms --missing -9999
+    """
+    from ctlabs.files import decode
+    from ctlabs.studies import looking
+
+    with _refusing(), _at_work():
+        _one_stdin(model, data)
+        chosen = None if model is None else _model(model, ())
+        said = mapping if chosen is None else chosen.mapping.over(mapping)
+        source = "stdin" if data == "-" else Path(data).name
+        folder = _folder(f"look_{Path(source).name.split('.')[0]}", out, data, model)
+        report = looking.study(decode.content(data, source), source, said, chosen)
+        code = _deliver(report, folder, as_json, "columns")
+        if not as_json:
+            _suggest(report)
+        return code
+
+
+def _suggest(report: Report) -> None:
+    """The suggested table [data] on the terminal."""
+    from ctlabs.reporting.report import Text
+
+    for block in report.blocks:
+        if isinstance(block, Text) and "```toml" in block.text:
+            click.echo("\n" + block.text.split("```")[1].removeprefix("toml").strip())
+
+
 @contextlib.contextmanager
 def _refusing() -> Iterator[None]:
     """What the library refuses becomes the command line's one line."""

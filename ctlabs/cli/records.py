@@ -47,7 +47,10 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
         skip: int | None,
         **others: Any,
     ) -> Any:
-        return command(mapping=_mapping(columns, time, t0, missing, scales, inputs, decimal, thousands, blank, encoding, skip), **others)
+        return command(
+            mapping=_mapping(columns, time, t0, missing, scales, inputs, decimal, thousands, blank, encoding, skip),
+            **others,
+        )
 
     for option in reversed(OPTIONS):
         told = option(told)

@@ -72,7 +72,9 @@ def _strange(names: Sequence[str], mapping: Mapping, where: str) -> None:
 def _headless(layout: Layout, names: Sequence[str], mapping: Mapping, where: str) -> None:
     """Without names in the file every column has to be told by its number."""
     columns = [*names, *mapping.inputs]
-    if all(mapping.columns.get(plain(name), "").isdecimal() for name in columns) and (mapping.time or layout.width == len(columns)):
+    if all(mapping.columns.get(plain(name), "").isdecimal() for name in columns) and (
+        mapping.time or layout.width == len(columns)
+    ):
         return
     shift = int(layout.width > len(columns))
     options = [("--column", f"{name}={min(i + 1 + shift, layout.width)}") for i, name in enumerate(columns)]
@@ -91,7 +93,9 @@ def _place(layout: Layout, column: str, where: str, name: str = "") -> int | Non
     found = [i for i, told in enumerate(layout.header) if told == column]
     if len(found) > 1:
         option = pasted(("--column", f"{name}={found[0] + 1}")) if name else pasted(("--time", str(found[0] + 1)))
-        raise ValueError(f"{where}: expected the column {column} once, received it {len(found)} times: {option} takes the first")
+        raise ValueError(
+            f"{where}: expected the column {column} once, received it {len(found)} times: {option} takes the first"
+        )
     if found:
         return found[0]
     if column.isdecimal() and 1 <= int(column) <= layout.width:
@@ -99,7 +103,9 @@ def _place(layout: Layout, column: str, where: str, name: str = "") -> int | Non
     return None
 
 
-def _time(layout: Layout, names: Sequence[str], mapping: Mapping, where: str, taken: Sequence[int | None]) -> int | None:
+def _time(
+    layout: Layout, names: Sequence[str], mapping: Mapping, where: str, taken: Sequence[int | None]
+) -> int | None:
     """The column of times: as told, or called t; a column that looks like one is refused, not left out."""
     told = mapping.time or mapping.columns.get("t", "")
     if told == NO_TIME:
@@ -109,7 +115,9 @@ def _time(layout: Layout, names: Sequence[str], mapping: Mapping, where: str, ta
         if place is None:
             close = difflib.get_close_matches(told, layout.header, n=1, cutoff=0.4)
             hint = f"; {pasted(('--time', close[0]))}" if close else ""
-            raise ValueError(f"{where}: --time {told}: expected one of the columns {_listed(layout)}, received {shown(told)}{hint}")
+            raise ValueError(
+                f"{where}: --time {told}: expected one of the columns {_listed(layout)}, received {shown(told)}{hint}"
+            )
         return place
     if "t" in layout.header and "t" not in [plain(name) for name in names] and layout.header.index("t") not in taken:
         return _place(layout, "t", where)
@@ -122,7 +130,9 @@ def _time(layout: Layout, names: Sequence[str], mapping: Mapping, where: str, ta
         )
     if mapping.unit or mapping.t0 == "first":
         option = f"time_unit = {mapping.unit}" if mapping.unit else "--t0 first"
-        raise ValueError(f"{where}: {option}: expected a column of times, received {_listed(layout)}; {pasted(('--time', layout.header[0] or '1'))}")
+        raise ValueError(
+            f"{where}: {option}: expected a column of times, received {_listed(layout)}; {pasted(('--time', layout.header[0] or '1'))}"
+        )
     return None
 
 
@@ -135,7 +145,9 @@ def is_time(name: str) -> bool:
     return name.lower() in TIMES or _UNIT.sub("", name.lower()) in TIMES
 
 
-def _refuse(layout: Layout, names: Sequence[str], places: Sequence[int | None], mapping: Mapping, where: str, time: int | None) -> None:
+def _refuse(
+    layout: Layout, names: Sequence[str], places: Sequence[int | None], mapping: Mapping, where: str, time: int | None
+) -> None:
     """Say which column lacks, and the options that would find it."""
     lacking = [plain(name) for name, place in zip(names, places, strict=True) if place is None]
     free = [name for i, name in enumerate(layout.header) if i not in places and i != time and name]
@@ -143,7 +155,7 @@ def _refuse(layout: Layout, names: Sequence[str], places: Sequence[int | None], 
     options = []
     for name in lacking:
         rest = [column for column in free if column not in looking]
-        best = _likely(mapping.columns.get(name, name), rest) or (rest[0] if len(rest) == 1 else "")
+        best = likely(mapping.columns.get(name, name), rest) or (rest[0] if len(rest) == 1 else "")
         if best:
             free.remove(best)
         if best or free:
@@ -152,10 +164,12 @@ def _refuse(layout: Layout, names: Sequence[str], places: Sequence[int | None], 
         options.append(("--time", looking[0]))
     told = [mapping.columns.get(name, name) for name in lacking]
     columns = f"the column{'s' if len(told) > 1 else ''} {', '.join(told)}"
-    raise ValueError(f"{where}: expected {columns}, received {_listed(layout)}{'; ' if options else ''}{pasted(*options)}")
+    raise ValueError(
+        f"{where}: expected {columns}, received {_listed(layout)}{'; ' if options else ''}{pasted(*options)}"
+    )
 
 
-def _likely(name: str, columns: Sequence[str]) -> str:
+def likely(name: str, columns: Sequence[str]) -> str:
     """The column that is probably meant: of the same name but for case and unit, or of a similar one."""
     for kind in (str.lower, lambda text: _UNIT.sub("", text.lower())):
         same = [column for column in columns if kind(column) == kind(name)]

@@ -110,13 +110,20 @@ def text(content: bytes, source: str, wanted: Sequence[str] = (), encoding: str 
 
 
 def _record(
-    layout: table.Layout, found: Columns, measurements: Sequence[str], mapping: Mapping, source: str, thousands: dict[str, str]
+    layout: table.Layout,
+    found: Columns,
+    measurements: Sequence[str],
+    mapping: Mapping,
+    source: str,
+    thousands: dict[str, str],
 ) -> Record:
     """One reading of the table."""
 
     def numbered(place: int, needed: str = "") -> Numbers:
         name = layout.header[place] or str(place + 1)
-        return Numbers(name, source, mapping, thousands=thousands.get(name, ""), quoted=layout.mark == ",", needed=needed)
+        return Numbers(
+            name, source, mapping, thousands=thousands.get(name, ""), quoted=layout.mark == ",", needed=needed
+        )
 
     columns = {place: numbered(place) for place in found.z} | {place: numbered(place, "an input") for place in found.u}
     if found.time is not None:

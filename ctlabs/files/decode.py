@@ -61,7 +61,9 @@ def unpacked(found: bytes, source: str) -> bytes:
             with gzip.open(io.BytesIO(found)) as packed:
                 found = packed.read(LARGEST + 1)
         except (OSError, EOFError, zlib.error) as error:
-            raise ValueError(f"{source}: expected a whole file, received one compressed by gzip that is damaged ({error})") from None
+            raise ValueError(
+                f"{source}: expected a whole file, received one compressed by gzip that is damaged ({error})"
+            ) from None
     if len(found) > LARGEST:
         raise ValueError(f"{source}: expected at most {LARGEST // 2**20} MB, received more")
     return found

@@ -83,7 +83,9 @@ def read(layout: Layout, mapping: Mapping, source: str) -> Plain | None:
 
 def _body(layout: Layout, source: str) -> tuple[int, bytes]:
     """The line at which the numbers begin, and all text from there on."""
-    line = next((at for at, _ in itertools.islice(rows(layout.text, layout.mark, source, layout.skip), layout.start, None)), 1)
+    line = next(
+        (at for at, _ in itertools.islice(rows(layout.text, layout.mark, source, layout.skip), layout.start, None)), 1
+    )
     text = io.StringIO(layout.text, newline="")
     for _ in range(line - 1):
         text.readline()

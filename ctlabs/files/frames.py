@@ -7,7 +7,11 @@ import io
 from typing import Any
 
 #: What reads each kind, and the package that pandas needs for it.
-READERS = {"excel": ("read_excel", "openpyxl"), "parquet": ("read_parquet", "pyarrow"), "feather": ("read_feather", "pyarrow")}
+READERS = {
+    "excel": ("read_excel", "openpyxl"),
+    "parquet": ("read_parquet", "pyarrow"),
+    "feather": ("read_feather", "pyarrow"),
+}
 NAMES = {"excel": "an Excel workbook", "parquet": "a parquet file", "feather": "a feather file"}
 
 
@@ -22,13 +26,19 @@ def text(content: bytes, kind: str, source: str) -> str:
         if kind == "excel":
             book = pd.ExcelFile(io.BytesIO(content))
             if len(book.sheet_names) > 1:
-                sheets = [name for name in book.sheet_names if not book.parse(name, header=None).dropna(how="all").empty]
+                sheets = [
+                    name for name in book.sheet_names if not book.parse(name, header=None).dropna(how="all").empty
+                ]
                 if len(sheets) > 1:
-                    raise ValueError(f"{what} of {len(sheets)} sheets with data ({', '.join(map(str, sheets))}) (save the one that is meant as CSV)")
+                    raise ValueError(
+                        f"{what} of {len(sheets)} sheets with data ({', '.join(map(str, sheets))}) (save the one that is meant as CSV)"
+                    )
                 options["sheet_name"] = (sheets or book.sheet_names)[0]
         frame = getattr(pd, reader)(io.BytesIO(content), **options)
     except ImportError:
-        raise ValueError(f"{what}, which needs the package {package}: pip install 'ctlabs[data]', or (save it as CSV)") from None
+        raise ValueError(
+            f"{what}, which needs the package {package}: pip install 'ctlabs[data]', or (save it as CSV)"
+        ) from None
     except ValueError as error:
         if str(error).startswith(what):
             raise

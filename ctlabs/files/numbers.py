@@ -104,14 +104,20 @@ class Numbers:
         """What the points among clean cells mean."""
         pointed, either = joined.count("."), len(_EITHER_POINT.findall(joined))
         if pointed < len(told) - missing and self.whole is None:
-            self.whole = next((line, cell) for cell, line in zip(told, lines, strict=True) if "." not in cell and cell != "nan")
+            self.whole = next(
+                (line, cell) for cell, line in zip(told, lines, strict=True) if "." not in cell and cell != "nan"
+            )
         if "." in self.decimals:
             return
         if either and "." not in self.either:
-            self.either["."] = next((line, cell) for cell, line in zip(told, lines, strict=True) if EITHER.fullmatch(cell))
+            self.either["."] = next(
+                (line, cell) for cell, line in zip(told, lines, strict=True) if EITHER.fullmatch(cell)
+            )
         if pointed > either:
             self.decimals["."] = next(
-                (line, cell) for cell, line in zip(told, lines, strict=True) if "." in cell and not EITHER.fullmatch(cell)
+                (line, cell)
+                for cell, line in zip(told, lines, strict=True)
+                if "." in cell and not EITHER.fullmatch(cell)
             )
 
     def _lacks(self, line: int) -> None:
@@ -140,13 +146,19 @@ class Numbers:
             return _number(text)
         if mark == self.thousands:
             if not EITHER.fullmatch(text):
-                self._refuse(line, f"expected {self._called(mark)} between groups of three digits, received {shown(text)}")
+                self._refuse(
+                    line, f"expected {self._called(mark)} between groups of three digits, received {shown(text)}"
+                )
             return _number(text.replace(mark, ""))
         if self.mapping.decimal and mark != self.mapping.decimal:
             called = {".": "point", ",": "comma"}[self.mapping.decimal]
             way = pasted(("--thousands", mark)) if EITHER.fullmatch(text) else pasted(("--decimal", mark))
-            self._refuse(line, f"expected a decimal {called} (--decimal {self.mapping.decimal}), received {shown(text)} ({way})")
-        kinds = self.either if EITHER.fullmatch(text) and not self.mapping.decimal and not self.thousands else self.decimals
+            self._refuse(
+                line, f"expected a decimal {called} (--decimal {self.mapping.decimal}), received {shown(text)} ({way})"
+            )
+        kinds = (
+            self.either if EITHER.fullmatch(text) and not self.mapping.decimal and not self.thousands else self.decimals
+        )
         kinds.setdefault(mark, (line, text))
         return _number(text.replace(",", "."))
 
@@ -156,9 +168,15 @@ class Numbers:
         if decimal == mark or (first == "0" and rest) or (mark in ".,'" and self.thousands not in ("", mark)):
             self._refuse(line, self._why(text))
         if decimal and self.mapping.decimal not in ("", decimal):
-            self._refuse(line, f"expected a decimal mark {self.mapping.decimal}, received {shown(text)} ({pasted(('--decimal', decimal))})")
+            self._refuse(
+                line,
+                f"expected a decimal mark {self.mapping.decimal}, received {shown(text)} ({pasted(('--decimal', decimal))})",
+            )
         if mark in ".," and mark == self.mapping.decimal:
-            self._refuse(line, f"expected {shown(mark)} as the decimal mark, received {shown(text)} ({pasted(('--thousands', mark))})")
+            self._refuse(
+                line,
+                f"expected {shown(mark)} as the decimal mark, received {shown(text)} ({pasted(('--thousands', mark))})",
+            )
         if mark in ".,":
             self.groups.setdefault(mark, (line, text))
         if decimal:
@@ -170,7 +188,10 @@ class Numbers:
         for mark in ".,":
             if mark in self.groups and mark != self.thousands:
                 if mark in self.decimals:
-                    self._refuse(self.groups[mark][0], f"expected one meaning of {shown(mark)}, received {shown(self.groups[mark][1])} and {shown(self.decimals[mark][1])}")
+                    self._refuse(
+                        self.groups[mark][0],
+                        f"expected one meaning of {shown(mark)}, received {shown(self.groups[mark][1])} and {shown(self.decimals[mark][1])}",
+                    )
                 raise TwoReadings(self.name, mark)
             if mark not in self.either or mark in self.decimals:
                 continue
@@ -208,7 +229,9 @@ def _told(text: str) -> str:
     """The option for a word, written with = where the word begins like an option."""
     if short(text) != text:
         return ""
-    return "; if it means not measured: " + (f"--missing={text}" if text.startswith("-") else pasted(("--missing", text)))
+    return "; if it means not measured: " + (
+        f"--missing={text}" if text.startswith("-") else pasted(("--missing", text))
+    )
 
 
 def _number(text: str) -> float:

@@ -23,7 +23,9 @@ def read_model(path: str | Path) -> ModelFile:
     return modelfile.load(path)
 
 
-def read_record(path: str | Path, model: ModelFile | Sequence[str], mapping: Mapping | None = None, **told: Any) -> Record:
+def read_record(
+    path: str | Path, model: ModelFile | Sequence[str], mapping: Mapping | None = None, **told: Any
+) -> Record:
     r"""The record in a table, as a model file's measurements (or names) ask for it.
 
     Parameters

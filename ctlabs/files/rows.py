@@ -55,7 +55,9 @@ class Rows:
         for row in cells[:BELOW] if self.layout.named else ():
             if not self._is_units(row):
                 break
-            self.notes.append(f"line {lines[0]} is a row of units: {short(', '.join(cell for cell in row if cell.strip()))}")
+            self.notes.append(
+                f"line {lines[0]} is a row of units: {short(', '.join(cell for cell in row if cell.strip()))}"
+            )
             lines, cells = lines[1:], cells[1:]
         return lines, cells
 
@@ -63,7 +65,9 @@ class Rows:
         told = [cell.strip() for cell in row]
         full = [cell for cell in told if cell]
         missing = {word.lower() for word in self.mapping.missing} | WORDS
-        if not full or any(NUMBER.fullmatch(cell) or INSTANT.fullmatch(cell) or cell.lower() in missing for cell in full):
+        if not full or any(
+            NUMBER.fullmatch(cell) or INSTANT.fullmatch(cell) or cell.lower() in missing for cell in full
+        ):
             return False
         if any(any(c.isdigit() for c in cell) and not _units(cell) for cell in full):
             return False
@@ -131,7 +135,9 @@ class Rows:
         hint = f" ({shown(text)} with a decimal comma: --decimal ,)" if count == 2 else " (one value in each line)"
         if count == 2 and self.mapping.decimal == ",":
             return
-        raise ValueError(f"{self.source}: line {line}: expected 1 column ({self.layout.header[0]}), received {count}{hint}")
+        raise ValueError(
+            f"{self.source}: line {line}: expected 1 column ({self.layout.header[0]}), received {count}{hint}"
+        )
 
     def _refuse_width(self, line: int, row: list[str]) -> None:
         hint = ""

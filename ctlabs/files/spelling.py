@@ -18,7 +18,10 @@ EITHER = re.compile(r"[+-]?[1-9]\d{0,2}[.,]\d{3}", re.ASCII)
 GROUPED = re.compile(r"([+-]?)(\d{1,3})(([.,'’ \u00a0\u2009\u202f])\d{3}(?:\4\d{3})*)(?:([.,])(\d*))?", re.ASCII)
 INFINITE = re.compile(r"[+-]?(inf|infinity|∞|1\.#inf)", re.IGNORECASE)
 #: 2024-05-31, 31.05.2024, 5/31/24, 12:30, 2024-05-31T12:30:00Z
-INSTANT = re.compile(r"\d{1,4}([-./])\d{1,2}\1\d{1,4}([T ]+\d{1,2}:.*|[T ]\d{4,6}\S*)?|\d{1,3}:\d{2}(:\d{2})?.{0,9}|\d{8}T\d{4,6}\S*", re.ASCII)
+INSTANT = re.compile(
+    r"\d{1,4}([-./])\d{1,2}\1\d{1,4}([T ]+\d{1,2}:.*|[T ]\d{4,6}\S*)?|\d{1,3}:\d{2}(:\d{2})?.{0,9}|\d{8}T\d{4,6}\S*",
+    re.ASCII,
+)
 
 
 def shown(text: str) -> str:

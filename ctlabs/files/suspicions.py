@@ -35,7 +35,9 @@ def notes(z: Array, names: Sequence[str], lines: Array) -> list[str]:
             at = lines[column == value]
             where = ", ".join(map(str, at[:TOLD])) + (f" and {len(at) - TOLD} more" if len(at) > TOLD else "")
             text = f"{value:.17g}" if value != int(value) or abs(value) > 1e15 else str(int(value))
-            found.append(f"{name} is {text} in line{'s' if len(at) > 1 else ''} {where}: if that means not measured, --missing {text}")
+            found.append(
+                f"{name} is {text} in line{'s' if len(at) > 1 else ''} {where}: if that means not measured, --missing {text}"
+            )
     return found
 
 

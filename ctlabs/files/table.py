@@ -113,7 +113,10 @@ def layout(text: str, wanted: Collection[str], source: str, skip: int = 0) -> La
     told = SEP_LINE.match(text)
     skip = max(skip, 1) if told else skip
     names, own = ({plain(name) for name in some if not NUMBER.fullmatch(name)} for some in (wanted, list(wanted)[:-1]))
-    found = max((_fitness(text, mark, names, own, source, skip) for mark in ([told[1]] if told else SEPARATORS)), key=lambda fit: fit[:-1])
+    found = max(
+        (_fitness(text, mark, names, own, source, skip) for mark in ([told[1]] if told else SEPARATORS)),
+        key=lambda fit: fit[:-1],
+    )
     return _named(text, found[-1], names, source, skip)
 
 
@@ -125,14 +128,23 @@ def _unwrapped(text: str, source: str) -> str:
         whole = [cells for _, cells in rows(text, ",", source)]
     except ValueError:
         return text
-    wrapped = all(len(cells) <= 1 for cells in whole) and len({len(cell.split(",")) for cells in whole for cell in cells}) == 1
+    wrapped = (
+        all(len(cells) <= 1 for cells in whole)
+        and len({len(cell.split(",")) for cells in whole for cell in cells}) == 1
+    )
     head = whole[0][0] if whole and whole[0] else ""
-    return "\n".join("".join(cells) for cells in whole) + "\n" if wrapped and len(head.split(",")) > 1 and not is_data([head]) and _table_inside(whole) else text
+    return (
+        "\n".join("".join(cells) for cells in whole) + "\n"
+        if wrapped and len(head.split(",")) > 1 and not is_data([head]) and _table_inside(whole)
+        else text
+    )
 
 
 def _table_inside(whole: list[list[str]]) -> bool:
     """Whether rows of one cell hold several numbers each, and not one number with a comma."""
-    return any(sum(bool(NUMBER.fullmatch(part.strip())) for part in cells[0].split(",")) > 1 for cells in whole[1:] if cells)
+    return any(
+        sum(bool(NUMBER.fullmatch(part.strip())) for part in cells[0].split(",")) > 1 for cells in whole[1:] if cells
+    )
 
 
 def _head(text: str, mark: str, source: str, skip: int) -> list[tuple[int, list[str]]]:
@@ -210,7 +222,9 @@ def _named(text: str, mark: str, names: set[str], source: str, skip: int) -> Lay
         return Layout(text, mark, tuple(str(i + 1) for i in range(count)), 0, at, skip, named=False)
     early = next((head[i] for i in above if not is_comment(head[i][1]) and is_data(head[i][1])), None)
     if early:
-        raise ValueError(f"{source}: line {early[0]}: expected the names of the columns above the numbers, received numbers above line {line}")
+        raise ValueError(
+            f"{source}: line {early[0]}: expected the names of the columns above the numbers, received numbers above line {line}"
+        )
     titles = [head[i][1] for i in above if not is_comment(head[i][1])]
     title = short(",".join(titles[0])) if titles else ""
     return _trimmed(Layout(text, mark, tuple(plain(cell) for cell in cells), line, at + 1, skip, title))

@@ -37,7 +37,9 @@ class Times(NamedTuple):
 
 def written(cells: Sequence[str]) -> bool:
     """Whether times are dates or times of day."""
-    return any(INSTANT.fullmatch(cell.strip()) for cell in cells[:20]) and not any(NUMBER.fullmatch(cell.strip()) for cell in cells[:20])
+    return any(INSTANT.fullmatch(cell.strip()) for cell in cells[:20]) and not any(
+        NUMBER.fullmatch(cell.strip()) for cell in cells[:20]
+    )
 
 
 def ways(cell: str) -> list[str]:
@@ -74,12 +76,16 @@ def read(cells: Sequence[str], lines: Sequence[int], numbers: Numbers, unit: str
 
 def _refuse_written(cells: Sequence[str], lines: Sequence[int], numbers: Numbers) -> None:
     """Dates where numbers are expected: the unit to paste."""
-    found = sorted(set.intersection(*(set(ways(cell)) or {"iso"} for cell in cells[:1000])) or {"iso"}, key=WRITTEN.index)
+    found = sorted(
+        set.intersection(*(set(ways(cell)) or {"iso"} for cell in cells[:1000])) or {"iso"}, key=WRITTEN.index
+    )
     choice = " or ".join(pasted(("--time", f"{numbers.name}:{unit}"), ("--t0", "first")) for unit in found)
     kind = "the time of day" if found == ["clock"] else "the date"
     which = ", which has two readings, day or month first" if len(found) > 1 else ""
     where = f"{numbers.source}: line {lines[0]}, column {numbers.name}"
-    raise ValueError(f"{where}: expected a number, received {kind} {shown(cells[0])}{which}: seconds from the first row on, {choice}")
+    raise ValueError(
+        f"{where}: expected a number, received {kind} {shown(cells[0])}{which}: seconds from the first row on, {choice}"
+    )
 
 
 def _numbers(cells: Sequence[str], values: Array, unit: str, exact: bool) -> Times:
@@ -128,7 +134,9 @@ def _written(cells: Sequence[str], lines: Sequence[int], numbers: Numbers, unit:
             hint = f" ({' or '.join(pasted(('--time', f'{numbers.name}:{way}')) for way in others)})" if others else ""
             raise ValueError(f"{where}: expected {_MEANT[unit]}, received {shown(text)}{hint}") from None
         if zoned not in (None, zone):
-            raise ValueError(f"{where}: expected times all with a zone or all without one, received {shown(text)} after {shown(cells[0])}")
+            raise ValueError(
+                f"{where}: expected times all with a zone or all without one, received {shown(text)} after {shown(cells[0])}"
+            )
         seconds[i], behind[i], zoned = whole, fraction, zone
     return Times(seconds + behind, (seconds - seconds[0]) + (behind - behind[0]), cells[0].strip())
 
@@ -151,7 +159,9 @@ def _regular(cells: Sequence[str], seconds: Array, behind: Array) -> tuple[Array
         fixed = [i for i in range(length) if not first[0][i].isdecimal() or i >= length - len(first[9] or "")]
         pattern = np.array([ord(c) for c in first[0]], dtype=np.uint32)
         digits = [i for i in range(length) if i not in fixed]
-        good = (codes[:, fixed] == pattern[fixed]).all(axis=1) & ((codes[:, digits] >= 48) & (codes[:, digits] <= 57)).all(axis=1)
+        good = (codes[:, fixed] == pattern[fixed]).all(axis=1) & (
+            (codes[:, digits] >= 48) & (codes[:, digits] <= 57)
+        ).all(axis=1)
 
         def number(start: int, end: int, codes: Array = codes) -> Array:
             return (codes[:, start:end].astype(np.int64) - 48) @ 10 ** np.arange(end - start - 1, -1, -1)
@@ -254,7 +264,11 @@ def _increasing(times: Times, cells: Sequence[str], lines: Sequence[int], number
         more = f" (so are {late.size - 1} more, next in line {lines[late[1]]})" if late.size > 1 else ""
         at = int(np.argmax(latest[: late[0]] == latest[late[0] - 1]))
         numeric = NUMBER.fullmatch(cells[0].strip())
-        before, now = (moment(t[at], t[late[0]]), moment(t[late[0]], t[at])) if numeric else (cells[at].strip(), cells[late[0]].strip())
+        before, now = (
+            (moment(t[at], t[late[0]]), moment(t[late[0]], t[at]))
+            if numeric
+            else (cells[at].strip(), cells[late[0]].strip())
+        )
         if numeric and before == now and cells[at].strip() != cells[late[0]].strip():
             before, now = cells[at].strip(), cells[late[0]].strip()
         hint = "; past midnight, dates have to tell the day" if ":" in now and len(now) < 14 else ""

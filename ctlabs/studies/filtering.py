@@ -144,6 +144,13 @@ def _data(report: Report, run: Run, record: Record) -> None:
         source=record.source, rows=record.rows, names=", ".join(run.model.measurements),
         start=float(run.t[run.first]), end=float(run.t[-1]), missing=record.missing,
     )  # fmt: skip
+    if record.ignored:
+        report.says(_("Columns that were not used: {names}."), names=", ".join(record.ignored))
+        report.value("columns_not_used", ", ".join(record.ignored))
+    for note in record.notes:
+        report.says("**{note}.**", note=note)
+    if record.notes:
+        report.value("notes", "; ".join(record.notes))
     common.show(report, run.model)
     report.value("steps", len(run.z) - 1)
     report.value("missing", record.missing)

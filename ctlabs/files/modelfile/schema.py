@@ -8,7 +8,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Any, NamedTuple, TypeAlias
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, PlainValidator, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    PlainValidator,
+    ValidationError,
+    model_validator,
+)
 
 from ctlabs.files.mapping import Mapping
 from ctlabs.files.modelfile.errors import Path, Problem, meant, place, shown
@@ -327,7 +335,9 @@ def _validated(data: dict[str, Any]) -> tuple[Document | None, list[Problem], li
             continue
         if strays and path == ("model",):
             where = f"{', '.join(strays[:4])}{', …' if len(strays) > 4 else ''} under [constants]"
-            problems.insert(0, Problem("model", f"expected a table [model], received none, and {where}; write [model] above"))
+            problems.insert(
+                0, Problem("model", f"expected a table [model], received none, and {where}; write [model] above")
+            )
             continue
         problems.append(_problem(data, found, path))
         if found["type"] == "value_error" and "[key]" not in found["loc"] and _is_cell(path):
@@ -372,7 +382,9 @@ def _problem(data: dict[str, Any], found: Any, path: Path) -> Problem:
 
 def _unknown(kind: str, path: Path) -> str:
     key = str(path[-1])
-    fields: Any = {"model": SECTIONS[kind], "experiment": Settings, "constants": Constant, "data": Data}.get(str(path[0]), Document)
+    fields: Any = {"model": SECTIONS[kind], "experiment": Settings, "constants": Constant, "data": Data}.get(
+        str(path[0]), Document
+    )
     known = list(fields.model_fields)
     other = SECTIONS[KINDS[kind == KINDS[0]]]
     if path[0] == "model" and key in other.model_fields:
