@@ -53,7 +53,15 @@ def has(words: list[str], text: str, names: list[str]) -> bool:
     return False
 
 
-@pytest.mark.parametrize(("case", "one"), [pytest.param(case, one, id=name, marks=[pytest.mark.xfail(reason=LATER[name])] if name in LATER else []) for case, one, name in TRIES if not case["kind"].startswith(ELSEWHERE)])  # fmt: skip
+def tries():
+    """The tries of this file's kinds as parameters of a test, those for later marked."""
+    for case, one, name in TRIES:
+        if not case["kind"].startswith(ELSEWHERE):
+            marks = [pytest.mark.xfail(reason=LATER[name])] if name in LATER else []
+            yield pytest.param(case, one, id=name, marks=marks)
+
+
+@pytest.mark.parametrize(("case", "one"), tries())
 def test_a_file_is_read_as_it_was_meant_or_refused_with_what_helps(case, one, tmp_path, monkeypatch, capsys):
     """Exit 0 with the right numbers, or exit 2 with one line that names file, line, both readings and the option to paste."""
     monkeypatch.chdir(tmp_path)

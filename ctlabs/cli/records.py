@@ -14,12 +14,26 @@ if TYPE_CHECKING:
     from ctlabs.files.mapping import Mapping
 
 OPTIONS = (
-    click.option("--column", "columns", multiple=True, metavar="NAME=COLUMN", help='The column that holds a measurement: --column position="pos [m]"; or its number. Repeatable.'),
-    click.option("--time", metavar="COLUMN[:UNIT]", help="The column of times (default: t) and how they are written: s ms us ns min h d, unix unix_ms unix_us unix_ns, excel, iso, dmy mdy ymd, clock. none: there are no times."),
-    click.option("--t0", metavar="first", help="Count times from the first row: it is at the model's first instant. (model: they count from the model's t0.)"),
-    click.option("--missing", multiple=True, metavar="WORD", help="A word or number that means not measured: --missing -9999. Repeatable."),
-    click.option("--scale", "scales", multiple=True, metavar="NAME=FACTOR", help="Multiply a measurement: --scale position=0.001. Repeatable."),
-    click.option("--input", "inputs", multiple=True, metavar="NAME", help="A column that is a known input u of the model. Repeatable, in the order of B."),
+    click.option(
+        "--column", "columns", multiple=True, metavar="NAME=COLUMN",
+        help='The column of a measurement: --column position="pos [m]"; or its number. Repeatable.',
+    ),
+    click.option(
+        "--time", metavar="COLUMN[:UNIT]",
+        help="The column of times (default: t), and how they are written: s ms us ns min h d · unix unix_ms unix_us unix_ns · "
+        "excel · iso dmy mdy ymd clock. none: there are no times.",
+    ),
+    click.option(
+        "--t0", metavar="first",
+        help="The first row is at the model's first instant. (model: times count from the model's t0, however far.)",
+    ),
+    click.option("--missing", multiple=True, metavar="WORD", help="A word or number that means not measured. Repeatable."),
+    click.option(
+        "--scale", "scales", multiple=True, metavar="NAME=FACTOR", help="Multiply a column: --scale position=0.001. Repeatable."
+    ),
+    click.option(
+        "--input", "inputs", multiple=True, metavar="NAME", help="A column that is a known input, in the order of B. Repeatable."
+    ),
     click.option("--decimal", metavar=". or ,", help="The decimal mark, where the file leaves a doubt."),
     click.option("--thousands", metavar=", or .", help="The mark between thousands, where the file leaves a doubt."),
     click.option("--blank", metavar="skip|missing", help="What blank lines are: nothing, or rows without a measurement."),

@@ -14,7 +14,8 @@ from ctlabs.files.table import Layout, plain
 #: Names (in lower case, without units) of columns that hold times.
 TIMES = {
     "t", "time", "times", "timestamp", "timestamps", "date", "datetime", "date_time", "date time", "stamp", "utc", "clock", "epoch",
-    "seconds", "elapsed", "temps", "zeit", "datum", "время", "дата", "time stamp", "unix", "unixtime", "unix_time", "year", "month", "day", "sec",
+    "seconds", "elapsed", "temps", "zeit", "datum", "время", "дата", "time stamp", "unix",
+    "unixtime", "unix_time", "year", "month", "day", "sec",
 }  # fmt: skip
 _UNIT = re.compile(r"\s*[\[(/,].*$|[ _](s|ms|us|ns|sec|utc|gmt|local)$", re.IGNORECASE)
 
@@ -82,7 +83,8 @@ def _headless(layout: Layout, names: Sequence[str], mapping: Mapping, where: str
         options.append(("--time", "1"))
     told = f"{layout.width} columns" if layout.width > 1 else "one column"
     raise ValueError(
-        f"{where}: line {layout.start + layout.skip + 1}: expected a header, the names of the columns, in the first line, received numbers "
+        f"{where}: line {layout.start + layout.skip + 1}: expected a header, the names of the columns, in the "
+        "first line, received numbers "
         f"in {told}: the first line must hold names, or count the columns: {pasted(*options)}"
     )
 
@@ -126,12 +128,14 @@ def _time(
         unit = f":{mapping.unit}" if mapping.unit else ""
         options = [pasted(("--time", f"{looking[0]}{unit}")), pasted(("--time", NO_TIME))]
         raise ValueError(
-            f"{where}: expected a column t or a choice, received {shown(looking[0])}, which looks like times: {options[0]} takes it, {options[1]} does not"
+            f"{where}: expected a column t or a choice, received {shown(looking[0])}, which looks like times: "
+            f"{options[0]} takes it, {options[1]} does not"
         )
     if mapping.unit or mapping.t0 == "first":
         option = f"time_unit = {mapping.unit}" if mapping.unit else "--t0 first"
         raise ValueError(
-            f"{where}: {option}: expected a column of times, received {_listed(layout)}; {pasted(('--time', layout.header[0] or '1'))}"
+            f"{where}: {option}: expected a column of times, received {_listed(layout)}; "
+            f"{pasted(('--time', layout.header[0] or '1'))}"
         )
     return None
 

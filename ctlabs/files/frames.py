@@ -20,20 +20,9 @@ def text(content: bytes, kind: str, source: str) -> str:
     import pandas as pd
 
     reader, package = READERS[kind]
-    options: dict[str, Any] = {"header": None, "dtype": object, "na_filter": False} if kind == "excel" else {}
     what = f"{source}: expected a text file with separated values (CSV), received {NAMES[kind]}"
     try:
-        if kind == "excel":
-            book = pd.ExcelFile(io.BytesIO(content))
-            if len(book.sheet_names) > 1:
-                sheets = [
-                    name for name in book.sheet_names if not book.parse(name, header=None).dropna(how="all").empty
-                ]
-                if len(sheets) > 1:
-                    raise ValueError(
-                        f"{what} of {len(sheets)} sheets with data ({', '.join(map(str, sheets))}) (save the one that is meant as CSV)"
-                    )
-                options["sheet_name"] = (sheets or book.sheet_names)[0]
+        options = _sheet(content, what) if kind == "excel" else {}
         frame = getattr(pd, reader)(io.BytesIO(content), **options)
     except ImportError:
         raise ValueError(
@@ -43,7 +32,7 @@ def text(content: bytes, kind: str, source: str) -> str:
         if str(error).startswith(what):
             raise
         raise ValueError(f"{what} (save it as CSV): it cannot be opened") from None
-    except Exception:  # noqa: BLE001  # whatever the reader of a damaged file raises
+    except Exception:  # whatever the reader of a damaged file raises
         raise ValueError(f"{what} (save it as CSV): it cannot be opened, damaged or another kind of archive") from None
     if kind != "excel" and frame.index.name is not None:
         frame = frame.reset_index()
@@ -56,13 +45,26 @@ def text(content: bytes, kind: str, source: str) -> str:
     return out.getvalue()
 
 
+def _sheet(content: bytes, what: str) -> dict[str, Any]:
+    """How the one sheet of a workbook that holds data is read: all cells, as they are."""
+    import pandas as pd
+
+    book = pd.ExcelFile(io.BytesIO(content))
+    sheets = [name for name in book.sheet_names if not book.parse(name, header=None).dropna(how="all").empty]
+    if len(sheets) > 1:
+        raise ValueError(
+            f"{what} with {len(sheets)} sheets that hold data, {', '.join(map(str, sheets))}: save one as CSV"
+        )
+    return {"header": None, "dtype": object, "na_filter": False, "sheet_name": (sheets or book.sheet_names)[0]}
+
+
 def _cells(column: Any) -> list[str]:
     """The values of a column as text, numbers to the bit."""
     return [_cell(value) for value in column.astype(object).tolist()]
 
 
 def _cell(value: Any) -> str:
-    if value is None or value != value:  # noqa: PLR0124  # NaN, NaT
+    if value is None or value != value:  # NaN, NaT
         return ""
     if hasattr(value, "isoformat"):
         return str(value.isoformat())

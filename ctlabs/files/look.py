@@ -65,11 +65,11 @@ class Survey:
 
 
 def survey(content: bytes, source: str, mapping: Mapping, measurements: Sequence[str] = ()) -> Survey:
-    """Look through the bytes of a table; with a model's ``measurements`` the suggested table names its columns.
+    r"""Look through the bytes of a table; with a model's ``measurements`` the suggested table names its columns.
 
-    >>> found = survey(b"time,pos [m]\\n0,1.5\\n1,-9999\\n2,3.5\\n5,4\\n", "log.csv", Mapping(), ["pos"])
+    >>> found = survey(b"time,pos [m]\n0,1.5\n1,-9999\n2,3.5\n5,4\n", "log.csv", Mapping(), ["pos"])
     >>> [column.kind for column in found.columns], found.usual, found.options
-    (['numbers', 'numbers'], 1.0, '--column pos="pos [m]" --time time --t0 first')
+    (['numbers', 'numbers'], 1.0, '--column pos="pos [m]" --time time --t0 first --missing -9999')
     """
     wanted = columns_.wanted(measurements, mapping)
     layout = table.layout(datafile.text(content, source, wanted, mapping.encoding), wanted, source, mapping.skip)

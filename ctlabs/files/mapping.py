@@ -75,7 +75,7 @@ class Mapping:
                 raise ValueError(told) from None
 
     def over(self, other: Mapping) -> Mapping:
-        """This mapping with what ``other`` says in its place: a command's options over a file's table."""
+        """The mapping with what ``other`` says in its place: a command's options over a file's table."""
         said = {f.name: getattr(other, f.name) for f in fields(other) if getattr(other, f.name)}
         for name in ("columns", "scale"):
             if name in said:
@@ -129,8 +129,13 @@ def pasted(*options: tuple[str, str]) -> str:
 
 def _quoted(value: str) -> str:
     name, equals, rest = value.partition("=")
-    if equals and not _bare(rest):
-        return f"{name}{equals}{_quoted(rest)}"
+    if equals and name.replace("_", "").isalnum():
+        return f"{name}={_word(rest)}"
+    return _word(value)
+
+
+def _word(value: str) -> str:
+    """A word as a shell takes it for one."""
     if _bare(value):
         return value
     return f"'{value}'" if any(c in value for c in '"$`\\!') and "'" not in value else f'"{value}"'

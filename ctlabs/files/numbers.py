@@ -19,7 +19,7 @@ _SPELLED = frozenset(form for word in WORDS for form in (word, word.upper(), wor
 _OTHER = {".": ",", ",": "."}
 
 
-class TwoReadings(Exception):  # noqa: N818  # no error: the table is read once more with what was found
+class TwoReadings(Exception):  # no error: the table is read once more with what was found
     """A number such as 1,234,567 says that a mark of the column parts thousands."""
 
     def __init__(self, name: str, mark: str) -> None:
@@ -170,7 +170,8 @@ class Numbers:
         if decimal and self.mapping.decimal not in ("", decimal):
             self._refuse(
                 line,
-                f"expected a decimal mark {self.mapping.decimal}, received {shown(text)} ({pasted(('--decimal', decimal))})",
+                f"expected a decimal mark {self.mapping.decimal}, received {shown(text)} "
+                f"({pasted(('--decimal', decimal))})",
             )
         if mark in ".," and mark == self.mapping.decimal:
             self._refuse(
@@ -190,7 +191,8 @@ class Numbers:
                 if mark in self.decimals:
                     self._refuse(
                         self.groups[mark][0],
-                        f"expected one meaning of {shown(mark)}, received {shown(self.groups[mark][1])} and {shown(self.decimals[mark][1])}",
+                        f"expected one meaning of {shown(mark)}, received {shown(self.groups[mark][1])} and "
+                        f"{shown(self.decimals[mark][1])}",
                     )
                 raise TwoReadings(self.name, mark)
             if mark not in self.either or mark in self.decimals:
@@ -205,7 +207,8 @@ class Numbers:
         beside = f" beside {shown(self.whole[1])}" if self.whole else ""
         self._refuse(
             line,
-            f"{shown(text)}{beside} may be {many} or {few}: expected a choice, {pasted(('--thousands', mark))} or {pasted(('--decimal', mark))}",
+            f"{shown(text)}{beside} may be {many} or {few}: expected a choice, {pasted(('--thousands', mark))} "
+            f"or {pasted(('--decimal', mark))}",
         )
 
     def _called(self, mark: str) -> str:
@@ -249,7 +252,9 @@ def one_mark(columns: Table[int, Numbers]) -> None:
         first = met[0]
         if mark != first[3]:
             msg = (
-                f"{column.source}: line {line}, column {column.name}: expected one decimal mark in the file, received {shown(text)} "
-                f"after {shown(first[2])} in line {first[0]}; {pasted(('--decimal', first[3]), ('--thousands', _OTHER[first[3]]))} takes the other for thousands"
+                f"{column.source}: line {line}, column {column.name}: expected one decimal mark in the file, "
+                f"received {shown(text)} "
+                f"after {shown(first[2])} in line {first[0]}; "
+                f"{pasted(('--decimal', first[3]), ('--thousands', _OTHER[first[3]]))} takes the other for thousands"
             )
             raise ValueError(msg)

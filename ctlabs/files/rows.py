@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator
 
 from ctlabs.files.columns import Columns
 from ctlabs.files.mapping import Mapping
-from ctlabs.files.spelling import INSTANT, NUMBER, WORDS, short, shown
+from ctlabs.files.spelling import GROUPED, INSTANT, NUMBER, WORDS, short, shown
 from ctlabs.files.table import Layout, chunks, is_comment, is_data, rows
 
 #: Rows below the names that may hold units and kinds of values.
 BELOW = 3
-_UNITS = frozenset(
-    "s sec ms us ns min h hr d day m mm cm km um nm ft in kg g mg t n kn pa hpa kpa mpa bar mbar k c f degc degf deg rad v mv kv a ma w kw mw j kj hz khz mhz "
-    "m/s km/h kn m/s2 m/s^2 m/s² deg/s rad/s rpm m3/s m³/s l/s l/min m2 m3 m² m³ % ppm ppb g/l mg/l mol db lux ohm ω °c °f ° mm/h n/m nm".split()
-)
+#: Units, in lower case.
+_UNITS = frozenset({
+    "s", "sec", "ms", "us", "ns", "min", "h", "hr", "d", "day", "m", "mm", "cm", "km", "um", "nm", "ft", "in", "kg", "g", "mg", "t", "n",
+    "kn", "pa", "hpa", "kpa", "mpa", "bar", "mbar",
+    "k", "c", "f", "degc", "degf", "deg", "rad", "v", "mv", "kv", "a", "ma", "w", "kw", "mw",
+    "j", "kj", "hz", "khz", "mhz", "m/s", "km/h", "m/s2", "m/s^2", "m/s²", "deg/s", "rad/s", "rpm", "m3/s", "m³/s", "l/s", "l/min", "m2", "m3", "m²",
+    "m³", "%", "ppm", "ppb", "g/l", "mg/l", "mol", "db", "lux", "ohm", "ω", "°c", "°f", "°", "mm/h", "n/m",
+})  # fmt: skip
 
 
 class Rows:
@@ -114,7 +119,8 @@ class Rows:
         if self.single or self.mapping.blank:
             return [""] * self.width
         raise ValueError(
-            f"{self.source}: line {line}: expected {self.width} columns, received a blank line, which may be a missing row or nothing: --blank missing or --blank skip"
+            f"{self.source}: line {line}: expected {self.width} columns, received a blank line, which may be a "
+            "missing row or nothing: --blank missing or --blank skip"
         )
 
     def _single(self, line: int, cell: str) -> None:
@@ -124,7 +130,7 @@ class Rows:
         if "," not in text or self.layout.mark == ",":
             return
         parts = text.split(",")
-        if len(parts) == 2 and NUMBER.fullmatch(text):
+        if (len(parts) == 2 and NUMBER.fullmatch(text)) or GROUPED.fullmatch(text):
             self.split += 1
             self.comma = self.comma or (line, text)
         elif all(NUMBER.fullmatch(part.strip()) for part in parts) and not all(len(part) == 3 for part in parts[1:]):
@@ -158,13 +164,14 @@ class Rows:
             if len(full) > 2:
                 break
         begins = self.layout.line or full[0] if full else 0
-        steps = [b - a for a, b in zip(full, full[1:], strict=False)]
+        steps = [b - a for a, b in itertools.pairwise(full)]
         below = full[0] - begins if full and self.layout.named else 0
         if len(full) < 2 or len(set(steps[:2])) > 1 or steps[0] < 2 or (len(full) == 2 and below != steps[0]):
             return
         if self._regular(steps[0]):
             raise ValueError(
-                f"{self.source}: line {full[0] + 1}: a blank line {'behind' if below < 2 else 'before'} every value may be a missing value or nothing: "
+                f"{self.source}: line {full[0] + 1}: a blank line {'behind' if below < 2 else 'before'} every "
+                "value may be a missing value or nothing: "
                 "expected a choice, --blank skip or --blank missing"
             )
 
@@ -188,7 +195,8 @@ class Rows:
                 bare = [cells[0].lstrip().lstrip("#"), *cells[1:]]
                 if len(bare) == self.width and is_data(bare):
                     raise ValueError(
-                        f"{self.source}: line {line}: a row of numbers behind # may be a missing row or none: expected rows without #, "
+                        f"{self.source}: line {line}: a row of numbers behind # may be a missing row or none: "
+                        "expected rows without #, "
                         f"received {shown(','.join(cells))}; write empty cells, or delete the line"
                     )
 

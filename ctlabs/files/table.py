@@ -105,7 +105,8 @@ def is_data(cells: list[str]) -> bool:
 
 def layout(text: str, wanted: Collection[str], source: str, skip: int = 0) -> Layout:
     """The separator and the line of names: those that show most of the ``wanted`` names (the last is that of the times), else the
-    most regular."""
+    most regular.
+    """
     if not text.strip():
         raise ValueError(f"{source}: expected a header row and rows of numbers, received an empty file")
     if '"' in text:
@@ -223,7 +224,8 @@ def _named(text: str, mark: str, names: set[str], source: str, skip: int) -> Lay
     early = next((head[i] for i in above if not is_comment(head[i][1]) and is_data(head[i][1])), None)
     if early:
         raise ValueError(
-            f"{source}: line {early[0]}: expected the names of the columns above the numbers, received numbers above line {line}"
+            f"{source}: line {early[0]}: expected the names of the columns above the numbers, received numbers "
+            f"above line {line}"
         )
     titles = [head[i][1] for i in above if not is_comment(head[i][1])]
     title = short(",".join(titles[0])) if titles else ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import datetime
+import datetime as dt
 import re
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -15,7 +15,7 @@ from ctlabs.files.spelling import INSTANT, NUMBER, WORDS, shown
 from ctlabs.linalg.checks import Array
 from ctlabs.text import moment
 
-EPOCH = datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC)
+EPOCH = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
 _CLOCK = re.compile(r"(\d{1,3}):(\d{2})(?::(\d{2})([.,]\d*)?)?\s*([AaPp]\.?[Mm]\.?)?", re.ASCII)
 _DATE = re.compile(r"(\d{1,4})([-./ ]?)(\d{1,2})\2(\d{1,4})(?:[T ]+(.*))?", re.ASCII)
 _COMPACT = re.compile(r"(\d{4})()(\d{2})(\d{2})(?:T(.*))?", re.ASCII)
@@ -135,7 +135,8 @@ def _written(cells: Sequence[str], lines: Sequence[int], numbers: Numbers, unit:
             raise ValueError(f"{where}: expected {_MEANT[unit]}, received {shown(text)}{hint}") from None
         if zoned not in (None, zone):
             raise ValueError(
-                f"{where}: expected times all with a zone or all without one, received {shown(text)} after {shown(cells[0])}"
+                f"{where}: expected times all with a zone or all without one, received {shown(text)} after "
+                f"{shown(cells[0])}"
             )
         seconds[i], behind[i], zoned = whole, fraction, zone
     return Times(seconds + behind, (seconds - seconds[0]) + (behind - behind[0]), cells[0].strip())
@@ -221,7 +222,7 @@ def _instant(text: str, unit: str) -> tuple[int, float, bool]:
     assert told
     clock, zone = told[1], told[2]
     seconds, fraction = _clock(clock) if clock else (0, 0.0)
-    date = datetime.datetime(int(year), int(month), int(day), tzinfo=datetime.UTC)
+    date = dt.datetime(int(year), int(month), int(day), tzinfo=dt.UTC)
     return int((date - EPOCH).total_seconds()) + seconds - _offset(zone), fraction, bool(zone)
 
 
@@ -273,7 +274,8 @@ def _increasing(times: Times, cells: Sequence[str], lines: Sequence[int], number
             before, now = cells[at].strip(), cells[late[0]].strip()
         hint = "; past midnight, dates have to tell the day" if ":" in now and len(now) < 14 else ""
         raise ValueError(
-            f"{where} {lines[late[0]]}, column {numbers.name}: expected a time after {before} (rows in the order of time{hint}), "
+            f"{where} {lines[late[0]]}, column {numbers.name}: expected a time after {before} (rows in the "
+            f"order of time{hint}), "
             f"received {now}{more}"
         )
     alike = np.flatnonzero(np.diff(t) <= 0)
@@ -284,7 +286,8 @@ def _increasing(times: Times, cells: Sequence[str], lines: Sequence[int], number
 def _refuse_digits(times: Times, cells: Sequence[str], lines: Sequence[int], numbers: Numbers, row: int) -> None:
     """Times with more digits than a double has: they can only be counted from the first."""
     raise ValueError(
-        f"{numbers.source}: line {lines[row]}, column {numbers.name}: expected times that a double tells apart, received {cells[row].strip()} "
+        f"{numbers.source}: line {lines[row]}, column {numbers.name}: expected times that a double tells apart, "
+        f"received {cells[row].strip()} "
         f"after {cells[row - 1].strip()}; {choice(numbers.name, times.first) or pasted(('--t0', 'first'))}"
     )
 

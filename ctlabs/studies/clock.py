@@ -38,20 +38,37 @@ def timed(model: ModelFile, record: Record) -> tuple[DiscreteModel, Array, Array
     if steps < 1:
         msg = f"{record.source}: expected at least 2 rows (first = 0: one is at t0), received {record.rows}"
         raise ValueError(msg)
+    inputs = _inputs(model, record, first)
     z = np.vstack([np.full((first, record.z.shape[1]), np.nan), record.z])
     if record.t is not None:
-        _plausible(model, record, t0, first)
+        _plausible(model, record, t0)
     if record.t is None:
-        discrete = model.discrete(steps=steps)
+        discrete = model.discrete(steps=steps, inputs=inputs)
         return discrete, z, t0 + np.arange(steps + 1) * discrete.dt
     if model.kind == "discrete":
-        return _uniform(model, record, steps, z)
+        return _uniform(model, record, steps, z, inputs)
     t = np.concatenate([[t0][:first], record.t])
     _begins(record, t0, first)
-    return model.discrete(times=t), z, t
+    return model.discrete(times=t, inputs=inputs), z, t
 
 
-def _plausible(model: ModelFile, record: Record, t0: float, first: int) -> None:
+def _inputs(model: ModelFile, record: Record, first: int) -> Array | None:
+    """The known inputs of the intervals, (steps, r): each row's acts until the next row."""
+    if record.u is None:
+        if model.driven:
+            msg = f"{record.source}: expected the known input of B, received none; --input COLUMN for each column of B, or u under [model]"
+            raise ValueError(msg)
+        return None
+    if first:
+        msg = (
+            f"{record.source}: expected an input for every interval, received none from t0 to the first row (first = 1): "
+            "set first = 0 under [experiment], then the first row is at t0"
+        )
+        raise ValueError(msg)
+    return record.u[:-1]
+
+
+def _plausible(model: ModelFile, record: Record, t0: float) -> None:
     """Refuse a first row or a usual interval that is a thousand periods away, unless the unit or t0 is told."""
     assert record.t is not None
     dt, start, told = model.dt, float(record.t[0]), record.mapping
@@ -93,7 +110,9 @@ def _begins(record: Record, t0: float, first: int) -> None:
         raise ValueError(msg)
 
 
-def _uniform(model: ModelFile, record: Record, steps: int, z: Array) -> tuple[DiscreteModel, Array, Array]:
+def _uniform(
+    model: ModelFile, record: Record, steps: int, z: Array, inputs: Array | None
+) -> tuple[DiscreteModel, Array, Array]:
     """The same for a model in discrete time, whose period is what every interval must be."""
     assert record.t is not None
     first, dt = model.experiment.first, model.dt
@@ -107,4 +126,4 @@ def _uniform(model: ModelFile, record: Record, steps: int, z: Array) -> tuple[Di
             "write a row with empty cells where nothing was measured, or a continuous model"
         )
         raise ValueError(msg)
-    return model.discrete(times=t), z, t
+    return model.discrete(times=t, inputs=inputs), z, t

@@ -79,6 +79,8 @@ def study(
         An algorithm that does not exist or cannot filter the model; times that do not fit it.
     """
     used = model if design is None else design
+    if design is not None and record.u is not None:
+        raise ValueError(f"--design: expected a record without known inputs, received {', '.join(record.mapping.inputs)}")
     algorithm = algorithm or used.experiment.algorithms[0]
     run = _run(used, record, algorithm, smooth)
     given = common.settings(

@@ -157,6 +157,11 @@ class ModelFile:
         return self._document.data.mapping()
 
     @property
+    def driven(self) -> bool:
+        """Whether the model has a known input that the file does not give: B without u."""
+        return self._values.given("B") and not self._values.given("u")
+
+    @property
     def varying(self) -> tuple[str, ...]:
         """The matrices that depend on t or k."""
         names = checks.SHAPES[self.kind]
@@ -196,7 +201,9 @@ class ModelFile:
         """
         return build.continuous(self._values)
 
-    def discrete(self, steps: int | None = None, times: ArrayLike | None = None) -> DiscreteModel:
+    def discrete(
+        self, steps: int | None = None, times: ArrayLike | None = None, inputs: Array | None = None
+    ) -> DiscreteModel:
         """The discrete model that the commands filter with.
 
         A continuous file is discretised exactly over every interval; B·u is added with u held at its value at the
@@ -208,6 +215,7 @@ class ModelFile:
         steps : how many steps, where matrices vary; those of [experiment] by default
         times : (steps+1,), s, increasing, instead of t0, t0 + dt, …; ``times[0]`` is the instant of x0 and P0. A discrete
             file takes only times dt apart. Where they are not equally spaced, ``dt`` of the model is the mean interval.
+        inputs : (steps, r), a record's known inputs for B of a file without u; each acts over the interval that follows
 
         Raises
         ------
@@ -215,7 +223,7 @@ class ModelFile:
             A value that is missing or not allowed at a time, with its place; times that do not increase or that a
             discrete file cannot follow, with their row.
         """
-        return build.discrete(self._values, steps, times)
+        return build.discrete(self._values, steps, times, inputs)
 
     # --- problems ------------------------------------------------------------------------------------------------------
 
