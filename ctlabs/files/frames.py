@@ -49,13 +49,13 @@ def _sheet(content: bytes, what: str) -> dict[str, Any]:
     """How the one sheet of a workbook that holds data is read: all cells, as they are."""
     import pandas as pd
 
-    book = pd.ExcelFile(io.BytesIO(content))
-    sheets = [name for name in book.sheet_names if not book.parse(name, header=None).dropna(how="all").empty]
+    book = pd.read_excel(io.BytesIO(content), sheet_name=None, header=None)
+    sheets = [name for name, frame in book.items() if not frame.dropna(how="all").empty]
     if len(sheets) > 1:
         raise ValueError(
             f"{what} with {len(sheets)} sheets that hold data, {', '.join(map(str, sheets))}: save one as CSV"
         )
-    return {"header": None, "dtype": object, "na_filter": False, "sheet_name": (sheets or book.sheet_names)[0]}
+    return {"header": None, "dtype": object, "na_filter": False, "sheet_name": (sheets or list(book))[0]}
 
 
 def _cells(column: Any) -> list[str]:

@@ -219,7 +219,11 @@ class Numbers:
         if INFINITE.fullmatch(text) or NUMBER.fullmatch(text):
             return f"expected a finite number, received {shown(text)}{_told(text)}"
         if INSTANT.fullmatch(text):
-            return f"expected a number, received the date or time of day {shown(text)}: as times, {pasted(('--time', self.name + ':iso'), ('--t0', 'first'))}"
+            way = pasted(("--time", self.name + ":iso"), ("--t0", "first"))
+            return f"expected a number, received the date or time of day {shown(text)}: as times, {way}"
+        if self.needed == "a time":
+            way = pasted(("--time", self.name + ":iso"), ("--t0", "first"))
+            return f"expected a number, received {shown(text)}; dates are read as 2024-05-31T12:30:00: {way}"
         if "\n" in text or "\r" in text:
             return f"expected a number, received a quotation mark before {shown(' '.join(text.split()))} that is not closed in its line"
         return f"expected a number, received {shown(text)}{_told(text)}"

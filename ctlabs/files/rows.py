@@ -18,8 +18,8 @@ _UNITS = frozenset({
     "s", "sec", "ms", "us", "ns", "min", "h", "hr", "d", "day", "m", "mm", "cm", "km", "um", "nm", "ft", "in", "kg", "g", "mg", "t", "n",
     "kn", "pa", "hpa", "kpa", "mpa", "bar", "mbar",
     "k", "c", "f", "degc", "degf", "deg", "rad", "v", "mv", "kv", "a", "ma", "w", "kw", "mw",
-    "j", "kj", "hz", "khz", "mhz", "m/s", "km/h", "m/s2", "m/s^2", "m/s²", "deg/s", "rad/s", "rpm", "m3/s", "m³/s", "l/s", "l/min", "m2", "m3", "m²",
-    "m³", "%", "ppm", "ppb", "g/l", "mg/l", "mol", "db", "lux", "ohm", "ω", "°c", "°f", "°", "mm/h", "n/m",
+    "j", "kj", "hz", "khz", "mhz", "m/s", "km/h", "m/s2", "m/s^2", "m/s²", "deg/s", "rad/s", "rpm", "m3/s", "m³/s", "l/s", "l/min",
+    "m2", "m3", "m²", "m³", "%", "ppm", "ppb", "g/l", "mg/l", "mol", "db", "lux", "ohm", "ω", "°c", "°f", "°", "mm/h", "n/m",
 })  # fmt: skip
 
 
@@ -49,6 +49,8 @@ class Rows:
             widths = set(map(len, cells))
             if widths != {self.width} or self.single:
                 lines, cells = self._squared(lines, cells)
+            if self.columns.time is not None and any(not row[self.columns.time] for row in cells):
+                lines, cells = _full(lines, cells)
             if cells:
                 yield lines, cells
         if self.single and self.comma and (self.split < 2 or 2 * self.split < self.filled):
@@ -199,6 +201,12 @@ class Rows:
                         "expected rows without #, "
                         f"received {shown(','.join(cells))}; write empty cells, or delete the line"
                     )
+
+
+def _full(lines: list[int], cells: list[list[str]]) -> tuple[list[int], list[list[str]]]:
+    """Without the rows of empty cells that a spreadsheet leaves below a table."""
+    kept = [i for i, row in enumerate(cells) if any(cell.strip() for cell in row)]
+    return [lines[i] for i in kept], [cells[i] for i in kept]
 
 
 def _units(cell: str) -> bool:

@@ -164,8 +164,8 @@ def _head(text: str, mark: str, source: str, skip: int) -> list[tuple[int, list[
 def _bare(cells: list[str]) -> list[str]:
     """The names in a row, without a comment sign before them."""
     told = [plain(cell) for cell in cells]
-    if is_comment(cells):
-        told[0] = plain(told[0].lstrip("# "))
+    if told and (sign := re.match(r"(#+|%+|//|!)\s*", told[0])):
+        told[0] = plain(told[0][sign.end() :])
         if not told[0]:
             told = told[1:]
     return told
@@ -184,6 +184,8 @@ def _fitness(
     common = Counter(map(len, body)).most_common(1)[0][0] if body else 0
     share = sum(len(cells) == width for cells in body) / max(len(body), 1)
     measured = max((len(own & set(_bare(cells))) for cells in head), default=0)
+    if mark == " " and any(cell in SEPARATORS for cells in head for cell in cells):
+        share = 0.0
     share *= 1 if best or width > 1 else 0.99
     return measured, share, best, min(width, common), -SEPARATORS.index(mark), mark
 
@@ -229,7 +231,7 @@ def _named(text: str, mark: str, names: set[str], source: str, skip: int) -> Lay
         )
     titles = [head[i][1] for i in above if not is_comment(head[i][1])]
     title = short(",".join(titles[0])) if titles else ""
-    return _trimmed(Layout(text, mark, tuple(plain(cell) for cell in cells), line, at + 1, skip, title))
+    return _trimmed(Layout(text, mark, tuple(_bare(cells)), line, at + 1, skip, title))
 
 
 def _trimmed(found: Layout) -> Layout:

@@ -81,7 +81,7 @@ def _refuse_written(cells: Sequence[str], lines: Sequence[int], numbers: Numbers
     )
     choice = " or ".join(pasted(("--time", f"{numbers.name}:{unit}"), ("--t0", "first")) for unit in found)
     kind = "the time of day" if found == ["clock"] else "the date"
-    which = ", which has two readings, day or month first" if len(found) > 1 else ""
+    which = ", which has several readings" if len(found) > 1 else ""
     where = f"{numbers.source}: line {lines[0]}, column {numbers.name}"
     raise ValueError(
         f"{where}: expected a number, received {kind} {shown(cells[0])}{which}: seconds from the first row on, {choice}"
@@ -134,9 +134,10 @@ def _written(cells: Sequence[str], lines: Sequence[int], numbers: Numbers, unit:
             hint = f" ({' or '.join(pasted(('--time', f'{numbers.name}:{way}')) for way in others)})" if others else ""
             raise ValueError(f"{where}: expected {_MEANT[unit]}, received {shown(text)}{hint}") from None
         if zoned not in (None, zone):
+            other = cells[int(done.argmax())] if done.any() else cells[0]
             raise ValueError(
-                f"{where}: expected times all with a zone or all without one, received {shown(text)} after "
-                f"{shown(cells[0])}"
+                f"{where}: expected times all with a zone or all without one, received {shown(text)} beside "
+                f"{shown(other)}"
             )
         seconds[i], behind[i], zoned = whole, fraction, zone
     return Times(seconds + behind, (seconds - seconds[0]) + (behind - behind[0]), cells[0].strip())
@@ -209,7 +210,11 @@ def _instant(text: str, unit: str) -> tuple[int, float, bool]:
         raise ValueError(text)
     first, separator, second, third, rest = found.groups()
     if unit in ("iso", "ymd"):
-        if len(first) != 4 or (unit == "iso" and (separator not in ("-", "") or (not separator and rest is None))):
+        if (
+            len(first) not in ((4, 2) if unit == "ymd" and separator else (4,))
+            or len(third) > 2
+            or (unit == "iso" and (separator not in ("-", "") or (not separator and rest is None)))
+        ):
             raise ValueError(text)
         year, month, day = first, second, third
     else:
@@ -279,7 +284,7 @@ def _increasing(times: Times, cells: Sequence[str], lines: Sequence[int], number
             f"received {now}{more}"
         )
     alike = np.flatnonzero(np.diff(t) <= 0)
-    if alike.size:
+    if alike.size and numbers.mapping.t0 != "first":
         _refuse_digits(times, cells, lines, numbers, int(alike[0]) + 1)
 
 
