@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import io
 import itertools
+import re
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple, overload
 
 import numpy as np
 
 from ctlabs.files.mapping import Mapping
-from ctlabs.files.table import Layout, rows
+from ctlabs.files.table import TOP, Layout, rows
 from ctlabs.linalg.checks import Array
 
 #: Smaller tables are read the general way, which does not load pandas.
@@ -83,14 +84,14 @@ def read(layout: Layout, mapping: Mapping, source: str) -> Plain | None:
 
 def _body(layout: Layout, source: str) -> tuple[int, bytes]:
     """The line at which the numbers begin, and all text from there on."""
-    line = next(
-        (at for at, _ in itertools.islice(rows(layout.text, layout.mark, source, layout.skip), layout.start, None)), 1
-    )
-    text = io.StringIO(layout.text, newline="")
-    for _ in range(line - 1):
-        text.readline()
-    body = text.read().replace("\r\n", "\n").rstrip("\n")
-    return line, body.encode("utf-8", "replace") + b"\n"
+    top = layout.text[:TOP]
+    line = next((at for at, _ in itertools.islice(rows(top, layout.mark, source, layout.skip), layout.start, None)), 1)
+    ends = itertools.islice(re.finditer(r"\r\n|\r|\n", top), line - 1)
+    start = max((end.end() for end in ends), default=0)
+    body = layout.text[start:]
+    if "\r" in body:
+        body = body.replace("\r\n", "\n")
+    return line, body.rstrip("\n").encode("utf-8", "replace") + b"\n"
 
 
 def _rectangle(body: bytes, layout: Layout) -> tuple[Array, Array] | None:

@@ -81,7 +81,9 @@ class Rows:
         if self.columns.time is not None and self.columns.time < len(told):
             return True  # a measurement has a time
         own = [told[place] for place in self.columns.z if place < len(told)]
-        return all(_units(cell) for cell in own if cell)
+        return all(
+            _units(cell) and not (len(cell) == 1 and cell.isalpha()) for cell in own if cell
+        )  # m may mean missing
 
     def _row_names(self, cells: list[list[str]]) -> int:
         """1 where R wrote the numbers of the rows before them, and no name for them."""

@@ -107,7 +107,7 @@ def layout(text: str, wanted: Collection[str], source: str, skip: int = 0) -> La
     """The separator and the line of names: those that show most of the ``wanted`` names (the last is that of the times), else the
     most regular.
     """
-    if not text.strip():
+    if not text or text.isspace():
         raise ValueError(f"{source}: expected a header row and rows of numbers, received an empty file")
     if '"' in text:
         text = _unwrapped(re.sub(r'(^|[,;|])([ ]*"[^"\r\n]*")[ ]+(?=[,;|\r\n]|$)', r"\1\2", text), source)
