@@ -61,7 +61,7 @@ def tries():
             yield pytest.param(case, one, id=name, marks=marks)
 
 
-@pytest.mark.parametrize(("case", "one"), tries())
+@pytest.mark.parametrize(("case", "one"), list(tries()))
 def test_a_file_is_read_as_it_was_meant_or_refused_with_what_helps(case, one, tmp_path, monkeypatch, capsys):
     """Exit 0 with the right numbers, or exit 2 with one line that names file, line, both readings and the option to paste."""
     monkeypatch.chdir(tmp_path)
