@@ -171,7 +171,7 @@ REFUSED = [
     (["filter", "nile.toml"], r"DATA\.csv: expected as in `ctlabs filter --help`, received none"),
     (["filter", "none.toml", "flow.csv"], r"none\.toml: expected a file that can be read, received: No such file.*"),
     (["filter", "nile.toml", "none.csv"], r"none\.csv: expected a file that can be read, received: No such file.*"),
-    (["filter", "nile.toml", "nile.toml"], r"nile\.toml: line 1: expected the column flow and optionally t, received .*"),
+    (["filter", "nile.toml", "nile.toml"], r"nile\.toml: line 1: expected the column flow, received .*"),
     (["filter", "nile.toml", "flow.csv", "--algorithm", "kalman"], r"algorithm: expected one of auto, .*, received 'kalman'"),
     (["filter", "nile.toml", "flow.csv", "--design", "none.toml"], r"none\.toml: expected a file .*"),
     (["filter", "nile.toml", "flow.csv", "--export", "gains.txt"], r"--export gains\.txt: expected a name that ends .*"),

@@ -274,7 +274,7 @@ class TestClock:
         ("text", "times", "line"),
         [
             (TRACK, [0.0, 1.0], r"track.csv: line 2, column t: expected a time after t0 = 0 .*, received 0; .*first = 0"),
-            (TRACK + "first = 0\n", [1.0, 2.0], r"track.csv: line 2, column t: expected t0 = 0 .*, received 1; set t0 = 1"),
+            (TRACK + "first = 0\n", [1.0, 2.0], r"track.csv: line 2, column t: expected t0 = 0 .*, received 1; --t0 first, or set t0 = 1"),
             (TRACK + "first = 0\n", [0.0], r"track.csv: expected at least 2 rows .*, received 1"),
         ],
     )  # fmt: skip

@@ -84,6 +84,7 @@ def cli(ctx: click.Context) -> None:
     ctlabs models                    ready models; `ctlabs models copy NAME` gives a file to edit
     ctlabs analyse MODEL             what a model's filter will do
     ctlabs simulate MODEL            what it does in many simulated runs
+    ctlabs look DATA.csv             what is in a table of data, and how a model reads it
     ctlabs filter MODEL DATA.csv     what it makes of measured data; fit estimates the model's constants
     ctlabs workbench                 all of it in the browser
     """
@@ -100,6 +101,7 @@ for command in (
     own.analyse,
     own.compare,
     own.fit,
+    own.look,
     models.models,
     workbench,
 ):

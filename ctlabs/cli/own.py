@@ -14,8 +14,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from ctlabs.cli.common import settings, whole
+from ctlabs.cli.records import noted, reading
 
 if TYPE_CHECKING:
+    from ctlabs.files.datafile import Record
+    from ctlabs.files.mapping import Mapping
     from ctlabs.files.modelfile import ModelFile
     from ctlabs.reporting.report import Report
 
@@ -68,6 +71,7 @@ def _seed() -> Callable[[Callable[..., int]], Callable[..., int]]:
 @click.command("filter")
 @_options
 @click.argument("data", metavar="DATA.csv")
+@reading
 @click.option("--algorithm", metavar="NAME", help="A form of the filter: joseph, ud, srif, … (default: the model's).")
 @click.option("--smooth", is_flag=True, help="Estimates from the whole record too, forwards and backwards in time.")
 @click.option("--design", metavar="MODEL2", help="Filter with this model, and say what it costs if MODEL is the truth.")
@@ -80,6 +84,7 @@ def _seed() -> Callable[[Callable[..., int]], Callable[..., int]]:
 def filter_(
     model: str,
     data: str,
+    mapping: Mapping,
     algorithm: str | None,
     smooth: bool,
     design: str | None,
@@ -90,18 +95,19 @@ def filter_(
 ) -> int:
     """Filter a measured record.
 
-    MODEL is a model file, a name of the gallery (`ctlabs models`) or - (standard input). DATA.csv has a header with
-    the names of the measurements and optionally t, the times in seconds; an empty cell is a missing measurement; - is
-    the standard input.
+    MODEL is a model file, a name of the gallery (`ctlabs models`) or - (standard input). DATA.csv is a table (also .gz,
+    .xlsx, .parquet) with the names of its columns above them: the model's measurements, and optionally t, the times in
+    seconds; an empty cell is a missing measurement; - is the standard input. Other names, units and clocks are told by
+    the options, or once for all in the model file's table [data]; `ctlabs look DATA.csv MODEL` suggests it.
 
     \b
     ctlabs filter nile.toml flow.csv                     writes nile/report.html, nile/estimates.csv, …
     ctlabs filter nile.toml flow.csv --smooth --set q=500
     ctlabs filter track.toml gps.csv --algorithm ud --export gains.h
     ctlabs filter truth.toml gps.csv --design simple.toml
+    ctlabs filter track.toml log.csv --column position="alt [m]" --time stamp:unix_ms --t0 first --missing -9999
     cat flow.csv | ctlabs filter nile.toml - --json | jq .values.log_likelihood.value
     """
-    from ctlabs.files import datafile
     from ctlabs.studies import filtering
 
     _one_stdin(model, data, design)
@@ -110,7 +116,7 @@ def filter_(
     if export is not None:
         filtering.exportable(export)
         _outside(export, folder)
-    record = datafile.read(data, (other or chosen).measurements)
+    record = _record(data, other or chosen, mapping)
     report = filtering.study(chosen, record, algorithm=algorithm, smooth=smooth, design=other)
     code = _deliver(report, folder, as_json, "last")
     if export is not None:
@@ -184,6 +190,7 @@ def analyse(model: str, pairs: tuple[str, ...], out: Path | None, as_json: bool)
 @click.command()
 @_options
 @click.argument("data", metavar="[DATA.csv]", required=False)
+@reading
 @click.option("--algorithms", metavar="all|a,b", default="all", show_default=True, help="Which forms of the filter.")
 @click.option(
     "--sweep", metavar="NAME=a,b,…", help="Repeat for these values of one constant, and draw the errors against it."
@@ -193,6 +200,7 @@ def analyse(model: str, pairs: tuple[str, ...], out: Path | None, as_json: bool)
 def compare(
     model: str,
     data: str | None,
+    mapping: Mapping,
     algorithms: str,
     sweep: str | None,
     seed: int | None,
@@ -213,13 +221,12 @@ def compare(
     ctlabs compare track.toml gps.csv --algorithms joseph,ud,srif
     ctlabs compare ill_conditioned --sweep delta=1e-6,1e-7,1e-8,1e-9
     """
-    from ctlabs.files import datafile
     from ctlabs.studies import comparison
 
     _one_stdin(model, data)
     chosen = _model(model, pairs)
     folder = _folder(model, out, data)
-    record = None if data is None else datafile.read(data, chosen.measurements)
+    record = None if data is None else _record(data, chosen, mapping)
     report = comparison.study(chosen, record, algorithms=algorithms, sweep=sweep, seed=seed, steps=steps)
     return _deliver(report, folder, as_json, "algorithms", "sweep")
 
@@ -227,10 +234,13 @@ def compare(
 @click.command()
 @_options
 @click.argument("data", metavar="DATA.csv")
+@reading
 @click.option(
     "--free", required=True, metavar="a,b", help="The constants to estimate; their values are where the search starts."
 )
-def fit(model: str, data: str, free: str, pairs: tuple[str, ...], out: Path | None, as_json: bool) -> int:
+def fit(
+    model: str, data: str, mapping: Mapping, free: str, pairs: tuple[str, ...], out: Path | None, as_json: bool
+) -> int:
     """Estimate a model's constants from a record.
 
     By maximum likelihood, with standard errors and profiles.
@@ -241,14 +251,55 @@ def fit(model: str, data: str, free: str, pairs: tuple[str, ...], out: Path | No
     ctlabs fit nile.toml flow.csv --free q,r
     ctlabs fit track.toml gps.csv --free tau --set tau=10     start from another value
     """
-    from ctlabs.files import datafile
     from ctlabs.studies import fitting
 
     _one_stdin(model, data)
     chosen = _model(model, pairs)
     folder = _folder(model, out, data)
-    record = datafile.read(data, chosen.measurements)
+    record = _record(data, chosen, mapping)
     return _deliver(fitting.study(chosen, record, free.split(",")), folder, as_json, "estimates")
+
+
+@click.command()
+@click.argument("data", metavar="DATA.csv")
+@click.argument("model", metavar="[MODEL]", required=False)
+@reading
+@click.option("--json", "as_json", is_flag=True, help="Print results.json instead of the table.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Folder for the report (default: look_DATA).")
+def look(data: str, model: str | None, mapping: Mapping, out: Path | None, as_json: bool) -> int:
+    """See what is in a table of data, before it is filtered.
+
+    Its columns with their types and ranges, gaps, sampling, suspicious values, a figure, and the table [data] of a
+    model file (or the options) by which MODEL would read it. - is the standard input.
+
+    \b
+    ctlabs look log.csv
+    ctlabs look log.csv track.toml
+    ctlabs look log.csv --time stamp:unix_ms --missing -9999
+    """
+    from ctlabs.files import decode
+    from ctlabs.studies import looking
+
+    with _refusing(), _at_work():
+        _one_stdin(model, data)
+        chosen = None if model is None else _model(model, ())
+        said = mapping if chosen is None else chosen.mapping.over(mapping)
+        source = "stdin" if data == "-" else Path(data).name
+        folder = _folder(f"look_{Path(source).name.split('.')[0]}", out, data, model)
+        report = looking.study(decode.content(data, source), source, said, chosen)
+        code = _deliver(report, folder, as_json, "columns")
+        if not as_json:
+            _suggest(report)
+        return code
+
+
+def _suggest(report: Report) -> None:
+    """The suggested table [data] on the terminal."""
+    from ctlabs.reporting.report import Text
+
+    for block in report.blocks:
+        if isinstance(block, Text) and "```toml" in block.text:
+            click.echo("\n" + block.text.split("```")[1].removeprefix("toml").strip())
 
 
 @contextlib.contextmanager
@@ -301,6 +352,16 @@ def _model(word: str, pairs: tuple[str, ...]) -> ModelFile:
     is_file = word == "-" or Path(word).is_file() or bool(Path(word).suffix) or os.sep in word
     found = modelfile.load(word) if is_file else modelfile.ready(word)
     return _changed(found, settings(pairs)).checked()
+
+
+def _record(data: str, model: ModelFile, mapping: Mapping) -> Record:
+    """The record in a table, as the model file and the options say; what is remarkable is told."""
+    from ctlabs.files import reading
+
+    record = reading.read_record(data, model, mapping)
+    _clear()
+    noted(record)
+    return record
 
 
 def _changed(model: ModelFile, values: dict[str, object]) -> ModelFile:

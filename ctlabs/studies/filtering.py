@@ -78,6 +78,8 @@ def study(
         An algorithm that does not exist or cannot filter the model; times that do not fit it.
     """
     used = model if design is None else design
+    if design is not None and record.u is not None:
+        raise ValueError(f"--design: expected a record without known inputs, received {', '.join(record.mapping.inputs)}")
     algorithm = algorithm or used.experiment.algorithms[0]
     run = filtered_run(used, record, algorithm, smooth)
     given = common.settings(
@@ -143,6 +145,13 @@ def _data(report: Report, run: Run, record: Record) -> None:
         source=record.source, rows=record.rows, names=", ".join(run.model.measurements),
         start=float(run.t[run.first]), end=float(run.t[-1]), missing=record.missing,
     )  # fmt: skip
+    if record.ignored:
+        report.says(_("Columns that were not used: {names}."), names=", ".join(record.ignored))
+        report.value("columns_not_used", ", ".join(record.ignored))
+    for note in record.notes:
+        report.says("**{note}.**", note=note)
+    if record.notes:
+        report.value("notes", "; ".join(record.notes))
     common.show(report, run.model)
     report.value("steps", len(run.z) - 1)
     report.value("missing", record.missing)

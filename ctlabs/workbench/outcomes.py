@@ -64,7 +64,7 @@ class Data:
         if len(content) > LARGEST:
             msg = f"{name}: expected at most {LARGEST // 10**6} MB, received more"
             raise ValueError(msg)
-        return cls(name, datafile.decoded(content, name))
+        return cls(name, datafile.text(content, name))
 
     def record(self, measurements: tuple[str, ...]) -> datafile.Record:
         """The record, its columns in the order of the measurements."""

@@ -76,12 +76,23 @@ def _matrix(found: Values, name: str) -> Array | None:
     return found.constant(name) if found.given(name) else None
 
 
-def discrete(found: Values, steps: int | None = None, times: ArrayLike | None = None) -> DiscreteModel:
-    """The discrete model of a file, for ``steps`` periods dt from t0 or for given instants."""
+def discrete(
+    found: Values, steps: int | None = None, times: ArrayLike | None = None, inputs: Array | None = None
+) -> DiscreteModel:
+    """The discrete model of a file, for ``steps`` periods dt from t0 or for given instants.
+
+    ``inputs`` (steps, r) are the known inputs of a record, for B of a file without u.
+    """
     instants, gaps = _grid(found, steps, times)
+    if inputs is not None:
+        _takes(found, inputs)
     x0 = _matrix(found, "x0")
     try:
-        moves = _discrete(found, instants) if found.document.kind == "discrete" else _sampled(found, instants, gaps)
+        moves = (
+            _discrete(found, instants, inputs)
+            if found.document.kind == "discrete"
+            else _sampled(found, instants, gaps, inputs)
+        )
         parts = {
             "x0": np.zeros(found.sizes.n) if x0 is None else x0,
             "P0": found.constant("P0"),
@@ -165,7 +176,16 @@ def _measured(found: Values, name: str, instants: Sequence[Instant]) -> Array:
     return np.concatenate([at_start[None], rest])
 
 
-def _discrete(found: Values, instants: Sequence[Instant]) -> dict[str, Any]:
+def _takes(found: Values, inputs: Array) -> None:
+    """Refuse inputs of a record that the file has no place for."""
+    if found.given("u") or not found.given("B"):
+        has = "u under [model] too" if found.given("u") else "no B"
+        raise found.error(("model", "B"), f"expected B, and no u, beside the inputs of a record, received {has}")
+    if inputs.shape[1] != found.sizes.r:
+        raise found.error(("model", "B"), f"expected {inputs.shape[1]} columns, one for each input of the record, received {found.sizes.r}")
+
+
+def _discrete(found: Values, instants: Sequence[Instant], inputs: Array | None) -> dict[str, Any]:
     """The parts of a discrete file that move the state; entry k moves k → k+1."""
     parts: dict[str, Any] = {
         name: found.stack(name, instants[:-1]) if found.varies(name) else found.constant(name) for name in ("Phi", "Qd")
@@ -175,42 +195,45 @@ def _discrete(found: Values, instants: Sequence[Instant]) -> dict[str, Any]:
         if found.given("offset")
         else None
     )
-    if found.given("u"):
-        driven = _driven(found, instants)
+    if found.given("u") or inputs is not None:
+        driven = _driven(found, instants, inputs)
         offset = driven if offset is None else offset + driven
     return {**parts, "offset": offset, "N": _matrix(found, "N")}
 
 
-def _driven(found: Values, instants: Sequence[Instant]) -> Array:
+def _driven(found: Values, instants: Sequence[Instant], inputs: Array | None) -> Array:
     """Bu, (n,) or (steps, n)."""
+    if inputs is not None:
+        B = found.stack("B", instants[:-1]) if found.varies("B") else found.constant("B")
+        return np.einsum("...ij,...j->...i", B, inputs)
     if not (found.varies("B") or found.varies("u")):
         return found.constant("B") @ found.constant("u")
     return np.einsum("kij,kj->ki", found.stack("B", instants[:-1]), found.stack("u", instants[:-1]))
 
 
-def _sampled(found: Values, instants: Sequence[Instant], gaps: Array) -> dict[str, Any]:
+def _sampled(found: Values, instants: Sequence[Instant], gaps: Array, inputs: Array | None) -> dict[str, Any]:
     """Φ, Qd, offset and N of a continuous file between the instants."""
     if any(found.varies(name) for name in ("F", "G", "Q", "B") if found.given(name)):
-        Phi, Qd, offset = _integrated(found, instants, gaps)
+        Phi, Qd, offset = _integrated(found, instants, gaps, inputs)
     else:
-        Phi, Qd, offset = _exact(found, instants, gaps)
+        Phi, Qd, offset = _exact(found, instants, gaps, inputs)
     N = _cross(found, gaps) if found.given("N") else None
-    return {"Phi": Phi, "Qd": Qd, "offset": offset if found.given("u") else None, "N": N}
+    return {"Phi": Phi, "Qd": Qd, "offset": offset if found.given("u") or inputs is not None else None, "N": N}
 
 
-def _exact(found: Values, instants: Sequence[Instant], gaps: Array) -> Moved:
+def _exact(found: Values, instants: Sequence[Instant], gaps: Array, inputs: Array | None) -> Moved:
     """With constant matrices: every length of an interval once."""
     F, G, Q = found.constant("F"), found.constant("G"), checks.covariance("Q", found.constant("Q"), found.shape("Q"))
     _, first, which = np.unique(np.round(gaps / gaps.mean(), 12), return_index=True, return_inverse=True)
     parts = [interval(F, G @ Q @ G.T, h) for h in gaps[first]]
     Phi, Qd, Gamma = (np.array(matrices) for matrices in zip(*parts, strict=True))
     one = len(parts) == 1
-    if not found.given("u"):
+    if not found.given("u") and inputs is None:
         offset = np.zeros(len(F))
     elif one:
-        offset = _driven(found, instants) @ Gamma[0].T
+        offset = _driven(found, instants, inputs) @ Gamma[0].T
     else:
-        offset = np.einsum("kij,kj->ki", Gamma[which], np.broadcast_to(_driven(found, instants), (len(gaps), len(F))))
+        offset = np.einsum("kij,kj->ki", Gamma[which], np.broadcast_to(_driven(found, instants, inputs), (len(gaps), len(F))))
     return Moved(Phi[0], Qd[0], offset) if one else Moved(Phi[which], Qd[which], offset)
 
 
@@ -236,13 +259,14 @@ def _equivalent(found: Values, instants: Sequence[Instant], gaps: Array) -> Arra
 # --- matrices that vary within an interval -----------------------------------------------------------------------------
 
 
-def _integrated(found: Values, instants: Sequence[Instant], gaps: Array) -> Moved:
+def _integrated(found: Values, instants: Sequence[Instant], gaps: Array, inputs: Array | None) -> Moved:
     F, G, W = found.function("F"), found.function("G"), _strength(found)
-    B = found.function("B") if found.given("u") else None
+    B = found.function("B") if found.given("u") or inputs is not None else None
     u = found.function("u") if found.given("u") else None
     moves = []
-    for instant, h in zip(instants, gaps, strict=False):
+    for i, (instant, h) in enumerate(zip(instants, gaps, strict=False)):
         held = np.zeros(0) if u is None else u(instant)  # over the interval
+        held = held if inputs is None else inputs[i]
 
         def system(t: float, k: int = instant.k, held: Array = held) -> tuple[Array, Array, Array]:
             now = Instant(k, t)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from collections.abc import Mapping as Table
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path as FilePath
@@ -13,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ctlabs.files.mapping import Mapping
 from ctlabs.files.modelfile import build, checks, edits, schema
 from ctlabs.files.modelfile.errors import ModelFileError, Path, Problem, meant, place, shown
 from ctlabs.files.modelfile.toml import LARGEST, decoded, parsed, too_large
@@ -63,7 +65,7 @@ class ModelFile:
     _text: str
     _data: dict[str, Any]
     _read: schema.Read
-    _replaced: Mapping[str, float] = field(default_factory=dict)
+    _replaced: Table[str, float] = field(default_factory=dict)
     _sound: bool = False  # the text has no problems, so that only replaced numbers can make some
 
     # --- what the file says ------------------------------------------------------------------------------------------
@@ -150,6 +152,16 @@ class ModelFile:
         return Experiment(self._values.t0, told.first, told.steps, told.runs, told.seed, told.algorithms)
 
     @property
+    def mapping(self) -> Mapping:
+        """[data]: how records name and write what the model measures."""
+        return self._document.data.mapping()
+
+    @property
+    def driven(self) -> bool:
+        """Whether the model has a known input that the file does not give: B without u."""
+        return self._values.given("B") and not self._values.given("u")
+
+    @property
     def varying(self) -> tuple[str, ...]:
         """The matrices that depend on t or k."""
         names = checks.SHAPES[self.kind]
@@ -189,7 +201,9 @@ class ModelFile:
         """
         return build.continuous(self._values)
 
-    def discrete(self, steps: int | None = None, times: ArrayLike | None = None) -> DiscreteModel:
+    def discrete(
+        self, steps: int | None = None, times: ArrayLike | None = None, inputs: Array | None = None
+    ) -> DiscreteModel:
         """The discrete model that the commands filter with.
 
         A continuous file is discretised exactly over every interval; B·u is added with u held at its value at the
@@ -201,6 +215,7 @@ class ModelFile:
         steps : how many steps, where matrices vary; those of [experiment] by default
         times : (steps+1,), s, increasing, instead of t0, t0 + dt, …; ``times[0]`` is the instant of x0 and P0. A discrete
             file takes only times dt apart. Where they are not equally spaced, ``dt`` of the model is the mean interval.
+        inputs : (steps, r), a record's known inputs for B of a file without u; each acts over the interval that follows
 
         Raises
         ------
@@ -208,7 +223,7 @@ class ModelFile:
             A value that is missing or not allowed at a time, with its place; times that do not increase or that a
             discrete file cannot follow, with their row.
         """
-        return build.discrete(self._values, steps, times)
+        return build.discrete(self._values, steps, times, inputs)
 
     # --- problems ------------------------------------------------------------------------------------------------------
 
@@ -264,7 +279,7 @@ class ModelFile:
     def _written(self) -> str:
         return edits.constants(self._text, self._data, self._replaced) if self._replaced else self._text
 
-    def replace(self, values: Mapping[str, float]) -> ModelFile:
+    def replace(self, values: Table[str, float]) -> ModelFile:
         """The same file with other numbers for some constants; those that are expressions of them follow.
 
         >>> from ctlabs.files.modelfile import ready

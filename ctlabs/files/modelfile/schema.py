@@ -8,8 +8,17 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Any, NamedTuple, TypeAlias
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, PlainValidator, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    PlainValidator,
+    ValidationError,
+    model_validator,
+)
 
+from ctlabs.files.mapping import Mapping
 from ctlabs.files.modelfile.errors import Path, Problem, meant, place, shown
 from ctlabs.files.modelfile.expressions import NAME, RESERVED, VARIABLES, Expression, parse
 
@@ -165,6 +174,50 @@ class Settings(_Table):
     algorithms: Annotated[tuple[Annotated[str, PlainValidator(_algorithm)], ...], AfterValidator(_some)] = ("joseph",)
 
 
+def _word(value: Any) -> str:
+    """A word for "not measured"; a number is one too."""
+    if isinstance(value, bool) or not isinstance(value, str | int | float):
+        raise ValueError(f"expected a text in quotes or a number, received {shown(value)}")
+    return value if isinstance(value, str) else repr(value)
+
+
+def _factor(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise ValueError(f"expected a number, received {shown(value)}")
+    return float(value)
+
+
+class Data(_Table):
+    """[data]: how a record names and writes what the model measures."""
+
+    columns: dict[str, Text] = {}
+    time_unit: Text = ""
+    t0: Text = ""
+    inputs: Annotated[tuple[Annotated[str, PlainValidator(_name)], ...], AfterValidator(_distinct)] = ()
+    missing: tuple[Annotated[str, PlainValidator(_word)], ...] = ()
+    scale: dict[str, Annotated[float, PlainValidator(_factor)]] = {}
+    decimal: Text = ""
+    thousands: Text = ""
+    blank: Text = ""
+    encoding: Text = ""
+    skip: Annotated[int, _whole(0, 10**6)] = 0
+
+    @model_validator(mode="after")
+    def _sensible(self) -> Data:
+        try:
+            self.mapping()
+        except ValueError as error:
+            raise ValueError(str(error).removeprefix("--")) from None
+        return self
+
+    def mapping(self) -> Mapping:
+        """The same for the reader of records."""
+        told = {name: getattr(self, name) for name in type(self).model_fields if name not in ("columns", "time_unit")}
+        columns = dict(self.columns)
+        time = columns.pop("t", "")
+        return Mapping(columns=columns, time=time, unit=self.time_unit, **told)
+
+
 class Document(_Table):
     """A whole file."""
 
@@ -179,6 +232,7 @@ class Document(_Table):
     ] = {}
     model: Continuous | Discrete
     experiment: Settings = Settings()
+    data: Data = Data()
 
 
 class _ContinuousDocument(Document):
@@ -197,6 +251,7 @@ MEANINGS = {
     "model": "a table [model]",
     "constants": "a table [constants]",
     "experiment": "a table [experiment]",
+    "data": "a table [data]",
     "F": "the matrix F of dx/dt = F x + B u + G w",
     "G": "the matrix G, by which the noise w enters",
     "Q": "the strength Q of the noise w",
@@ -280,7 +335,9 @@ def _validated(data: dict[str, Any]) -> tuple[Document | None, list[Problem], li
             continue
         if strays and path == ("model",):
             where = f"{', '.join(strays[:4])}{', …' if len(strays) > 4 else ''} under [constants]"
-            problems.insert(0, Problem("model", f"expected a table [model], received none, and {where}; write [model] above"))
+            problems.insert(
+                0, Problem("model", f"expected a table [model], received none, and {where}; write [model] above")
+            )
             continue
         problems.append(_problem(data, found, path))
         if found["type"] == "value_error" and "[key]" not in found["loc"] and _is_cell(path):
@@ -325,7 +382,9 @@ def _problem(data: dict[str, Any], found: Any, path: Path) -> Problem:
 
 def _unknown(kind: str, path: Path) -> str:
     key = str(path[-1])
-    fields: Any = {"model": SECTIONS[kind], "experiment": Settings, "constants": Constant}.get(str(path[0]), Document)
+    fields: Any = {"model": SECTIONS[kind], "experiment": Settings, "constants": Constant, "data": Data}.get(
+        str(path[0]), Document
+    )
     known = list(fields.model_fields)
     other = SECTIONS[KINDS[kind == KINDS[0]]]
     if path[0] == "model" and key in other.model_fields:
@@ -339,6 +398,8 @@ def _shape(path: Path) -> str:
     if len(path) == 1 or path[0] == "constants":
         return MEANINGS.get(str(path[0]), "a value")
     key, depth = str(path[1]), len(path)
+    if path[0] == "data":
+        return "a table NAME = value" if key in {"columns", "scale"} else "a list of texts in quotes"
     if key in {"states", "units", "measurements", "measurement_units", "algorithms"}:
         return "a list of texts in quotes"
     if key in {"x0", "u", "offset"}:

@@ -66,6 +66,20 @@ def likelihood_profiles(
 
 
 @styled
+def columns(t: ArrayLike, values: Mapping[str, ArrayLike], *, xlabel: str) -> Figure:
+    """The columns of a table over its rows or times, one below another.
+
+    ``values`` : the numbers of each column by its name, NaN where there is none
+    """
+    figure, grid = panels(len(values), 1, sharex=True, height=1.0 + 1.7 * len(values))
+    for axes, (name, column) in zip(grid.flat, values.items(), strict=True):
+        axes.plot(t, column, color=BLUE, marker=".", markersize=3, linewidth=0.8)
+        axes.set_ylabel(name.replace("$", r"\$"))
+    grid.flat[-1].set_xlabel(xlabel)
+    return figure
+
+
+@styled
 def innovations(
     t: ArrayLike,
     innovation: ArrayLike,

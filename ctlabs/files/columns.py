@@ -1,0 +1,189 @@
+"""Which columns of a table are the model's: by name, or as the mapping tells; what lacks is refused with the option that helps."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ctlabs.files.mapping import NO_TIME, Mapping, pasted
+from ctlabs.files.spelling import shown
+from ctlabs.files.table import Layout, plain
+
+#: Names (in lower case, without units) of columns that hold times.
+TIMES = {
+    "t", "time", "times", "timestamp", "timestamps", "date", "datetime", "date_time", "date time", "stamp", "utc", "clock", "epoch",
+    "seconds", "elapsed", "temps", "zeit", "datum", "время", "дата", "time stamp", "unix",
+    "unixtime", "unix_time", "year", "month", "day", "sec",
+}  # fmt: skip
+_UNIT = re.compile(r"\s*[\[(/,].*$|[ _](s|ms|us|ns|sec|utc|gmt|local)$", re.IGNORECASE)
+
+
+@dataclass(frozen=True, slots=True)
+class Columns:
+    """Places of columns: ``time`` (None where there is none), ``z`` in the model's order, ``u``; ``ignored``, the names of the rest."""
+
+    time: int | None
+    z: tuple[int, ...]
+    u: tuple[int, ...]
+    ignored: tuple[str, ...]
+
+
+def wanted(names: Sequence[str], mapping: Mapping) -> list[str]:
+    """The names of columns by which a table is recognised."""
+    told = [mapping.columns.get(name, name) for name in [*names, *mapping.inputs]]
+    return [*told, mapping.time or mapping.columns.get("t", "t")]
+
+
+def find(layout: Layout, names: Sequence[str], mapping: Mapping, source: str) -> Columns:
+    """The columns of the measurements ``names``, of the inputs and of the times."""
+    where = f"{source}: line {layout.line}" if layout.named else f"{source}"
+    if layout.title:
+        where += f" (the names, below line {1 + layout.skip}: {shown(layout.title)})"
+    if not layout.named:
+        _headless(layout, names, mapping, where)
+    _strange(names, mapping, where)
+    z = [_place(layout, mapping.columns.get(plain(name), plain(name)), where, plain(name)) for name in names]
+    u = [_place(layout, mapping.columns.get(plain(name), plain(name)), where, plain(name)) for name in mapping.inputs]
+    time = _time(layout, names, mapping, where, [*z, *u])
+    if None in z or None in u:
+        _refuse(layout, [*names, *mapping.inputs], [*z, *u], mapping, where, time)
+    places = [place for place in [*z, *u] if place is not None]
+    for place in places:
+        if places.count(place) > 1 or place == time:
+            twice = layout.header[place] or f"column {place + 1}"
+            raise ValueError(f"{where}: expected a column of its own for each name, received {shown(twice)} for two")
+    ignored = [name for i, name in enumerate(layout.header) if i not in {*places, time} and name]
+    return Columns(time, tuple(places[: len(names)]), tuple(places[len(names) :]), tuple(ignored))
+
+
+def _strange(names: Sequence[str], mapping: Mapping, where: str) -> None:
+    """Refuse names in the mapping that the model does not have."""
+    known = [plain(name) for name in [*names, *mapping.inputs]]
+    for option, told in (("--column", mapping.columns), ("--scale", mapping.scale)):
+        for name in told:
+            if plain(name) not in known and not (option == "--column" and name == "t"):
+                close = difflib.get_close_matches(name, known, n=1)
+                hint = f" (did you mean {close[0]}?)" if close else ""
+                what = f"{option} {name}={told[name]}"
+                raise ValueError(f"{where}: {what}: expected one of {', '.join(known)}, received {shown(name)}{hint}")
+
+
+def _headless(layout: Layout, names: Sequence[str], mapping: Mapping, where: str) -> None:
+    """Without names in the file every column has to be told by its number."""
+    columns = [*names, *mapping.inputs]
+    if all(mapping.columns.get(plain(name), "").isdecimal() for name in columns) and (
+        mapping.time or layout.width == len(columns)
+    ):
+        return
+    shift = int(layout.width > len(columns))
+    options = [("--column", f"{name}={min(i + 1 + shift, layout.width)}") for i, name in enumerate(columns)]
+    if shift:
+        options.append(("--time", "1"))
+    told = f"{layout.width} columns" if layout.width > 1 else "one column"
+    raise ValueError(
+        f"{where}: line {layout.start + layout.skip + 1}: expected a header, the names of the columns, in the "
+        "first line, received numbers "
+        f"in {told}: the first line must hold names, or count the columns: {pasted(*options)}"
+    )
+
+
+def _place(layout: Layout, column: str, where: str, name: str = "") -> int | None:
+    """The place of a column, by its name or its number; None where it lacks."""
+    column = plain(column)
+    found = [i for i, told in enumerate(layout.header) if told == column]
+    if len(found) > 1:
+        option = pasted(("--column", f"{name}={found[0] + 1}")) if name else pasted(("--time", str(found[0] + 1)))
+        raise ValueError(
+            f"{where}: expected the column {column} once, received it {len(found)} times: {option} takes the first"
+        )
+    if found:
+        return found[0]
+    if column.isdecimal() and 1 <= int(column) <= layout.width:
+        return int(column) - 1
+    return None
+
+
+def _time(
+    layout: Layout, names: Sequence[str], mapping: Mapping, where: str, taken: Sequence[int | None]
+) -> int | None:
+    """The column of times: as told, or called t; a column that looks like one is refused, not left out."""
+    told = mapping.time or mapping.columns.get("t", "")
+    if told == NO_TIME:
+        return None
+    if told:
+        place = _place(layout, told, where)
+        if place is None:
+            close = difflib.get_close_matches(told, layout.header, n=1, cutoff=0.4)
+            hint = f"; {pasted(('--time', close[0]))}" if close else ""
+            raise ValueError(
+                f"{where}: --time {told}: expected one of the columns {_listed(layout)}, received {shown(told)}{hint}"
+            )
+        return place
+    if "t" in layout.header and "t" not in [plain(name) for name in names] and layout.header.index("t") not in taken:
+        return _place(layout, "t", where)
+    looking = [name for i, name in enumerate(layout.header) if i not in taken and is_time(name)]
+    if looking and (mapping.unit or mapping.t0 or None not in taken):
+        unit = f":{mapping.unit}" if mapping.unit else ""
+        options = [pasted(("--time", f"{looking[0]}{unit}")), pasted(("--time", NO_TIME))]
+        raise ValueError(
+            f"{where}: expected a column t or a choice, received {shown(looking[0])}, which looks like times: "
+            f"{options[0]} takes it, {options[1]} does not"
+        )
+    if mapping.unit or mapping.t0 == "first":
+        option = f"time_unit = {mapping.unit}" if mapping.unit else "--t0 first"
+        raise ValueError(
+            f"{where}: {option}: expected a column of times, received {_listed(layout)}; "
+            f"{pasted(('--time', layout.header[0] or '1'))}"
+        )
+    return None
+
+
+def is_time(name: str) -> bool:
+    """Whether a column is called as columns of times are.
+
+    >>> [is_time(name) for name in ("Time (s)", "TIMESTAMP", "t [s]", "temperature", "position")]
+    [True, True, True, False, False]
+    """
+    return name.lower() in TIMES or _UNIT.sub("", name.lower()) in TIMES
+
+
+def _refuse(
+    layout: Layout, names: Sequence[str], places: Sequence[int | None], mapping: Mapping, where: str, time: int | None
+) -> None:
+    """Say which column lacks, and the options that would find it."""
+    lacking = [plain(name) for name, place in zip(names, places, strict=True) if place is None]
+    free = [name for i, name in enumerate(layout.header) if i not in places and i != time and name]
+    looking = [name for name in free if is_time(name)] if time is None and not mapping.time else []
+    options = []
+    for name in lacking:
+        rest = [column for column in free if column not in looking]
+        best = likely(mapping.columns.get(name, name), rest) or (rest[0] if len(rest) == 1 else "")
+        if best:
+            free.remove(best)
+        if best or free:
+            options.append(("--column", f"{name}={best or 'COLUMN'}"))
+    if looking and "t" not in names:
+        options.append(("--time", looking[0]))
+    told = [mapping.columns.get(name, name) for name in lacking]
+    columns = f"the column{'s' if len(told) > 1 else ''} {', '.join(told)}"
+    raise ValueError(
+        f"{where}: expected {columns}, received {_listed(layout)}{'; ' if options else ''}{pasted(*options)}"
+    )
+
+
+def likely(name: str, columns: Sequence[str]) -> str:
+    """The column that is probably meant: of the same name but for case and unit, or of a similar one."""
+    for kind in (str.lower, lambda text: _UNIT.sub("", text.lower())):
+        same = [column for column in columns if kind(column) == kind(name)]
+        if len(same) == 1:
+            return same[0]
+    close = difflib.get_close_matches(name.lower(), [column.lower() for column in columns], n=1, cutoff=0.5)
+    return next((column for column in columns if close and column.lower() == close[0]), "")
+
+
+def _listed(layout: Layout) -> str:
+    """The names of the columns, not too many."""
+    names = [shown(name) if name else "a column without a name" for name in layout.header]
+    return ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
