@@ -97,6 +97,7 @@ for command in (
     labs.show,
     labs.run,
     own.filter_,
+    own.forecast,
     own.simulate,
     own.analyse,
     own.compare,

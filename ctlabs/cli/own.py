@@ -1,4 +1,4 @@
-"""The commands on a model and data of your own: ``filter``, ``simulate``, ``analyse``, ``compare``, ``fit``."""
+"""The commands on a model and data of your own: ``filter``, ``forecast``, ``simulate``, ``analyse``, ``compare``, ``fit``."""
 
 from __future__ import annotations
 
@@ -28,6 +28,7 @@ OURS = {
     "report.html",
     "results.json",
     "estimates.csv",
+    "forecast.csv",
     "runs.csv",
     "data.csv",
     "fitted.toml",
@@ -123,6 +124,32 @@ def filter_(
         filtering.export_gains(other or chosen, record, export)
         click.echo(str(export), err=as_json)
     return code
+
+
+@click.command("forecast")
+@_options
+@click.argument("data", metavar="DATA.csv")
+@reading
+@click.option("--steps", metavar="N", callback=whole(1), default="12", show_default=True, help="Number of instants after the record.")
+def forecast(
+    model: str, data: str, mapping: Mapping, steps: int, pairs: tuple[str, ...], out: Path | None, as_json: bool
+) -> int:
+    """Predict what comes after a measured record.
+
+    MODEL and DATA.csv as for `ctlabs filter`. The forecast is given the whole record: states and measurements with their
+    standard deviations, in a table, in figures and in forecast.csv.
+
+    \b
+    ctlabs forecast nile.toml flow.csv --steps 10        writes nile/report.html, nile/forecast.csv, …
+    ctlabs forecast track.toml log.csv --time stamp:unix_ms --t0 first
+    """
+    from ctlabs.studies import forecasting
+
+    _one_stdin(model, data, None)
+    chosen = _model(model, pairs)
+    folder = _folder(model, out, data, None)
+    report = forecasting.study(chosen, _record(data, chosen, mapping), steps)
+    return _deliver(report, folder, as_json, "forecast")
 
 
 @click.command()

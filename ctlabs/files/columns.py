@@ -174,11 +174,19 @@ def _refuse(
 
 
 def likely(name: str, columns: Sequence[str]) -> str:
-    """The column that is probably meant: of the same name but for case and unit, or of a similar one."""
+    """The column that is probably meant: of the same name but for case and unit, of its beginning, or of a similar one.
+
+    >>> likely("position", ["time", "pos [m]", "temp"]), likely("flow", ["Flow (m3/s)", "level"]), likely("x", ["a", "b"])
+    ('pos [m]', 'Flow (m3/s)', '')
+    """
     for kind in (str.lower, lambda text: _UNIT.sub("", text.lower())):
         same = [column for column in columns if kind(column) == kind(name)]
         if len(same) == 1:
             return same[0]
+    bare = {column: _UNIT.sub("", column.lower()).strip() for column in columns}
+    begun = [column for column, text in bare.items() if len(text) > 1 and (name.lower().startswith(text) or text.startswith(name.lower()))]
+    if len(begun) == 1:
+        return begun[0]
     close = difflib.get_close_matches(name.lower(), [column.lower() for column in columns], n=1, cutoff=0.5)
     return next((column for column in columns if close and column.lower() == close[0]), "")
 

@@ -1,0 +1,123 @@
+"""What comes after a record: ``ctlabs forecast``."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ctlabs.filtering.filter import kalman_filter
+from ctlabs.filtering.forecasting import Forecast, forecast
+from ctlabs.linalg.covariance import deviations
+from ctlabs.reporting.plots.studies import estimates
+from ctlabs.reporting.report import SOLVER, Report
+from ctlabs.studies import clock, common
+from ctlabs.text import _, fill
+
+if TYPE_CHECKING:
+    from ctlabs.files.datafile import Record
+    from ctlabs.files.modelfile import ModelFile
+    from ctlabs.filtering.results import Filtered
+    from ctlabs.linalg.checks import Array
+    from ctlabs.models.linear import DiscreteModel
+
+#: Rows of the record that are drawn before the forecast, as a multiple of its length.
+BEFORE = 4
+
+
+def study(model: ModelFile, record: Record, steps: int) -> Report:
+    """Filter a record, and predict the states and measurements of the ``steps`` instants after it.
+
+    Of a continuous model and a record with times they are as far apart as its rows usually are.
+
+    Raises
+    ------
+    ValueError
+        Times that do not fit the model; a known input, whose future values no record has; a model given for fewer steps.
+    """
+    if record.u is not None:
+        msg = f"{record.source}: expected a model without a known input from the record (it has none for the time to come), received one"
+        raise ValueError(msg)
+    discrete, z, t = clock.timed(model, record)
+    first, last = model.experiment.first, len(t) - 1
+    later = t[-1] + float(np.median(np.diff(t))) * np.arange(1, steps + 1)
+    whole = model.discrete(times=np.concatenate([t, later])) if record.t is not None else model.discrete(steps=last + steps)
+    found = kalman_filter(discrete, z[first:], first=first)
+    ahead = forecast(whole, found, steps)
+    given = common.settings(model, ("steps", steps, "1", _("instants after the record")))
+    report = common.begin("forecast", _("a record continued"), model, "ab", given, data=record.source)
+    report.section("a", _("Model and data"))
+    report.says(
+        _("{source}: {rows} rows from t = {start} to {end} s."),
+        source=record.source, rows=record.rows, start=float(t[first]), end=float(t[-1]),
+    )  # fmt: skip
+    common.show(report, discrete)
+    report.section("b", _("Forecast"))
+    report.says(_("All estimates are given the whole record, and nothing after it. σ counts what the measurement adds of its own noise."))
+    _numbers(report, model, discrete, ahead, later)
+    _pictures(report, discrete, found, ahead, t, later)
+    _checked(report, whole, z, first, ahead)
+    report.csv("forecast", *_table(discrete, ahead, last, later))
+    return report
+
+
+def _numbers(report: Report, file: ModelFile, model: DiscreteModel, ahead: Forecast, later: Array) -> None:
+    """The measurements to come in a table, and the last of everything as values."""
+    with np.errstate(invalid="ignore"):
+        sd = np.sqrt(np.diagonal(ahead.S, axis1=1, axis2=2))
+    names = [common.label(name, unit) for name, unit in zip(model.measurements, file.measurement_units, strict=True)]
+    report.table(
+        "forecast",
+        ["t, s", *(column for name in names for column in (name, f"σ({name})"))],
+        [[float(at), *np.column_stack([z, s]).ravel().tolist()] for at, z, s in zip(later, ahead.z, sd, strict=True)],
+        _("Measurements after the record, with their standard deviations."),
+    )
+    report.value("state_end", ahead.x[-1], common.units(model))
+    report.value("state_sd_end", ahead.sd[-1], common.units(model))
+
+
+def _pictures(report: Report, model: DiscreteModel, found: Filtered, ahead: Forecast, t: Array, later: Array) -> None:
+    """The end of the record and what follows it, state by state."""
+    shown = slice(max(0, len(t) - BEFORE * len(later)), None)
+    at = np.concatenate([t[shown], later])
+    for i, (name, unit) in enumerate(zip(model.states, model.units, strict=True)):
+        if i == common.SHOWN:
+            break
+        measured = common.measured(model, i)
+        x, sd = found.x_plus[shown, i], deviations(found.P_plus)[shown, i]
+        before, after = np.full(len(later), np.nan), np.full(len(x) - 1, np.nan)
+        curves = {  # the forecast begins at the last estimate
+            _("filtered"): (np.concatenate([x, before]), np.concatenate([sd, before])),
+            _("forecast"): (np.concatenate([after, x[-1:], ahead.x[:, i]]), np.concatenate([after, sd[-1:], ahead.sd[:, i]])),
+        }
+        data = None if measured is None else np.concatenate([found.z[shown, measured], before])
+        figure = estimates(at, curves, data=data, ylabel=common.label(name, unit))
+        report.figure(f"forecast_{i + 1}", figure, _("The last rows of the record, and {name} after it, with ±σ bands."), name=name)
+
+
+def _checked(report: Report, whole: DiscreteModel, z: Array, first: int, ahead: Forecast) -> None:
+    """The same by the filter of a record that goes on without measurements."""
+    steps = len(ahead.t)
+    longer = np.concatenate([z[first:], np.full((steps, z.shape[1]), np.nan)])
+    again = kalman_filter(whole, longer, first=first)
+    routes = (_("forecast"), _("filter of a record that goes on empty"))
+    unit = np.where(ahead.sd > 0, ahead.sd, 1.0)
+    report.check(_("states to come"), ahead.x, again.x_minus[-steps:], routes, SOLVER, scale=unit)
+    report.check(
+        _("covariances to come"), ahead.P, again.P_minus[-steps:], routes, SOLVER, scale=unit[:, :, None] * unit[:, None, :]
+    )
+
+
+def _table(model: DiscreteModel, ahead: Forecast, last: int, later: Array) -> tuple[list[str], list[list[Any]]]:
+    """Columns and rows of forecast.csv."""
+    with np.errstate(invalid="ignore"):
+        sd = np.sqrt(np.diagonal(ahead.S, axis1=1, axis2=2))
+    columns, parts = ["k", "t"], [last + 1.0 + np.arange(len(later))[:, None], later[:, None]]
+    for names, values, spread in ((model.states, ahead.x, ahead.sd), (model.measurements, ahead.z, sd)):
+        for i, name in enumerate(names):
+            own = fill("measured_{name}", name=name) if names is model.measurements and name in model.states else name
+            columns += [own, f"{own}_sd"]
+            parts += [values[:, i, None], spread[:, i, None]]
+    common.distinct("forecast.csv", columns)
+    rows = np.hstack(parts).tolist()
+    return columns, [[int(row[0]), *row[1:]] for row in rows]
