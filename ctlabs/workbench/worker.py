@@ -46,7 +46,7 @@ WARM: Sequence[str] = ("ctlabs.workbench.warm",)
 #: What a run may take beyond what the loaded library takes, in bytes; and for how long, in seconds.
 MEMORY, SECONDS = 2 * 1024**3, 600.0
 #: How long a cancelled run may take to stop by itself, and how long a process may load, in seconds.
-PATIENCE, LOADING = 0.5, 120.0
+PATIENCE, LOADING = 0.5, 600.0
 
 
 class RunFailed(RuntimeError):
