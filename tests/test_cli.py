@@ -91,7 +91,7 @@ REFUSED = [
     (["run"], r"LAB\.\.\.: expected as in `ctlabs run --help`, received none"),
     (["show"], r"LAB: expected as in `ctlabs show --help`, received none"),
     (["show", "99"], r"lab 99: expected one of .*, received an unknown name"),
-    (["nosuch"], r"command nosuch: expected one of .*fit, list, models, run, show.*, received an unknown name"),
+    (["nosuch"], r"command nosuch: expected one of .*fit, forecast, list, look, models, run, show.*, received an unknown name"),
     (["list", "7"], r"expected what `ctlabs list --help` shows, received another form: .*\(7\).*"),
     (
         ["run", "7", "--rns", "5"],

@@ -36,7 +36,7 @@ def study(model: ModelFile, record: Record, free: Sequence[str]) -> Report:
     """
     names = _free(free, model)
     if record.missing == record.z.size:
-        raise ValueError(f"{record.source}: expected one measurement at least, received none: every element is missing")
+        raise ValueError(f"{record.source}: no observations: expected one measurement at least, received none: every element is missing")
     first, z = model.experiment.first, clock.timed(model, record)[1]
 
     def build(values: dict[str, float]) -> DiscreteModel:
