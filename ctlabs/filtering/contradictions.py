@@ -30,10 +30,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctlabs.filtering.measured import perfect
+from ctlabs.filtering.motion import motion
 from ctlabs.filtering.results import Contradiction, Filtered, Mask
 from ctlabs.linalg.checks import Array
-from ctlabs.linalg.correlated import regression
-from ctlabs.models import DiscreteModel, at
+from ctlabs.models import DiscreteModel
 from ctlabs.text import _, fill, number
 
 if TYPE_CHECKING:
@@ -164,10 +164,9 @@ def _system(model: DiscreteModel, used: Mask) -> tuple[System, Array]:
         return system, np.empty((0, model.n, model.m))
     M, Phi = np.zeros((steps, model.n, model.m)), np.empty((steps, model.n, model.n))
     for k in range(steps):
-        there = used[k]
-        if there.any():
-            M[k][:, there] = regression(model.N[:, there], at(model.R, k, 2)[np.ix_(there, there)])
-        Phi[k] = at(model.Phi, k, 2) - M[k] @ at(model.H, k, 2)
+        Phi[k], _Q, told = motion(model, k, used[k])
+        if told is not None:
+            M[k][:, used[k]] = told
     return system._replace(Phi=Phi), M
 
 
