@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ctlabs.filtering.motion import motion
 from ctlabs.filtering.problem import inputs_of
 from ctlabs.filtering.results import Filtered
-from ctlabs.filtering.smoothing import smooth
+from ctlabs.filtering.smoothing import belongs, smooth
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import deviations, symmetric
@@ -59,6 +59,7 @@ def forecast(model: DiscreteModel, filtered: Filtered, steps: int, u: ArrayLike 
     (array([4.9462, 4.9462]), array([1.2742, 1.6198]))
     """
     checks.instance("model", model, DiscreteModel)
+    belongs(model, filtered)
     steps, last = checks.count("steps", steps), len(filtered.t) - 1
     if model.horizon is not None and last + steps > model.horizon:
         msg = f"steps: expected at most {model.horizon - last} more (the model is given for {model.horizon}), received {steps}"

@@ -10,8 +10,7 @@ The estimate from what is measured up to k and the likelihood of what is measure
 square roots (:mod:`ctlabs.filtering.engines.backward`), and perfect measurements (R = 0) as constraints Cx = c beside them: no covariance
 is inverted, so that singular P0, Qd, Φ, R or P⁻ are no exceptions, and P_s is a square, symmetric and nonnegative. After a
 vague start (:mod:`ctlabs.filtering.algorithms.vague`) L has the columns of what is vaguely known, or not known, beside P's. With N ≠ 0 the
-transition is Φ−NR⁺H with the noise Qd−NR⁺Nᵀ. Only the filter's estimates, covariances and innovations are used: any form's will
-do.
+transition is Φ−NR⁺H with the noise Qd−NR⁺Nᵀ. Only the filter's estimates, covariances and innovations are used: any form's will do.
 It equals the recursion of Rauch, Tung & Striebel (AIAA J. 3, 1965), where that has the inverses that it needs.
 """
 

@@ -35,9 +35,9 @@ FORMS: dict[str, Form] = {
 }
 
 
-def form(name: str) -> Form:
-    """The form of a name."""
+def form(name: str, *others: str) -> Form:
+    """The form of a name; ``others`` are names that are taken elsewhere and stand in the refusal only."""
     if name not in FORMS:
-        msg = f"algorithm: expected one of auto, filterpy, {', '.join(FORMS)}, received {name!r}"
+        msg = f"algorithm: expected one of {', '.join((*others, *FORMS))}, received {name!r}"
         raise ValueError(msg)
     return FORMS[name]

@@ -88,7 +88,7 @@ class Filter:
         u0: ArrayLike | None = None,
     ) -> None:
         algorithm = "joseph" if algorithm in ("auto", "filterpy") else algorithm
-        self._form = form(algorithm)
+        self._form = form(algorithm, "auto", "filterpy")
         self._plant = plant(model, algorithm, R, finite_time("t0", t0), P0)
         self._algorithm, self._first = algorithm, begins(self._plant.model, first)
         self._memory = checks.count("memory", memory, least=0)
