@@ -289,8 +289,8 @@ def test_no_likelihood_is_no_number(monkeypatch):
     """Where the form that takes over for a perfect measurement loses S, that is said as well."""
     perfect, run = changed(TRACK, R=np.diag([0.0, 1.0]), N=[[0.0, 0.1], [0.0, 0.1]]), driver.run
 
-    def lost(*arguments):
-        found, seconds = run(*arguments)
+    def lost(*arguments, **options):
+        found, seconds = run(*arguments, **options)
         return dataclasses.replace(found, nis=np.where(np.arange(9)[:, None] == 3, np.nan, found.nis)), seconds
 
     monkeypatch.setattr(driver, "run", lost)

@@ -115,7 +115,7 @@ class TestLab:
             changed = replace(given, model=larger(given.model)) if isinstance(given, Problem) else larger(given)
             return right(changed, *rest)
 
-        for engine, verb in ((adapter, "covariances"), (compiled, "covariances"), (compiled, "record")):
+        for engine, verb in ((adapter, "covariances"), (compiled, "record")):
             monkeypatch.setattr(engine, verb, partial(mutated, getattr(engine, verb)))
         # A wrong filter never comes near the right limit: the search for its settling need not go to the end.
         monkeypatch.setattr(settling, "__defaults__", (0.01, None, 500))

@@ -16,7 +16,6 @@ from ctlabs.filtering.engines.record import Record
 from ctlabs.filtering.problem import Problem, pose
 from ctlabs.filtering.results import Covariances, Filtered, Mask, without_runs
 from ctlabs.linalg.checks import Array
-from ctlabs.linalg.covariance import deviations
 from ctlabs.models.linear import ContinuousModel, DiscreteModel
 
 #: Two forms agree that differ by less than this fraction of the standard deviations.
@@ -141,8 +140,16 @@ def planned(model: DiscreteModel, absent: Mask, first: int, algorithm: str = "au
     t = np.arange(len(absent)) * model.dt
     if algorithm == "filterpy":
         return adapter.covariances(model, absent)
-    z = np.where(absent, np.nan, 0.0)[:, :, None]
-    found = _filtered(Problem(model, z, t, first, single=True), algorithm, None)
+    return _without_data(_filtered(_silent(model, absent, t, first), algorithm, None))
+
+
+def _silent(model: DiscreteModel, absent: Mask, t: Array, first: int) -> Problem:
+    """The problem of a record of zeros: the covariances depend on no data."""
+    return Problem(model, np.where(absent, np.nan, 0.0)[:, :, None], t, first, single=True)
+
+
+def _without_data(found: Filtered) -> Covariances:
+    """The half of a result that depends on no data."""
     return Covariances(found.t, found.P_minus, found.P_plus, found.K, found.S, found.used, found.algorithm)
 
 
@@ -162,10 +169,8 @@ def log_likelihood(model: DiscreteModel, z: ArrayLike, first: int | None = None)
         raise ValueError(msg)
     try:
         return compiled.log_likelihood(problem)
-    except FloatingPointError as error:
-        if not str(error).startswith("S:"):
-            raise
-        return float(_best(problem).log_likelihood_diffuse[0])
+    except compiled.LostDigits as lost:
+        return float(_rescued(problem, lost).log_likelihood_diffuse[0])
 
 
 def _filtered(problem: Problem, algorithm: str, given: Covariances | None) -> Filtered:
@@ -179,36 +184,34 @@ def _filtered(problem: Problem, algorithm: str, given: Covariances | None) -> Fi
         return _best(problem)
     if algorithm == "joseph":
         return _compiled(problem)
-    catalogue.form(algorithm)
+    catalogue.form(algorithm, "auto", "filterpy")
     return driver.run(problem, algorithm)[0]
 
 
 def _best(problem: Problem) -> Filtered:
-    """The compiled loop; where that has no digits left the factors UDUᵀ, if another factorised form agrees with them."""
+    """The compiled loop, or what keeps the digits that it has not."""
     try:
         return _compiled(problem)
-    except FloatingPointError as error:
-        if not str(error).startswith("S:"):
-            raise
+    except compiled.LostDigits as lost:
+        return _rescued(problem, lost)
+
+
+def _rescued(problem: Problem, lost: compiled.LostDigits) -> Filtered:
+    """The factors UDUᵀ, if another factorised form agrees with them; otherwise the compiled loop's refusal."""
+    try:
         found, other = driver.run(problem, "ud")[0], driver.run(problem, "carlson")[0]
-        if not _agree(found, other):
-            raise
-        return found
+    except (ValueError, FloatingPointError):
+        raise lost from None
+    if not _agree(found, other):
+        raise lost
+    return found
 
 
 def _agree(one: Filtered, other: Filtered) -> bool:
     """Whether two forms give the same estimates and covariances, in units of their standard deviations."""
-    for x, y, P, Q in (
-        (one.x_minus, other.x_minus, one.P_minus, other.P_minus),
-        (one.x_plus, other.x_plus, one.P_plus, other.P_plus),
-    ):
-        sd = deviations(Q)
-        unit = np.where(sd > 0, sd, 1.0)
-        with np.errstate(invalid="ignore"):
-            apart = np.abs(P - Q) > SAME * unit[:, :, None] * unit[:, None, :]
-            if apart.any() or (np.abs(x - y) > SAME * unit[:, :, None]).any():
-                return False
-    return bool(np.isfinite(one.log_likelihood).all())
+    before = beginning.close(one.x_minus, other.x_minus, one.P_minus, other.P_minus, SAME)
+    after = beginning.close(one.x_plus, other.x_plus, one.P_plus, other.P_plus, SAME)
+    return before and after and bool(np.isfinite(one.log_likelihood).all())
 
 
 def _compiled(problem: Problem) -> Filtered:
@@ -219,7 +222,7 @@ def _compiled(problem: Problem) -> Filtered:
     if problem.z.shape[2] == 1:
         return compiled.record(problem)
     if problem.model.R.ndim == 2 and not measured.perfect(problem.model.R).any() and not needed(problem.model, problem.model.P0):
-        plan = compiled.covariances(problem.model, problem.absent, problem.t)
+        plan = _without_data(compiled.record(_silent(problem.model, problem.absent, problem.t, problem.first)))
         return gains.apply(problem, plan, plan.algorithm)
     return driver.run(problem, "joseph")[0]
 

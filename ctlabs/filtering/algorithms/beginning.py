@@ -1,8 +1,14 @@
-"""The first instants of a record, until an ordinary filter may go on: :mod:`ctlabs.filtering.algorithms.vague`, instant by instant."""
+"""The first instants of a record, until an ordinary filter may go on: :mod:`ctlabs.filtering.algorithms.vague`, instant by instant.
+
+What is vaguely known may be 1e20 times as large as what the noises leave of it, and two measurements that see almost the same tell
+little apart: doubles may not be enough. So the instants are computed twice, the second time in other units of the states,
+whose rounding is another. Where the two differ by more than :data:`SAME` standard deviations they are computed with
+:data:`DIGITS` digits, at some ten times the cost.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,9 +18,17 @@ from ctlabs.filtering.algorithms import contract, vague
 from ctlabs.filtering.algorithms.contract import Numbers
 from ctlabs.filtering.results import Start
 from ctlabs.linalg.checks import Array
+from ctlabs.linalg.rounding import EPS
 
 if TYPE_CHECKING:
     from ctlabs.filtering.engines.record import Record
+
+#: Digits of a beginning for which doubles are not enough.
+DIGITS = 50
+#: Doubles are enough where two ways differ by less than this fraction of the standard deviations.
+SAME = 1e-8
+#: What rounding leaves of an estimate beside any standard deviation.
+ROUNDED = 16 * EPS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +83,17 @@ def begin(record: Record, P0: Numbers) -> Beginning | None:
     FloatingPointError
         The covariance overflows: the step and the time are in the message.
     """
-    state, rows = vague.start(record.model, P0), list[dict[str, Any]]()
+    used, state = record.used.copy(), vague.start(record.model, P0)
+    found = _instants(record, state)
+    if found is None or record.kind is not float or _same(found, _elsewhere(record, used)):
+        return found
+    record.used[:] = used
+    return _precisely(record, P0, state.sight)
+
+
+def _instants(record: Record, state: vague.State) -> Beginning | None:
+    """The first instants from a state at t0, in one kind of number."""
+    rows = list[dict[str, Any]]()
     if state.settled:
         return None
     with np.errstate(over="ignore", invalid="ignore"):  # an overflow is reported, with its time
@@ -87,6 +111,64 @@ def begin(record: Record, P0: Numbers) -> Beginning | None:
     start = Start(**nominal, unknown=found.pop("unknown"), determined=later)
     x, P, L = (state.x, state.P, state.L) if state.settled else (None, None, None)
     return Beginning(start, **found, x=x, P=P, L=L)
+
+
+def _elsewhere(record: Record, used: NDArray[np.bool_]) -> Beginning | None:
+    """The first instants computed in other units of the states, and given in those of the model."""
+    model = record.model
+    d = 1 + np.arange(1, model.n + 1) / (model.n + np.sqrt(2))
+    with np.errstate(invalid="ignore"):
+        P0 = np.where(model.P0 == 0, 0.0, model.P0 * np.outer(d, d))
+    other = replace(
+        model, Phi=model.Phi * d[:, None] / d, Qd=model.Qd * np.outer(d, d), H=model.H / d, x0=model.x0 * d, P0=P0,
+        N=None if model.N is None else model.N * d[:, None], offset=None if model.offset is None else model.offset * d,
+    )  # fmt: skip
+    found = _instants(record.made(other, float, used.copy()), vague.start(other, P0))
+    if found is None:
+        return None
+    x, P = (None, None) if found.x is None or found.P is None else (found.x / d[:, None], found.P / np.outer(d, d))
+    return replace(
+        found, x=x, P=P, x_minus=found.x_minus / d[:, None], x_plus=found.x_plus / d[:, None],
+        P_minus=found.P_minus / np.outer(d, d), P_plus=found.P_plus / np.outer(d, d),
+    )  # fmt: skip
+
+
+def _same(one: Beginning, other: Beginning | None) -> bool:
+    """Whether two beginnings have the same estimates and covariances, in units of the standard deviations."""
+    if other is None or one.rows != other.rows or (one.used != other.used).any():
+        return False
+    pairs = [(one.x_minus, other.x_minus, one.P_minus, other.P_minus), (one.x_plus, other.x_plus, one.P_plus, other.P_plus)]
+    if one.x is not None and other.x is not None:
+        pairs.append((one.x, other.x, one.P, other.P))
+    return all(close(*pair, SAME) for pair in pairs)
+
+
+def _precisely(record: Record, P0: Numbers, sight: Array) -> Beginning | None:
+    """The first instants with :data:`DIGITS` digits, rounded to doubles."""
+    import mpmath
+
+    with mpmath.workdps(DIGITS):
+        own = record.made(record.model, mpmath.mpf, record.used)
+        found = _instants(own, vague.start(record.model, contract.numbers(P0, mpmath.mpf), sight))
+    if found is None or found.x is None or found.P is None or found.L is None:
+        return found
+    return replace(found, x=contract.doubles(found.x), P=contract.doubles(found.P), L=contract.doubles(found.L))
+
+
+def close(x: Array, y: Array, P: Array, Q: Array, part: float) -> bool:
+    """Whether estimates x, y (…, n, runs) and covariances P, Q (…, n, n) differ by less than a part of Q's standard deviations.
+
+    Beside it an estimate may differ by its own rounding. What is not known (NaN, ``inf``) is not known in both.
+    """
+    if any((np.isfinite(one) != np.isfinite(other)).any() for one, other in ((x, y), (P, Q))):
+        return False
+    variances = np.diagonal(Q, axis1=-2, axis2=-1)
+    sd = np.sqrt(np.where(np.isfinite(variances) & (variances > 0), variances, 0.0))
+    unit = np.where(sd > 0, sd, 1.0)
+    with np.errstate(invalid="ignore"):
+        covariances = np.abs(P - Q) > part * unit[..., :, None] * unit[..., None, :]
+        estimates = np.abs(x - y) > part * sd[..., None] + ROUNDED * np.abs(y)
+    return not (covariances.any() or estimates.any())
 
 
 def _finite(state: vague.State, k: int, dt: float) -> None:

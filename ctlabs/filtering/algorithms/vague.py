@@ -96,9 +96,13 @@ def _large(sight: Array, P0: Array) -> bool:
     return bool((size > LARGE**0.5).any()) or not np.isfinite(P0.diagonal()).all()
 
 
-def start(model: DiscreteModel, P0: Numbers) -> State:
-    """The state at t0: mean ``model.x0``, covariance ``P0`` with ``inf`` where nothing is known."""
-    there = sight(model) if P0.dtype == np.float64 else np.zeros((0, model.n))  # more digits lose none
+def start(model: DiscreteModel, P0: Numbers, there: Array | None = None) -> State:
+    """The state at t0: mean ``model.x0``, covariance ``P0`` with ``inf`` where nothing is known.
+
+    What is large, the :func:`sight` ``there`` decides; by default the model's, and nothing where P0 has more digits than doubles.
+    """
+    if there is None:
+        there = sight(model) if P0.dtype == np.float64 else np.zeros((0, model.n))
     x, none = contract.column(model, P0), contract.zeros((len(P0), 0), P0)
     if not _large(there, contract.doubles(P0)):
         return State(x, P0, _square(contract.rooted(P0)), none, 0, there)
@@ -201,6 +205,10 @@ def _element(state: State, told: Told, i: int, z: Numbers, h: Numbers, r: Any) -
     if r == 0 and after.P.dtype == np.float64:
         P = rounding.corrected(after.P, state.P, K[:, None], h[None])
         after = after._replace(P=P, L=np.where(P.diagonal()[:, None] == 0, 0.0, after.L))
+    elif r == 0:
+        terms = (contract.identity(len(h), K) + np.abs(np.outer(K, h))) @ np.abs(state.P.diagonal()) ** 0.5
+        L = columns.cleaned(after.L, np.outer(terms, np.ones(len(h))), eps)
+        after = after._replace(P=L @ L.T, L=L)
     A = np.hstack([unknown, vague])
     return after._replace(x=state.x + np.outer(K_all, nu), A=A, unknown=unknown.shape[1]), told
 

@@ -25,7 +25,7 @@ from ctlabs.filtering.algorithms.vague import needed
 from ctlabs.filtering.engines import driver
 from ctlabs.filtering.engines.record import Record
 from ctlabs.filtering.problem import Problem
-from ctlabs.filtering.results import Covariances, Filtered, Mask
+from ctlabs.filtering.results import Filtered, Mask
 from ctlabs.linalg.checks import Array
 from ctlabs.models.linear import DiscreteModel
 from ctlabs.text import moment
@@ -35,13 +35,17 @@ if TYPE_CHECKING:
     from ctlabs.filtering.engines.forward import Histories
 
 
+class LostDigits(FloatingPointError):
+    """The covariance of an innovation has no digits left in double precision."""
+
+
 def record(problem: Problem) -> Filtered:
     """One record (a problem of one run), equal to that of the form ``joseph`` but for rounding.
 
     Raises
     ------
     FloatingPointError
-        The covariance overflows, or rounding makes S indefinite: the step and the time are in the message.
+        The covariance overflows, or (:class:`LostDigits`) rounding makes S indefinite: the step and the time are in the message.
     """
     model, data, used = problem.model, problem.z[:, :, 0], _entering(problem)
     begun = _begin(problem, used)
@@ -64,12 +68,6 @@ def record(problem: Problem) -> Filtered:
         start=None if begun is None else begun.start,
     )  # fmt: skip
     return contradictions.judged(model, found, problem.first)
-
-
-def covariances(model: DiscreteModel, absent: Mask, t: Array) -> Covariances:
-    """The same without data; ``absent`` (steps+1, m), the elements that are not measured."""
-    found = record(Problem(model, np.where(absent, np.nan, 0.0)[:, :, None], t, 0, single=True))
-    return Covariances(found.t, found.P_minus, found.P_plus, found.K, found.S, found.used, found.algorithm)
 
 
 def log_likelihood(problem: Problem) -> float:
@@ -149,7 +147,7 @@ def _forward(problem: Problem, used: Mask, out: Histories, begun: Beginning | No
         msg = f"P_minus: expected finite covariances, received an overflow {_when(problem, k)}"
         raise FloatingPointError(msg)
     if end == forward.INDEFINITE:
-        raise FloatingPointError(_beyond(_when(problem, k)))
+        raise LostDigits(_beyond(_when(problem, k)))
     return None if end == forward.PERFECT else (float(total), algorithm)
 
 
@@ -159,7 +157,7 @@ def _perfect(problem: Problem) -> Filtered:
     begun = 0 if found.start is None else len(found.start.P)  # before, something unknown may be measured
     wrong = np.isnan(found.nis[:, 0]) & found.used.any(axis=1) & (np.arange(len(problem.z)) >= begun)
     if wrong.any():
-        raise FloatingPointError(_indefinite(_when(problem, int(np.argmax(wrong)))))
+        raise LostDigits(_indefinite(_when(problem, int(np.argmax(wrong)))))
     return found
 
 

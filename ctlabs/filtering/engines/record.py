@@ -25,6 +25,10 @@ class Record:
         self.model, self.z, self.kind, self.used = model, z, kind, used
         self._kept: dict[Any, Any] = {}
 
+    def made(self, model: DiscreteModel, kind: Any, used: NDArray[np.bool_]) -> Record:
+        """The same data beside another model, in another kind of number."""
+        return Record(model, self.z, kind, used)
+
     def motion(self, k: int) -> tuple[Numbers, Numbers | None, Noise]:
         """Φ, c and Q from k to k+1; with N ≠ 0 what z_k tells of w_k is in them: Φ−NR⁺H, Qd−NR⁺Nᵀ, c + NR⁺z."""
         model, used = self.model, self.used[k]
