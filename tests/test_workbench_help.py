@@ -18,7 +18,7 @@ from ctlabs.files.modelfile import ModelFile, loads, ready
 from ctlabs.filtering import flops, kalman_filter, steady
 from ctlabs.filtering.algorithms import catalogue
 from ctlabs.workbench import blocks, tour
-from ctlabs.workbench.commands import EditCell, New, Open, SetConstant
+from ctlabs.workbench.commands import EditCell, New, Open
 from ctlabs.workbench.help import GROUPS, Help, help_for, mathml, topics
 from ctlabs.workbench.help_texts import ABILITIES, TEXTS
 from ctlabs.workbench.session import Session
@@ -249,7 +249,7 @@ def test_the_tour_ticks_off_what_is_done_and_nothing_else(session: Session) -> N
     assert done(own) == []  # a model of one's own is fine, but it is not a ready one
     session.do(Open(ready("local_level").dumps(), "local_level.toml"))
     assert done(own) == ["open"]
-    session.do(SetConstant("q", "1500"))
+    session.do(EditCell(("constants", "q"), "1500"))
     assert done(own) == ["open", "change"]
     session.set_plan(steps=5, runs=20)
     asyncio.run(session.run())
@@ -267,7 +267,7 @@ def test_the_tour_stays_done_and_begins_again_when_asked(session: Session) -> No
     """Undo takes no tick away; beginning again counts only what comes after."""
     own = Tour(session)
     tour.begin(session)
-    session.do(SetConstant("q", "0.2"))
+    session.do(EditCell(("constants", "q"), "0.2"))
     session.set_plan(steps=3, runs=10)
     asyncio.run(session.run())
     assert done(own) == ["open", "change", "run"]

@@ -20,18 +20,16 @@ from ctlabs.files.modelfile import gallery, loads, new, ready
 from ctlabs.files.modelfile.schema import wrong_name
 from ctlabs.reporting.mathml import mathml
 from ctlabs.workbench import blocks
-from ctlabs.workbench.applying import apply
 from ctlabs.workbench.commands import (
     AddConstant,
     AddPart,
     EditCell,
     EditCells,
-    NameMeasurement,
-    NameState,
+    Name,
     New,
     Open,
     Rewrite,
-    SetTitle,
+    apply,
 )
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.pages import model_parts
@@ -190,9 +188,9 @@ def test_headers_are_names_and_units() -> None:
     """A name is typed beside its unit and the unit beside its name, of states in F and of measurements in H."""
     file = ready("constant_velocity")
     sheet = Sheet(file)
-    assert cell_command(sheet, "F", "name,1", "speed") == NameState(1, "speed", file.units[1])
-    assert cell_command(sheet, "F", "unit,0", "km") == NameState(0, file.states[0], "km")
-    assert cell_command(sheet, "H", "name,0", "radar") == NameMeasurement(0, "radar", file.measurement_units[0])
+    assert cell_command(sheet, "F", "name,1", "speed") == Name("state", 1, "speed", file.units[1])
+    assert cell_command(sheet, "F", "unit,0", "km") == Name("state", 0, file.states[0], "km")
+    assert cell_command(sheet, "H", "name,0", "radar") == Name("measurement", 0, "radar", file.measurement_units[0])
 
 
 @FEW
@@ -240,15 +238,13 @@ def test_many_cells_at_once_are_the_same_as_one_by_one(cells: list[tuple[int, in
 @pytest.mark.parametrize(
     ("path", "said"),
     [
-        (("model", "F", 0, 9), r"model.F\[0\]\[9\]: expected a cell that is there"),
-        (("model", "F", 0), r"model.F\[0\]: expected a cell of the model"),
-        (("title",), "title: expected a cell of the model"),
-        (("model", "B", 0, 0), "model.B: expected a cell that is there"),
+        (("model", "F", 0, 9), r"model.F\[0\]\[9\]: expected an index from 0 to 1"),
+        (("model", "B", 0, 0), "model.B: expected a value there"),
     ],
 )
 def test_many_cells_of_which_one_is_not_there_are_refused(path: tuple[str | int, ...], said: str) -> None:
     """In one line that names the cell."""
-    with pytest.raises(ValueError, match=f"^{said}[^\n]*$"):
+    with pytest.raises(ValueError, match=rf"^model\.toml: {said}[^\n]*$"):
         apply(new(2), EditCells(((("model", "F", 0, 0), "5"), (path, "1"))))
 
 
@@ -508,8 +504,8 @@ def test_earlier_models_are_offered_the_latest_first(tmp_path: Path) -> None:
     """Those of the same person that have been begun; not the one that is open, not an empty one, not somebody else's."""
     store = Store(tmp_path)
     first, second, own = begun(store), begun(store), begun(store)
-    first.do(SetTitle("A <first> & model"))
-    second.do(SetTitle("A second"))
+    first.do(EditCell(("title",), "A <first> & model"))
+    second.do(EditCell(("title",), "A second"))
     Session.begin(store)
     Session.begin(store, "another").do(New(1, 1, 1))
     found = model_parts.earlier(own)

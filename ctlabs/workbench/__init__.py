@@ -8,7 +8,7 @@ How the pieces fit, from the inside out:
     ``store.edit(draft.id, text, label)`` at every edit and undoes with ``store.move(draft.id, number)``, so that it can be
     made again from the draft at any time. It may have ``close()``, called when its last tab is gone. One object per draft:
     tabs with the same draft share it. It knows no page and is tested without a browser.
-    Its parts: ``commands`` are what a person can do to a model, ``applying`` (with ``blocks`` and ``kinds``) does it, ``sheet``
+    Its parts: ``commands`` (with ``blocks`` and ``kinds``) are what a person can do to a model, each a class that does it, ``sheet``
     shows a file as grids, constants and equations, ``understanding`` says what its filter will do, ``outcomes`` holds what is
     asked of an experiment and what comes out, ``experiments`` computes it, ``comparing`` sets two side by side, ``exports``
     (with ``reporting``, ``drawings`` and ``programs``) makes files of one.

@@ -48,6 +48,10 @@ class InsertBlock:
     name: str = "coloured"
     unit: str = ""
 
+    def apply(self, file: ModelFile) -> tuple[ModelFile, str]:
+        """Put the block into the file."""
+        return inserted(file, self), f"{self.kind} {self.text[:40]} into {self.place} {self.into + 1}"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
@@ -60,7 +64,7 @@ class Block:
     P0: Array
 
 
-def insert(file: ModelFile, command: InsertBlock) -> tuple[ModelFile, str]:
+def inserted(file: ModelFile, command: InsertBlock) -> ModelFile:
     """The file with the block in it.
 
     Raises
@@ -84,7 +88,7 @@ def insert(file: ModelFile, command: InsertBlock) -> tuple[ModelFile, str]:
     for i, row in enumerate(made.F):
         for j, value in enumerate(row):
             file = _put(file, ("model", "F", before + i, before + j), value)
-    return file, f"{command.kind} {command.text[:40]} into {command.place} {command.into + 1}"
+    return file
 
 
 def block(kind: str, text: str, constants: dict[str, float]) -> Block:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 from ctlabs.files.datafile import Record
 from ctlabs.files.modelfile import ModelFile, loads, new
 from ctlabs.files.modelfile.errors import Path
-from ctlabs.workbench import applying, commands, comparing
+from ctlabs.workbench import commands, comparing
 from ctlabs.workbench.commands import Command
 from ctlabs.workbench.comparing import Difference
 from ctlabs.workbench.outcomes import REGISTERED, Data, Outcome, Plan, outcome, packed
@@ -73,7 +73,6 @@ class Session:
         #: The number of the experiment that :attr:`result` is kept as.
         self.result_id: int | None = draft.notes.get("result")
         self._result: Outcome | None = None
-
     @classmethod
     def begin(cls, store: Store, owner: str = "local", text: str = "", *, runner: Runner | None = None) -> Session:
         """A session with a new draft."""
@@ -134,7 +133,7 @@ class Session:
         ValueError
             The command is impossible: one line, and nothing has changed.
         """
-        file, label = applying.apply(self.file, command)
+        file, label = commands.apply(self.file, command)
         text = file.dumps()
         if not text:
             msg = "model: expected a model file, received an empty text"

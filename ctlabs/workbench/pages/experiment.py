@@ -10,9 +10,8 @@ from nicegui import ui
 
 from ctlabs.files.modelfile import gallery, loads
 from ctlabs.files.modelfile.schema import ALGORITHMS
-from ctlabs.workbench import applying
+from ctlabs.workbench import commands
 from ctlabs.workbench.bench import said
-from ctlabs.workbench.commands import SetConstant
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.outcomes import LARGEST, Anomaly
 from ctlabs.workbench.pages.keep import export_dialog
@@ -593,7 +592,7 @@ class _DesignDialog:
                 for row in rows:
                     typed = str(inputs[row.name].value or "").strip()
                     if typed != row.cell.text:
-                        file, _ = applying.apply(file, SetConstant(row.name, typed))
+                        file, _ = commands.apply(file, commands.EditCell(("constants", row.name), typed))
             except ValueError as why:
                 self.wrong.text = str(why)
                 return

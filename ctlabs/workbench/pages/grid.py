@@ -16,6 +16,7 @@ from ctlabs.workbench.pages.cells import NUMBER, POSITIONS, Label, Shown, Slider
 if TYPE_CHECKING:
     from nicegui.events import GenericEventArguments
 
+    from ctlabs.workbench.commands import What
     from ctlabs.workbench.sheet import Cell
     from ctlabs.workbench.sheet import Grid as Matrix
 
@@ -179,14 +180,14 @@ class Grid(Cells):
         on_typed: Typed,
         *,
         on_block: Callable[[int, int, str], object],
-        on_remove: Callable[[str, int], object],
+        on_remove: Callable[[What, int], object],
         on_done: Callable[[], object],
         row_kind: str = "",
         column_kind: str = "",
     ) -> None:
         super().__init__("grid", name, on_typed, on_done)
         self._kinds = {"rowKind": row_kind or None, "removeColumn": column_kind or None}
-        self.on("remove", lambda event: on_remove(str(event.args[0]), int(event.args[1])))
+        self.on("remove", lambda event: on_remove(event.args[0], int(event.args[1])))
 
         def pasted(event: GenericEventArguments) -> None:
             try:

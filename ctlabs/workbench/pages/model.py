@@ -223,7 +223,7 @@ class ModelPage:
     def _draw_head(self) -> None:
         with ui.element("div").classes("ctl-bar"):
             self._title_field = Field(
-                "Title", lambda text: self.type("title", commands.SetTitle(text)), self.done, test="title", show_label=False,
+                "Title", lambda text: self.type("title", commands.EditCell(("title",), text)), self.done, test="title", show_label=False,
                 placeholder="Title of the model",
             )  # fmt: skip
             self._title_field.classes("ctl-titlefield")
@@ -396,14 +396,12 @@ class ModelPage:
         sheet = self.session.sheet
         with ui.element("div").classes("ctl-bar"):
             if section.title == "The system":
-                parts.add("State", "add-state", partial(self._add, commands.AddState(), "state"))
+                parts.add("State", "add-state", partial(self._add, "state"))
                 if sheet.kind == "continuous":
-                    parts.add("Noise", "add-noise", partial(self._add, commands.AddNoise(), ""))
+                    parts.add("Noise", "add-noise", partial(self._add, "noise"))
                 optional: tuple[str, ...] = ("u", "offset")
             elif section.title == "The measurement":
-                parts.add(
-                    "Measurement", "add-measurement", partial(self._add, commands.AddMeasurement(), "measurement")
-                )
+                parts.add("Measurement", "add-measurement", partial(self._add, "measurement"))
                 optional = ("N", "R", "Rc")
             else:
                 optional = ()
@@ -508,17 +506,12 @@ class ModelPage:
     def _pasted(self, name: str, row: int, column: int, text: str) -> None:
         self.do(block_command(self.session.sheet, name, row, column, text))
 
-    def _remove(self, what: str, index: int) -> None:
-        made: dict[str, Callable[[int], commands.Command]] = {
-            "state": commands.RemoveState,
-            "noise": commands.RemoveNoise,
-            "measurement": commands.RemoveMeasurement,
-        }
-        if self.do(made[what](index)) and what != "noise":
+    def _remove(self, what: commands.What, index: int) -> None:
+        if self.do(commands.Remove(what, index)) and what != "noise":
             self._enter_row(what, index)
 
-    def _add(self, command: commands.Command, what: str) -> None:
-        if self.do(command) and what:
+    def _add(self, what: commands.What) -> None:
+        if self.do(commands.Add(what)) and what != "noise":
             self._enter_row(what, 10**6)
 
     def _enter_row(self, what: str, index: int) -> None:
@@ -528,7 +521,7 @@ class ModelPage:
         self.grids[name].run_method("nameRow", min(index, last))
 
     def _time_typed(self, name: str, text: str) -> str:
-        return self.type(name, commands.SetDt(text) if name == "dt" else commands.SetExperiment("t0", text))
+        return self.type(name, commands.EditCell(("model" if name == "dt" else "experiment", name), text))
 
     def _set_kind(self, kind: str | None) -> None:
         sheet = self.session.sheet

@@ -152,18 +152,13 @@ class ConstantElement:
             self._details["min"].run_method("enter", "")
 
     def _set(self, text: str) -> str:
-        return self.page.type(f"constants.{self.row.name}", commands.SetConstant(self.row.name, text))
+        return self.page.type(f"constants.{self.row.name}", commands.EditCell(("constants", self.row.name), text))
 
     def _rename(self, text: str) -> str:
         return self.page.once(commands.RenameConstant(self.row.name, text)) if text.strip() != self.row.name else ""
 
     def _tell(self, key: str, text: str) -> str:
-        told = {each: self._text(each) for each in ("min", "max", "unit", "meaning")} | {key: text}
-        command: commands.Command = (
-            commands.SetRange(self.row.name, told["min"], told["max"])
-            if key in {"min", "max"}
-            else commands.Describe(self.row.name, told["unit"], told["meaning"])
-        )
+        command = commands.EditCell(("constants", self.row.name, key), text)
         return self.page.type(f"constants.{self.row.name}.{key}", command)
 
     def _delete(self) -> None:

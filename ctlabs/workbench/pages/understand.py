@@ -185,7 +185,7 @@ class _Understand:
         """Put a value into the model, typed or ``moved`` there; why not, if not."""
         self.shell.saving()
         try:
-            self.session.do(commands.SetConstant(name, text))
+            self.session.do(commands.EditCell(("constants", name), text))
         except ValueError as why:
             self.shell.saved()
             return str(why)
