@@ -32,9 +32,8 @@ from ctlabs.workbench.commands import (
     apply,
 )
 from ctlabs.workbench.help import help_for
-from ctlabs.workbench.pages import model_parts
+from ctlabs.workbench.pages import STATIC, model_parts
 from ctlabs.workbench.pages.cells import POSITIONS, Slider, block, number, placed, shown, slider, typed
-from ctlabs.workbench.pages.grid import STYLE
 from ctlabs.workbench.pages.model_dialogs import preview_lines
 from ctlabs.workbench.pages.model_edits import (
     PAUSE,
@@ -482,9 +481,7 @@ def test_a_grid_sends_what_has_changed_and_nothing_else(client: Any, session: Se
 
 def test_the_component_is_part_of_the_package() -> None:
     """The browser's half of the cells lies beside the other and knows every message that is listened to."""
-    from ctlabs.workbench.pages import grid
-
-    text = Path(grid.__file__).with_name("grid.js").read_text(encoding="utf-8")
+    text = (STATIC / "grid.js").read_text(encoding="utf-8")
     for event in ("edit", "block", "remove", "done"):
         assert f'this.$emit("{event}"' in text
     for method in ("enter(path)", "nameRow(i)", "line(number)"):
@@ -519,8 +516,9 @@ def test_earlier_models_are_offered_the_latest_first(tmp_path: Path) -> None:
 
 def test_the_numbers_of_lines_are_as_high_as_the_lines() -> None:
     """The text of a model file and the numbers beside it have the same font, height of a line and padding at the top."""
-    numbers = re.search(r"\.ctl-gutter \{[^}]*\}", STYLE)
-    text = re.search(r"\.ctl-cells input, \.ctl-cells textarea \{[^}]*\}", STYLE)
+    style = (STATIC / "cells.css").read_text(encoding="utf-8")
+    numbers = re.search(r"\.ctl-gutter \{[^}]*\}", style)
+    text = re.search(r"\.ctl-cells input, \.ctl-cells textarea \{[^}]*\}", style)
     assert numbers is not None
     assert text is not None
     for rule in (r"font: ([^;]+);", r"padding: (\S+)"):

@@ -21,10 +21,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ctlabs.labs import catalogue as labs
+from ctlabs.reporting.params import Check
 
 if TYPE_CHECKING:
     from ctlabs.files.modelfile import Entry
-    from ctlabs.labs.experiment import Experiment
+    from ctlabs.workbench.running import Work
+    from ctlabs.workbench.worker import Runner
 
 #: A matrix, a list and a single value, as they are typed.
 Typed = str | Sequence[Sequence[str]]
@@ -37,8 +39,8 @@ KINDS = ("number", "flag", "list", "matrix")
 ANSWER = "Expected answer"
 #: The folder of the reports in the data folder.
 FOLDER = "labs"
-#: How often a run tells how far it is, in seconds.
-TELL = 0.05
+#: What a lab may take, in seconds: longer than an experiment, a million runs are not unusual.
+SECONDS = 3600.0
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _DRAFT = re.compile(r"[0-9a-f]{16}")
 
@@ -80,7 +82,7 @@ class Field:
     """A parameter as a field of a form.
 
     ``kind`` one of :data:`KINDS` · ``allowed``, its range in words ("a number >= 0") · ``default`` as text, a grid of
-    texts for a matrix
+    texts for a matrix · ``alone``, whether one number may stand where a list may
     """
 
     name: str
@@ -89,6 +91,7 @@ class Field:
     kind: str
     allowed: str
     default: Typed
+    alone: bool = True
 
 
 class Checked(NamedTuple):
@@ -224,33 +227,22 @@ def fields(name: str) -> tuple[Field, ...]:
 
 
 def _field(name: str, unit: str, meaning: str, info: Any, default: Any) -> Field:
-    allowed = _allowed(info, default)
+    told = next(each.func for each in info.metadata if isinstance(getattr(each, "func", None), Check))
+    kind, text = "number", typed_as(default)
     if isinstance(default, bool):
-        return Field(name, unit, meaning, "flag", allowed, _text(default))
-    if isinstance(default, tuple) and default and isinstance(default[0], tuple):
-        return Field(name, unit, meaning, "matrix", allowed, tuple(tuple(_text(x) for x in row) for row in default))
-    if isinstance(default, tuple):
-        return Field(name, unit, meaning, "list", allowed, ", ".join(map(_text, default)))
-    return Field(name, unit, meaning, "number", allowed, _text(default))
+        kind = "flag"
+    elif isinstance(default, tuple):
+        kind = "matrix" if isinstance(text, tuple) else "list"
+    return Field(name, unit, meaning, kind, told.allowed, text, told.each is None)
 
 
-def _allowed(info: Any, default: Any) -> str:
-    """The range in the words of the field's own check: what it says of something that is no value at all."""
-    found = _expected(info, object())
-    if isinstance(default, tuple) and not (default and isinstance(default[0], tuple)):
-        each = _expected(info, [object()] * len(default))
-        return found if each in {found, ""} else f"{found}, each {each}"
-    return found
-
-
-def _expected(info: Any, value: Any) -> str:
-    """What the field's check expected in place of a value."""
-    for check in info.metadata:
-        try:
-            check.func(value)
-        except ValueError as error:
-            return str(error).partition(", received")[0].removeprefix("expected ").strip()
-    return ""
+def typed_as(value: Any) -> Typed:
+    """A parameter as it is typed: a list with commas, a matrix cell by cell."""
+    if not isinstance(value, list | tuple):
+        return value if isinstance(value, str) else _text(value)
+    if value and isinstance(value[0], list | tuple):
+        return tuple(tuple(str(typed_as(x)) for x in row) for row in value)
+    return ", ".join(str(typed_as(x)) for x in value)
 
 
 def _text(value: Any) -> str:
@@ -329,7 +321,7 @@ def _value(field: Field, text: Typed) -> Any:
 
 def _single(field: Field, parts: Sequence[str]) -> Any:
     value = _number(parts[0])
-    return value if field.allowed.startswith(("a number", "a variance")) else [value]
+    return value if field.alone else [value]
 
 
 def _number(text: str) -> Any:
@@ -382,66 +374,40 @@ def run_lab(
     ArithmeticError
         They are allowed, but the numbers leave the range of double precision.
     """
+    from ctlabs.labs.experiment import Experiment
     from ctlabs.reporting import render
 
-    start = time.perf_counter()
-    lab = labs.catalogue()[name]
-    experiment, meter = _metered(runs, seed, workers, expected, progress)
+    start, lab, ensembles = time.perf_counter(), labs.catalogue()[name], 0
+
+    def tell(ensemble: int, done: int) -> None:
+        nonlocal ensembles
+        ensembles = max(ensembles, ensemble + 1)
+        if progress is not None:
+            progress(ensemble * runs + done, max(expected, ensembles) * runs if expected else 0)
+
+    experiment = Experiment(runs, seed, workers, progress=tell)
     report = labs.run(lab, labs.load(lab).Parameters.parse(name, values), experiment)
-    meter.tell()  # the last chance to be cancelled: what follows is written
-    told = {"seconds": time.perf_counter() - start, "ensembles": meter.ensembles}
-    report.files["run.json"] = json.dumps(told).encode()
+    tell(ensembles - 1, runs)  # the last chance to be cancelled: what follows is written
+    report.files["run.json"] = json.dumps({"seconds": time.perf_counter() - start, "ensembles": ensembles}).encode()
     render.write(report, Path(folder))
-    return meter.ensembles
+    return ensembles
 
 
-class _Meter:
-    """Counts the runs of all experiments of a lab, and tells."""
-
-    def __init__(self, runs: int, expected: int, tell: Callable[[int, int], object] | None) -> None:
-        self.runs, self.expected, self._tell = runs, expected, tell
-        self.ensembles, self._done, self._last = 0, 0, 0.0
-
-    def begin(self) -> None:
-        """One more experiment."""
-        self.ensembles += 1
-        self._done = 0
-        self.tell()
-
-    def __call__(self, done: int) -> None:
-        """So many runs of the present experiment are done."""
-        self._done = done
-        self.tell()
-
-    def tell(self) -> None:
-        """Say how far it is, unless that was said a moment ago."""
-        now = time.monotonic()
-        if self._tell is not None and now - self._last >= TELL:
-            self._last = now
-            before = max(0, self.ensembles - 1) * self.runs
-            self._tell(before + self._done, max(self.expected, self.ensembles) * self.runs if self.expected else 0)
-
-
-def _metered(
-    runs: int, seed: int, workers: int, expected: int, tell: Callable[[int, int], object] | None
-) -> tuple[Experiment, _Meter]:
-    """An experiment that counts its runs."""
-    from ctlabs.labs.experiment import Experiment as Plain
-
-    meter = _Meter(runs, expected, tell)
-
-    class Metered(Plain):
-        """The same experiment, told of as it goes."""
-
-        def statistics(self, *models: Any, **more: Any) -> Any:
-            meter.begin()
-            return super().statistics(*models, progress=lambda done, _: meter(done), **more)
-
-        def histories(self, *models: Any, **more: Any) -> Any:
-            meter.tell()
-            return super().histories(*models, **more)
-
-    return Metered(runs, seed, workers), meter
+def work(runner: Runner, draft: str, name: str, values: Mapping[str, Any], runs: int, seed: int, folder: Path) -> Work:
+    """The run of a lab for :meth:`ctlabs.workbench.running.Running.start`: in another process, its report into a folder."""
+    before = outcome(folder)
+    arguments = {
+        "name": name,
+        "values": dict(values),
+        "runs": runs,
+        "seed": seed,
+        "folder": str(folder),
+        # Another number of computational experiments is possible with other parameters: then the rest is not known.
+        "expected": before.ensembles if before is not None else 0,
+    }
+    return lambda progress, cancel: runner.run(
+        "lab", arguments, session=draft, progress=progress, cancel=cancel, seconds=SECONDS
+    )
 
 
 # The files -------------------------------------------------------------------------------------------------------------
@@ -479,24 +445,6 @@ def outcome(folder: Path) -> Outcome | None:
         )
     except (OSError, ValueError, KeyError, TypeError):  # none, or one that is just being replaced
         return None
-
-
-def typed_again(name: str, parameters: Mapping[str, Any]) -> dict[str, Typed]:
-    """The parameters of a report as they are typed, for the form."""
-    found: dict[str, Typed] = {}
-    for field in fields(name):
-        value = parameters.get(field.name)
-        if isinstance(value, list) and value and isinstance(value[0], list):
-            found[field.name] = tuple(tuple(_word(x) for x in row) for row in value)
-        elif isinstance(value, list):
-            found[field.name] = ", ".join(map(_word, value))
-        else:
-            found[field.name] = _word(value)
-    return found
-
-
-def _word(value: Any) -> str:
-    return value if isinstance(value, str) else _text(value)
 
 
 def tables(folder: Path) -> bytes:

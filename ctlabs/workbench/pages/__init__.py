@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ctlabs.workbench.pages.shell import Shell
     from ctlabs.workbench.session import Session
+
+#: Style sheets and scripts, which are in the head of every page.
+STATIC = Path(__file__).parent.parent / "static"
 
 
 def over(session: Session, shell: Shell) -> None:

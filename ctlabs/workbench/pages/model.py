@@ -18,7 +18,7 @@ from ctlabs.files.modelfile.errors import ModelFileError
 from ctlabs.files.modelfile.toml import LARGEST, decoded
 from ctlabs.reporting.mathml import mathml
 from ctlabs.workbench import commands
-from ctlabs.workbench.pages import grid, math, model_dialogs
+from ctlabs.workbench.pages import model_dialogs
 from ctlabs.workbench.pages import model_parts as parts
 from ctlabs.workbench.pages.cells import Label
 from ctlabs.workbench.pages.grid import Field, Grid
@@ -132,10 +132,8 @@ class ModelPage:
 
     def draw(self) -> None:
         """Draw everything."""
-        ui.run_javascript(parts.DROP)
         with ui.element("div").classes("ctl-model") as root:
             with ui.element("div").style("display: none"):
-                ui.html(f"<style>{grid.STYLE}{math.STYLE}{parts.STYLE}</style>", sanitize=False)
                 self._uploader = ui.upload(
                     auto_upload=True, max_file_size=LARGEST, on_upload=self._uploaded, on_rejected=self._rejected
                 ).props('accept=".toml,text/plain"')

@@ -27,6 +27,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from nicegui import app, ui
 
 from ctlabs.reporting import mathml
+from ctlabs.workbench.pages import STATIC
 
 if TYPE_CHECKING:
     from nicegui import Client
@@ -70,95 +71,9 @@ FAVICON = (
     '<path d="M4 8 C10 14 16 15 28 15" fill="none" stroke="#ffd166" stroke-width="2"/></svg>'
 )
 
-_STYLE = """
-.nicegui-content { padding: 0; }
-.ctl-main {
-  width: 100%; max-width: 1500px; margin: 0 auto; padding: 1rem; outline: none;
-  display: flex; flex-direction: column; align-items: flex-start; gap: 1rem;
-}
-.nicegui-drawer { padding: 0; }
-.q-header { background: #174a86 !important; }
-.ctl-nav { width: 100%; display: flex; flex-direction: column; gap: 2px; padding: .5rem; }
-.ctl-nav a {
-  display: flex; align-items: center; gap: .75rem; padding: .6rem .75rem;
-  border-radius: 8px; color: inherit; text-decoration: none;
-}
-.ctl-nav a:hover { background: color-mix(in srgb, currentColor 8%, transparent); }
-.ctl-nav a[aria-current=page] { background: color-mix(in srgb, var(--q-primary) 18%, transparent); font-weight: 600; }
-.ctl-head { display: flex; align-items: center; gap: .5rem; flex-wrap: nowrap; padding: .25rem .75rem; min-height: 48px; }
-.ctl-title { font-size: 1.05rem; font-weight: 600; white-space: nowrap; color: inherit; text-decoration: none; }
-.ctl-draft { overflow: hidden; text-overflow: ellipsis; white-space: nowrap; opacity: .9; min-width: 0; }
-.ctl-saved { white-space: nowrap; font-size: .85rem; }
-.ctl-saved[data-state=failed] {
-  background: #fff; color: #b00020; border-radius: 6px; padding: .1rem .5rem; font-weight: 600; white-space: normal;
-}
-kbd { border: 1px solid currentColor; border-radius: 4px; padding: 0 .35em; font-size: .85em; }
-body.body--dark { --q-primary: #8cc0f5 !important; --q-negative: #ff9c94 !important; }
-/* Of two important rules that of the earlier layer wins, and Quasar's take the outline away. */
-@layer theme {
-  body.body--dark .bg-primary { color: #06203d !important; }
-  .bg-negative { background: #b00020 !important; color: #fff !important; }
-  :focus-visible { outline: 3px solid #e07b00 !important; outline-offset: 2px !important; }
-  .q-header :focus-visible { outline-color: #ffd166 !important; }
-  .q-field :focus-visible { outline: none !important; }
-  .q-field:focus-within .q-field__control { outline: 2px solid #e07b00 !important; outline-offset: 1px !important; }
-  .ctl-main:focus-visible { outline: none !important; }
-}
-@media (max-width: 899px) { .ctl-wide { display: none !important; } .ctl-main { padding: .5rem; } }
-@media (min-width: 900px) { .ctl-narrow { display: none !important; } }
-@media (prefers-reduced-motion: reduce) { * { transition: none !important; animation-duration: .01s !important; } }
-"""
-
-# The letter that is written on the key if it is a Latin one, else the one at its place on a keyboard with Latin letters.
-_SCRIPT = """
-window.ctlabsCombination = (e) => {
-  let key = e.key.toLowerCase();
-  if (!/^[a-z]$/.test(key) && /^Key[A-Z]$/.test(e.code)) key = e.code.slice(3).toLowerCase();
-  if (!/^[0-9]$/.test(key) && /^Digit[0-9]$/.test(e.code) && (e.altKey || e.ctrlKey || e.metaKey)) key = e.code.slice(5);
-  if (key === " ") key = "space";
-  const shift = e.shiftKey && (/^[a-z0-9]$/.test(key) || key.length > 1);
-  return (e.ctrlKey || e.metaKey ? "mod+" : "") + (e.altKey ? "alt+" : "") + (shift ? "shift+" : "") + key;
-};
-document.addEventListener("keydown", (e) => {
-  if (!e.key || e.isComposing || e.getModifierState?.("AltGraph")) return;
-  const keys = document.querySelector(".ctl-main")?.dataset.keys;
-  if (!keys || !window.did_handshake) return;
-  const combination = ctlabsCombination(e), known = JSON.parse(keys)[combination];
-  if (known === undefined) return;
-  const t = e.target, field = t.isContentEditable || /^(INPUT|TEXTAREA|SELECT)$/.test(t.tagName);
-  if (field && !known) return;
-  e.preventDefault();
-  e.stopPropagation();
-  emitEvent("ctlabs_key", combination);
-}, true);
-window.addEventListener("popstate", () => emitEvent("ctlabs_went", location.pathname));
-// plotly resizes a plot a moment after it has been drawn, also when its page has been left by then.
-window.addEventListener("unhandledrejection", (e) => {
-  if (/displayed plot div element/.test(e.reason?.message ?? e.reason)) e.preventDefault();
-});
-// What is typed while there is no connection would be lost when the page is loaded again.
-document.addEventListener("DOMContentLoaded", () => {
-  const popup = document.getElementById("popup");
-  let focused = null;
-  new MutationObserver(() => {
-    const lost = popup.ariaHidden === "false", main = document.querySelector(".ctl-main");
-    if (!main || main.inert === lost) return;
-    if (lost) focused = document.activeElement;
-    main.inert = lost;
-    main.style.opacity = lost ? 0.5 : "";
-    if (!lost) focused?.focus();
-  }).observe(popup, { attributes: true });
-});
-"""
 
 
-# Another page is seen from its top, and what had the focus may be gone with the page before.
-_TOP = """
-scrollTo(0, 0);
-setTimeout(() => {
-  if (document.activeElement === document.body) document.querySelector(".ctl-main")?.focus({ preventScroll: true });
-}, 50);
-"""
+
 
 
 class _Shortcut(NamedTuple):
@@ -171,8 +86,9 @@ class _Shortcut(NamedTuple):
 def prepare() -> None:
     """What all pages have in their head."""
     app.colors(primary="#1f5fa8")
-    ui.add_css(_STYLE + mathml.STYLE, shared=True)
-    ui.add_head_html(f"<script>{_SCRIPT}</script>", shared=True)
+    styles = [path.read_text(encoding="utf-8") for path in sorted(STATIC.glob("*.css"))]
+    ui.add_css("\n".join([mathml.STYLE, *styles]), shared=True)
+    ui.add_head_html(f"<script>{(STATIC / 'shell.js').read_text(encoding='utf-8')}</script>", shared=True)
 
 
 class Shell:
@@ -305,7 +221,7 @@ class Shell:
         with self.client:
             ui.navigate.history.push(self._url(name))
             self.show(name)
-            ui.run_javascript(_TOP)
+            ui.run_javascript("ctlabs.top()")
 
     def show(self, name: str) -> None:
         """Draw a page, after the one before has been left."""

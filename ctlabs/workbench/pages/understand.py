@@ -32,12 +32,6 @@ SHOWN = 4
 #: How often a slider that is being moved is followed, in seconds.
 FOLLOW = 0.08
 
-_STYLE = """
-.und-constants { width: 100%; display: grid; grid-template-columns: repeat(auto-fill, minmax(15rem, 1fr)); gap: .5rem 1.25rem; }
-.und-constant { min-width: 0; display: flex; flex-direction: column; }
-.und-summary { margin: 0; padding-left: 1.2rem; list-style: disc; line-height: 1.5; max-width: 60rem; }
-.und-summary li { overflow-wrap: anywhere; }
-"""
 
 
 def page(session: Session, shell: Shell) -> None:
@@ -62,7 +56,6 @@ class _Understand:
     # Drawing ---------------------------------------------------------------------------------------------------------
 
     def draw(self) -> None:
-        ui.html(f"<style>{_STYLE}</style>", sanitize=False).classes("hidden")
         self.shell.name_draft(self.session.title)
         with self.show.card("In short", wide=True, test="summary") as card:
             self.box = card.section
@@ -71,10 +64,10 @@ class _Understand:
             self.to_model.props("outline no-caps dense data-test=go-model")
         with self.show.card("Constants", "model.constants", wide=True, test="constants") as card:
             self.constants_card = card.section
-            ui.label("Change one and see what follows from it; it is changed in the model, too.").classes("show-hint")
-            self.strip = ui.element("div").classes("und-constants")
+            ui.label("Change one and see what follows from it; it is changed in the model, too.").classes("ctl-show-hint")
+            self.strip = ui.element("div").classes("ctl-und-constants")
         self._draw_constants()
-        with ui.element("div").classes("show-grid"):
+        with ui.element("div").classes("ctl-show-grid"):
             self._draw_observability()
             self._draw_detectability()
             self._draw_poles()
@@ -97,7 +90,7 @@ class _Understand:
     def _draw_poles(self) -> None:
         with self.show.card("Poles", "understand.poles", wide=True, test="poles"):
             self.pole_tables = _Body()
-            with ui.element("div").classes("show-grid"):
+            with ui.element("div").classes("ctl-show-grid"):
                 self.plane_z, self.plane_s = self.show.plot(test="plot-poles-z"), self.show.plot(test="plot-poles-s")
 
     def _draw_steady(self) -> None:
@@ -216,7 +209,7 @@ class _Understand:
         problems = self.session.problems()
         self.to_model.set_visibility(bool(problems))
         lines = found.sentences or (found.discrete.reason,)
-        self.summary.content = f'<ul class="und-summary">{"".join(f"<li>{escape(line)}</li>" for line in lines)}</ul>'
+        self.summary.content = f'<ul class="ctl-und-summary">{"".join(f"<li>{escape(line)}</li>" for line in lines)}</ul>'
         self._fill_observability(found)
         self._fill_poles(found)
         self._fill_steady(found)
@@ -242,7 +235,7 @@ class _Understand:
             names = [f"direction {i + 1}" for i in range(seen.unobservable.shape[1])]
             content.append(matrix("States that no measurement tells", seen.unobservable, found.states, names))
         if loss := found.sampling.found:
-            content.append(f'<p class="show-hint">{escape(_sampling(loss))}</p>')
+            content.append(f'<p class="ctl-show-hint">{escape(_sampling(loss))}</p>')
         self.observability.content("".join(content))
         if seen.detectable:
             words = (
@@ -274,9 +267,9 @@ class _Understand:
             return
         if z.value.filter is None:
             content.append(
-                f'<p class="show-why">No steady filter, so no poles of one: {escape(found.limit.reason)}</p>'
+                f'<p class="ctl-show-why">No steady filter, so no poles of one: {escape(found.limit.reason)}</p>'
             )
-        self.pole_tables.content(f'<div class="show-side">{"".join(content)}</div>')
+        self.pole_tables.content(f'<div class="ctl-show-side">{"".join(content)}</div>')
 
     def _fill_steady(self, found: Understanding) -> None:
         self.copy_steady.set_visibility(bool(found.limit))
@@ -294,16 +287,16 @@ class _Understand:
             if limit.settled is not None
             else "The variances do not come within 1 % of their limits in the steps that were tried."
         )
-        content = [f"<p>{escape(settled)}</p>", '<div class="show-side">']
+        content = [f"<p>{escape(settled)}</p>", '<div class="ctl-show-side">']
         content.append(table(["State", "σ⁻", "σ⁺", "Unit"], rows, "Standard deviations"))
         content += [matrix(name, values, names, columns) for name, values, columns in _matrices(found)]
         content.append("</div>")
         if not found.continuous_limit and found.continuous and found.continuous.value.Rc is not None:
             content.append(
-                f'<p class="show-hint">Of a continuous measurement: {escape(found.continuous_limit.reason)}.</p>'
+                f'<p class="ctl-show-hint">Of a continuous measurement: {escape(found.continuous_limit.reason)}.</p>'
             )
         if bucy := found.continuous_limit.found:
-            content.append('<p>Of the continuous measurement (the Kalman–Bucy filter):</p><div class="show-side">')
+            content.append('<p>Of the continuous measurement (the Kalman–Bucy filter):</p><div class="ctl-show-side">')
             content.append(matrix("P", bucy.P, names, names) + matrix("Gain Kc", bucy.K, names, sensors) + "</div>")
         self.steady.content("".join(content))
 
@@ -349,7 +342,7 @@ class _Understand:
                 for each in found.transfers.value
             ]
             self.transfer.content(
-                "".join(f'<div class="show-equation" tabindex="0">{mathml(line, block=True)}</div>' for line in lines)
+                "".join(f'<div class="ctl-show-equation" tabindex="0">{mathml(line, block=True)}</div>' for line in lines)
             )
         else:
             self.transfer.reason(found.transfers)
@@ -384,7 +377,7 @@ class _Body:
     """What stands in a card: a result, or why there is none."""
 
     def __init__(self) -> None:
-        self._why = ui.label("").classes("show-why").props("data-test=reason")
+        self._why = ui.label("").classes("ctl-show-why").props("data-test=reason")
         self._html = ui.html("", sanitize=False).classes("w-full")
         self._why.set_visibility(False)
 
@@ -406,7 +399,7 @@ class _Constant:
     def __init__(self, page: _Understand, row: ConstantRow) -> None:
         self.page, self.name = page, row.name
         self._slider: Slider | None = None
-        with ui.element("div").classes("und-constant").props(f"data-test=constant-{row.name}"):
+        with ui.element("div").classes("ctl-und-constant").props(f"data-test=constant-{row.name}"):
             label = f"{row.name}, {row.unit}" if row.unit else row.name
             self.input = ui.input(label, value=row.cell.text).classes("w-full").props("outlined dense")
             if row.meaning:
@@ -469,11 +462,11 @@ class _Constant:
 
 
 def _good(line: str) -> str:
-    return f'<p class="show-good">{escape(line)}</p>'
+    return f'<p class="ctl-show-good">{escape(line)}</p>'
 
 
 def _bad(line: str) -> str:
-    return f'<p class="show-bad">{escape(line)}</p>'
+    return f'<p class="ctl-show-bad">{escape(line)}</p>'
 
 
 def _matrices(found: Understanding) -> list[tuple[str, Any, tuple[str, ...]]]:
