@@ -7,7 +7,6 @@ into for a while is one edit to undo.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from functools import partial
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -21,12 +20,12 @@ from ctlabs.workbench import commands
 from ctlabs.workbench.pages import model_dialogs
 from ctlabs.workbench.pages import model_parts as parts
 from ctlabs.workbench.pages.cells import Label
+from ctlabs.workbench.pages.editing import Editor, line
 from ctlabs.workbench.pages.grid import Field, Grid
 from ctlabs.workbench.pages.math import Equations
 from ctlabs.workbench.pages.model_constants import Constants
 from ctlabs.workbench.pages.model_edits import (
     Section,
-    Typing,
     block_command,
     cell_command,
     line_of,
@@ -64,61 +63,16 @@ class ModelPage:
         self._view = "cells"
         self._title = ""
         self._unfinished = str(_notes(session).get("unfinished", ""))
-        self.typing = Typing(session)
+        self.editor = Editor(session, shell, self._changed)
+        self.do, self.type, self.done = self.editor.do, self.editor.type, self.editor.done
         self._told: dict[str, str] | None = None
         self._listed: dict[tuple[str, str, str], ui.element] = {}
         self._times: dict[str, Field] = {}
 
-    # Commands ----------------------------------------------------------------------------------------------------------
-
-    def do(self, command: commands.Command) -> bool:
-        """Carry out a command that a button stands for; whether it was possible."""
-        line = self.once(command)
-        if line:
-            self.shell.complain(line)
-        return not line
-
-    def once(self, command: commands.Command) -> str:
-        """Carry out a command that is an edit of its own; why not, or empty."""
-        return self._do(command, "")
-
-    def type(self, key: str, command: commands.Command) -> str:
-        """Carry out what was typed into a cell; why not, or empty."""
-        return self._do(command, key)
-
-    def _do(self, command: commands.Command, key: str) -> str:
-        try:
-            self.typing.do(key, command)
-        except ValueError as why:
-            return _line(why)
-        except (RuntimeError, LookupError) as why:  # the store says why it cannot write
-            self.shell.not_saved(_line(why))
-            return _line(why)
-        self.shell.saved()
+    def _changed(self, key: str) -> None:
         if key != "text":
             self._remember("")
         self.show()
-        return ""
-
-    def undo(self) -> None:
-        """Take the last edit back."""
-        self._move(self.session.can_undo, self.session.undo)
-
-    def redo(self) -> None:
-        """Do again what was taken back."""
-        self._move(self.session.can_redo, self.session.redo)
-
-    def _move(self, possible: bool, move: Callable[[], str]) -> None:
-        self.typing.stop()
-        if possible:
-            move()
-            self.shell.saved()
-            self._remember("")
-            self.show()
-
-    def done(self) -> None:
-        """A cell is left: what is typed there later is another edit."""
-        self.typing.stop()
 
     def _remember(self, text: str) -> None:
         """Keep a text that is no file yet, so that nothing typed is lost."""
@@ -159,13 +113,13 @@ class ModelPage:
                 self._matrices = ui.element("div").classes("ctl-column")
                 with ui.element("div").classes("ctl-column ctl-side"):
                     self._draw_equations()
-                    self._constants = Constants(self)
+                    self._constants = Constants(self.editor)
             with self._text_place:
                 self._draw_text()
         for keys, label, action in (
-            ("mod+z", "Undo", self.undo),
-            ("mod+shift+z", "Redo", self.redo),
-            ("mod+y", "Redo", self.redo),
+            ("mod+z", "Undo", self.editor.undo),
+            ("mod+shift+z", "Redo", self.editor.redo),
+            ("mod+y", "Redo", self.editor.redo),
             ("mod+o", "Open a model", self.open_dialog),
             ("mod+s", "Download the model file", self.download),
             ("mod+e", "Cells or text", self._other_view),
@@ -207,7 +161,7 @@ class ModelPage:
             tour = parts.text("button", "Take the guided tour (about five minutes)").classes("ctl-link")
             tour.props("type=button data-test=begin-tour")
             tour.on("click", lambda: self.shell.go("help"))
-        self._begin_redo = ui.button("Redo what was undone", icon="redo", on_click=self.redo)
+        self._begin_redo = ui.button("Redo what was undone", icon="redo", on_click=self.editor.redo)
         self._begin_redo.props("outline no-caps data-test=begin-redo").classes("self-start")
         if self.session.untouched and (models := parts.earlier(self.session)):
             parts.text("h2", "Earlier models")
@@ -234,8 +188,8 @@ class ModelPage:
             parts.tool("Open", "folder_open", "open", self.open_dialog, keys="Ctrl+O")
             parts.tool("Download", "download", "save", self.download, keys="Ctrl+S")
             ui.element("span").style("width: .5rem")
-            self._undo = parts.tool("Undo", "undo", "undo", self.undo, keys="Ctrl+Z")
-            self._redo = parts.tool("Redo", "redo", "redo", self.redo, keys="Ctrl+Shift+Z")
+            self._undo = parts.tool("Undo", "undo", "undo", self.editor.undo, keys="Ctrl+Z")
+            self._redo = parts.tool("Redo", "redo", "redo", self.editor.redo, keys="Ctrl+Shift+Z")
             ui.element("span").classes("ctl-gap")
             self._block = parts.tool("Coloured noise", "graphic_eq", "block", self.block_dialog)
             self._view_button = parts.tool("Text", "code", "view-text", self._other_view, keys="Ctrl+E")
@@ -531,14 +485,14 @@ class ModelPage:
             self._kind.set_value(sheet.kind or None)
 
     def _text_typed(self, text: str) -> str:
-        line = self.type("text", commands.Rewrite(text))
-        found = re.match(r"line (\d+)", line)
+        why = self.type("text", commands.Rewrite(text))
+        found = re.match(r"line (\d+)", why)
         self._wrong_line = int(found[1]) if found else 0
-        self._remember(text if line else "")
+        self._remember(text if why else "")
         self._show_view()
-        if not line:
+        if not why:
             self._text.write(self.session.text)
-        return line
+        return why
 
     def _go_to_line(self) -> None:
         self._text.run_method("line", self._wrong_line)
@@ -564,7 +518,7 @@ class ModelPage:
         try:
             text = decoded(content, event.file.name)
         except ModelFileError as why:
-            self.shell.complain(_line(why))
+            self.shell.complain(line(why))
             return
         if self.open(text, event.file.name):
             self.shell.tell(f"{event.file.name} is open; Undo brings the model before it back.")
@@ -619,7 +573,3 @@ def _default_t0() -> Cell:
     from ctlabs.workbench.sheet import Cell
 
     return Cell(("experiment", "t0"), "0", 0.0)
-
-
-def _line(why: BaseException) -> str:
-    return " ".join(str(why).split())
