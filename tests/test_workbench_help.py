@@ -304,9 +304,9 @@ def test_a_step_that_is_none_is_refused(session: Session) -> None:
 def test_the_tours_pages_and_model_exist() -> None:
     """Every step leads to a page of the workbench, and its model is in the gallery with a slider to move."""
     pytest.importorskip("nicegui", reason="the workbench is not installed: pip install 'ctlabs[workbench]'")
-    from ctlabs.workbench.pages.shell import PAGES
+    from ctlabs.workbench.pages import listed
 
-    assert {step.page for step in STEPS} <= {page.name for page in PAGES}
+    assert {step.page for step in STEPS} <= {page.name for page in listed()}
     model = ready(tour.MODEL)
     assert f"“{model.title}”" in STEPS[0].what
     assert any(each.min is not None and each.max is not None for each in model.definitions)

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from ctlabs.workbench.pages.shell import Shell
     from ctlabs.workbench.session import Session
 
+PAGE = {"place": 3, "title": "Experiment", "icon": "science"}
+
 #: Names of the first measurement's instants.
 FIRST = {1: "from t1 on", 0: "from t0 on"}
 #: What an anomaly is.

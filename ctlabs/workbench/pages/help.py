@@ -9,16 +9,18 @@ from nicegui import ui
 
 from ctlabs.workbench import help as texts
 from ctlabs.workbench import tour
-from ctlabs.workbench.pages.shell import PAGES
+from ctlabs.workbench.pages import listed
 
 if TYPE_CHECKING:
     from ctlabs.workbench.pages.shell import Shell
     from ctlabs.workbench.session import Session
 
+PAGE = {"place": 6, "title": "Help", "icon": "help_outline"}
+
 #: How often the tour looks at what has been done, in seconds.
 LOOK = 0.7
 #: The pages' titles, for buttons that lead there.
-TITLES = {page.name: page.title for page in PAGES}
+TITLES = {page.name: page.title for page in listed()}
 #: What an algorithm may be able to do, as a heading of their table.
 ABLE = {
     "perfect": "R = 0",

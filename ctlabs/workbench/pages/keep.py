@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from ctlabs.workbench.session import Session
     from ctlabs.workbench.store import Experiment
 
+PAGE = {"place": 4, "title": "Keep", "icon": "inventory_2"}
+
 #: So many experiments are listed at first, and so many more at a time.
 LISTED = 25
 #: What an experiment can be exported as: kind, name, what it is.

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from ctlabs.workbench.pages.shell import Shell
     from ctlabs.workbench.session import Session
 
+PAGE = {"place": 5, "title": "Labs", "icon": "school"}
+
 #: Where the files of reports are, by draft, lab and name.
 FILES = "/lab-files/{draft}/{lab}/{name}"
 #: What a report may do in the page: nothing but be read.

@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from ctlabs.workbench.session import Session
     from ctlabs.workbench.sheet import Cell, Sheet
 
+PAGE = {"place": 1, "title": "Model", "icon": "grid_on"}
+
 #: How many problems are listed above the cells.
 LISTED = 4
 KEYS = (

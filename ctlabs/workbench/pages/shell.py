@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from nicegui import app, ui
 
 from ctlabs.reporting import mathml
-from ctlabs.workbench.pages import STATIC
+from ctlabs.workbench.pages import STATIC, Page, listed
 
 if TYPE_CHECKING:
     from nicegui import Client
@@ -38,27 +38,6 @@ if TYPE_CHECKING:
 log = logging.getLogger("ctlabs.workbench")
 
 
-class Page(NamedTuple):
-    """A page's module and address, its title, its icon, the letter of its key."""
-
-    name: str
-    title: str
-    icon: str
-
-    @property
-    def keys(self) -> str:
-        """Its shortcut: Alt+Shift and its first letter."""
-        return f"alt+shift+{self.name[0]}"
-
-
-PAGES = (
-    Page("model", "Model", "grid_on"),
-    Page("understand", "Understand", "insights"),
-    Page("experiment", "Experiment", "science"),
-    Page("keep", "Keep", "inventory_2"),
-    Page("labs", "Labs", "school"),
-    Page("help", "Help", "help_outline"),
-)
 THEMES = {"auto": (None, "brightness_auto"), "light": (False, "light_mode"), "dark": (True, "dark_mode")}
 #: Below this width, in pixels, the list of pages is behind a button.
 NARROW = 900
@@ -95,11 +74,11 @@ class Shell:
     """The frame in one tab."""
 
     def __init__(self, desk: Desk, client: Client, request: Request, pages: str) -> None:
-        self.desk, self.client, self._pages = desk, client, pages
+        self.desk, self.client, self._package, self._pages = desk, client, pages, listed(pages)
         self.browser: str = request.scope["ctlabs.session"]
         theme = request.cookies.get("ctlabs_theme", "auto")
         self.theme = theme if theme in THEMES else "auto"
-        self.current = PAGES[0].name
+        self.current = self._pages[0].name
         self._place: Place | None = None
         self._keys: dict[str, _Shortcut] = {}
         self._leaving: list[Callable[[], object]] = []
@@ -128,7 +107,7 @@ class Shell:
         # The browser itself shows the drawer where there is room; asked for it, a busy one would answer too late.
         self._drawer = ui.left_drawer(value=False, bordered=True).props(f"show-if-above breakpoint={NARROW} width=190")
         with self._drawer, ui.element("nav").classes("ctl-nav").props('aria-label="Pages"'):
-            self._links = {page.name: self._link(page) for page in PAGES}
+            self._links = {page.name: self._link(page) for page in self._pages}
         self._draw_header()
         self._main = ui.element("div").classes("ctl-main").props("tabindex=-1 aria-busy=true")
         with self._main, ui.row().classes("items-center q-pa-md"):
@@ -174,14 +153,14 @@ class Shell:
 
     def _mark(self) -> None:
         """Say which page this is: in the list, in the title of the tab."""
-        for page in PAGES:
+        for page in self._pages:
             link = self._links[page.name]
             link.props(remove="aria-current")
             if page.name == self.current:
                 link.props("aria-current=page")
             if self._place is not None:
                 link.props(f'href="{self._url(page.name)}"')
-        title = next(page.title for page in PAGES if page.name == self.current)
+        title = next(page.title for page in self._pages if page.name == self.current)
         ui.page_title(" · ".join(part for part in (self._name.text, title, "ctlabs") if part))
 
     # Pages ---------------------------------------------------------------------------------------------------------------
@@ -197,7 +176,7 @@ class Shell:
         if self.client.is_deleted:
             self.desk.leave(self)
             return
-        for page in PAGES:
+        for page in self._pages:
             self.shortcut(page.keys, page.title, partial(self.go, page.name), lasting=True)
         self.shortcut("?", "Keyboard shortcuts", self.show_shortcuts, in_fields=False, lasting=True)
         ui.navigate.history.replace(self._url(name))
@@ -232,10 +211,10 @@ class Shell:
         with self.client:
             self._main.clear()
             try:
-                module = importlib.import_module(f"{self._pages}.{name}")
+                module = importlib.import_module(f"{self._package}.{name}")
                 with self._main:
                     module.page(self.place.session, self)
-                importlib.import_module(self._pages).over(self.place.session, self)
+                importlib.import_module(self._package).over(self.place.session, self)
             except Exception as why:
                 log.exception("page %s", name)
                 self._instead(why)
@@ -245,7 +224,7 @@ class Shell:
 
     def _went(self, path: str) -> None:
         """Show the page that the browser has gone back to; to go to a place within a page is no reason to draw it again."""
-        name = path.strip("/") or PAGES[0].name
+        name = path.strip("/") or self._pages[0].name
         if name != self.current:
             self.show(name)
 

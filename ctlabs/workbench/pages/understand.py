@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from ctlabs.workbench.pages.shell import Shell
     from ctlabs.workbench.session import Session
 
+PAGE = {"place": 2, "title": "Understand", "icon": "insights"}
+
 #: States and pairs that are drawn at first.
 SHOWN = 4
 
