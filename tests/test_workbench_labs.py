@@ -362,7 +362,7 @@ class Bench(Running):
         folder = catalogue.place(self.data, self.draft, name)
         self.start(catalogue.work(self.runner, self.draft, name, typed_values(name, **typed), runs, seed, folder), name)
 
-    def outcome(self, name: str) -> catalogue.Outcome | None:
+    def outcome(self, name: str) -> catalogue.LabOutcome | None:
         return catalogue.outcome(catalogue.place(self.data, self.draft, name))
 
 

@@ -432,7 +432,7 @@ def edit(element: Any, key: str, text: str, number: int) -> None:
 
 def test_a_text_that_is_refused_stays_with_its_reason(client: Any, session: Session) -> None:
     """Until it is typed anew, or the model has another text there; every message is answered by its number."""
-    from ctlabs.workbench.pages.grid import Field
+    from ctlabs.workbench.pages.grid import TextField
 
     texts: list[str] = []
     refuse = [True]
@@ -441,7 +441,7 @@ def test_a_text_that_is_refused_stays_with_its_reason(client: Any, session: Sess
         texts.append(text)
         return "expected another" if refuse[0] else ""
 
-    field = Field("Name", typed_text, test="name")
+    field = TextField("Name", typed_text, test="name")
     field.write("q")
     edit(field, "0,0", "t", 1)
     assert texts == ["t"]
@@ -459,7 +459,7 @@ def test_a_text_that_is_refused_stays_with_its_reason(client: Any, session: Sess
 
 def test_a_grid_sends_what_has_changed_and_nothing_else(client: Any, session: Session) -> None:
     """The same matrix again is no message; a cell that is typed is answered with its value."""
-    from ctlabs.workbench.pages.grid import Grid
+    from ctlabs.workbench.pages.grid import GridElement
 
     def type_(key: str, text: str) -> str:
         session.do(cell_command(session.sheet, "F", key, text))
@@ -467,7 +467,7 @@ def test_a_grid_sends_what_has_changed_and_nothing_else(client: Any, session: Se
         return ""
 
     nothing: Callable[..., None] = lambda *_: None  # noqa: E731
-    element = Grid("F", type_, on_block=nothing, on_remove=nothing, on_done=nothing)
+    element = GridElement("F", type_, on_block=nothing, on_remove=nothing, on_done=nothing)
     element.show(session.sheet.grids["F"], "F")
     sent: list[int] = []
     element.update = lambda: sent.append(1)  # type: ignore[method-assign]

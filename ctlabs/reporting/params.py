@@ -114,16 +114,16 @@ class _RefusedError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Check:
+class Validator:
     """The validator of a parameter: ``expected`` says in words what it takes, ``each`` judges the elements of a list.
 
-    >>> Check("a number > 0", lambda x: x, each=None).allowed
+    >>> Validator("a number > 0", lambda x: x, each=None).allowed
     'a number > 0'
     """
 
     expected: str
     read: Callable[[Any], Any]
-    each: Check | None = None
+    each: Validator | None = None
 
     def __call__(self, value: Any) -> Any:
         """The value as the parameters hold it; ``ValueError``: expected, received."""
@@ -139,7 +139,7 @@ class Check:
         return self.expected if self.each is None else f"{self.expected}, each {self.each.expected}"
 
 
-def _number(expected: str, holds: Callable[[float], bool], *, infinite: bool = False) -> Check:
+def _number(expected: str, holds: Callable[[float], bool], *, infinite: bool = False) -> Validator:
     """A number for which ``holds``; ``expected`` says so in words."""
 
     def read(value: Any) -> float:
@@ -150,7 +150,7 @@ def _number(expected: str, holds: Callable[[float], bool], *, infinite: bool = F
             raise _RefusedError
         return number
 
-    return Check(expected, read)
+    return Validator(expected, read)
 
 
 def _whole(value: Any) -> int:
@@ -165,7 +165,7 @@ def _flag(value: Any) -> bool:
     return value
 
 
-def _list(item: Check, size: int | None = None) -> Check:
+def _list(item: Validator, size: int | None = None) -> Validator:
     def read(value: Any) -> tuple[float, ...]:
         if isinstance(value, np.ndarray):
             value = value.tolist()
@@ -173,10 +173,10 @@ def _list(item: Check, size: int | None = None) -> Check:
             raise _RefusedError
         return tuple(item(element) for element in value)
 
-    return Check(f"a list of {size} numbers" if size else "a list of numbers", read, item)
+    return Validator(f"a list of {size} numbers" if size else "a list of numbers", read, item)
 
 
-def _matrix(n: int) -> Check:
+def _matrix(n: int) -> Validator:
     def read(value: Any) -> tuple[tuple[float, ...], ...]:
         try:
             numbers = [[_float(element) for element in row] for row in value]
@@ -186,12 +186,12 @@ def _matrix(n: int) -> Check:
             raise _RefusedError(f" ({detail})" if "eigenvalue" in detail or "asymmetry" in detail else "") from None
         return tuple(tuple(row) for row in matrix.tolist())
 
-    return Check(f"a {n}×{n} covariance (symmetric, nonnegative definite)", read)
+    return Validator(f"a {n}×{n} covariance (symmetric, nonnegative definite)", read)
 
 
-def _or_null(item: Check) -> Check:
+def _or_null(item: Validator) -> Validator:
     """Lets null through: a value that follows others unless it is given."""
-    return Check(f"{item.expected} or null", lambda value: None if value is None else item.read(value))
+    return Validator(f"{item.expected} or null", lambda value: None if value is None else item.read(value))
 
 
 _any = _number("a number", math.isfinite)
@@ -201,7 +201,7 @@ _fraction = _number("a number from 0 to 1", lambda x: 0 <= x <= 1)
 _variance_or_inf = _number('a variance >= 0 or "inf"', lambda x: x >= 0, infinite=True)
 
 _variance_list = _list(_variance_or_inf)
-_one_or_many = Check(
+_one_or_many = Validator(
     _variance_or_inf.expected,
     lambda value: (_variance_list if isinstance(value, list | tuple) else _variance_or_inf)(value),
 )
@@ -214,8 +214,8 @@ PositiveOrNull = Annotated[
 Variance = Annotated[float, BeforeValidator(_nonnegative), Field(json_schema_extra={"minimum": 0})]
 Fraction = Annotated[float, BeforeValidator(_fraction), Field(json_schema_extra={"minimum": 0, "maximum": 1})]
 VarianceOrInf = Annotated[float, BeforeValidator(_variance_or_inf), Field(json_schema_extra={"minimum": 0})]
-Count = Annotated[int, BeforeValidator(Check("a whole number >= 1", _whole)), Field(json_schema_extra={"minimum": 1})]
-Flag = Annotated[bool, BeforeValidator(Check("true or false", _flag))]
+Count = Annotated[int, BeforeValidator(Validator("a whole number >= 1", _whole)), Field(json_schema_extra={"minimum": 1})]
+Flag = Annotated[bool, BeforeValidator(Validator("true or false", _flag))]
 Positives = Annotated[tuple[float, ...], BeforeValidator(_list(_positive))]
 Variances = Annotated[tuple[float, ...], BeforeValidator(_list(_nonnegative))]
 VarianceOrVariances = Annotated[float | tuple[float, ...], BeforeValidator(_one_or_many)]

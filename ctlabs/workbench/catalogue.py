@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ctlabs.labs import catalogue as labs
-from ctlabs.reporting.params import Check
+from ctlabs.reporting.params import Validator
 
 if TYPE_CHECKING:
     from ctlabs.files.modelfile import Entry
@@ -53,7 +53,7 @@ class Models(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Sheet:
+class LabSheet:
     """What is told of a lab before it is run.
 
     ``name``, ``short`` ("7") and ``title`` · ``source`` · ``parts`` · ``runs`` · ``statement``, in paragraphs ·
@@ -78,7 +78,7 @@ class Sheet:
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class Parameter:
     """A parameter as a field of a form.
 
     ``kind`` one of :data:`KINDS` · ``allowed``, its range in words ("a number >= 0") · ``default`` as text, a grid of
@@ -104,7 +104,7 @@ class Checked(NamedTuple):
     problems: dict[str, str]
 
 
-class Outcome(NamedTuple):
+class LabOutcome(NamedTuple):
     """A report that has been written: what the page shows of it without opening it.
 
     ``checks`` as in results.json · ``parameters``, ``runs``, ``seed`` it was made with · ``seconds`` it took ·
@@ -138,12 +138,12 @@ class Outcome(NamedTuple):
 
 
 @cache
-def sheets() -> tuple[Sheet, ...]:
+def sheets() -> tuple[LabSheet, ...]:
     """All labs, the practicum's first; no lab is imported."""
     return tuple(_sheet(lab) for lab in labs.catalogue().values())
 
 
-def sheet(name: str) -> Sheet:
+def sheet(name: str) -> LabSheet:
     """The lab that is called task07, 7 or 07.
 
     Raises
@@ -158,7 +158,7 @@ def sheet(name: str) -> Sheet:
     return next(each for each in sheets() if each.name == wanted[0].name)
 
 
-def search(words: str = "", variant: str = "") -> tuple[Sheet, ...]:
+def search(words: str = "", variant: str = "") -> tuple[LabSheet, ...]:
     """The labs in which every one of ``words`` occurs; a number is that lab's. ``variant``: a letter, of that column only.
 
     >>> [found.short for found in search("oscillator sampling")]
@@ -177,12 +177,12 @@ def search(words: str = "", variant: str = "") -> tuple[Sheet, ...]:
 
 
 @cache
-def _searched(each: Sheet) -> str:
+def _searched(each: LabSheet) -> str:
     models = " ".join(f"{model.name} {model.title}" for model in each.models)
     return f"{each.name} {each.heading} {each.source} {' '.join(each.statement)} {each.answer} {models}".lower()
 
 
-def _sheet(lab: labs.Lab) -> Sheet:
+def _sheet(lab: labs.Lab) -> LabSheet:
     found = importlib.util.find_spec(lab.module)  # finds the file and does not run it
     text = Path(found.origin).read_text(encoding="utf-8") if found is not None and found.origin else ""
     tree = ast.parse(text)
@@ -192,7 +192,7 @@ def _sheet(lab: labs.Lab) -> Sheet:
     starred = {letter: dict(labs.variant(letter)) for letter in labs.VARIANTS}
     variants = tuple(f"{letter}{'*' if own[lab.name] else ''}" for letter, own in starred.items() if lab.name in own)
     models = tuple(Models(entry.name, entry.title) for entry in _gallery() if entry.lab == lab.name)
-    return Sheet(
+    return LabSheet(
         lab.name,
         lab.short,
         lab.title,
@@ -216,7 +216,7 @@ def _gallery() -> tuple[Entry, ...]:
 
 
 @cache
-def fields(name: str) -> tuple[Field, ...]:
+def fields(name: str) -> tuple[Parameter, ...]:
     """The fields of a lab, in its order; its module is imported here."""
     parameters = labs.load(labs.catalogue()[name]).Parameters
     told, defaults = parameters.model_fields, parameters()
@@ -226,14 +226,14 @@ def fields(name: str) -> tuple[Field, ...]:
     )
 
 
-def _field(name: str, unit: str, meaning: str, info: Any, default: Any) -> Field:
-    told = next(each.func for each in info.metadata if isinstance(getattr(each, "func", None), Check))
+def _field(name: str, unit: str, meaning: str, info: Any, default: Any) -> Parameter:
+    told = next(each.func for each in info.metadata if isinstance(getattr(each, "func", None), Validator))
     kind, text = "number", typed_as(default)
     if isinstance(default, bool):
         kind = "flag"
     elif isinstance(default, tuple):
         kind = "matrix" if isinstance(text, tuple) else "list"
-    return Field(name, unit, meaning, kind, told.allowed, text, told.each is None)
+    return Parameter(name, unit, meaning, kind, told.allowed, text, told.each is None)
 
 
 def typed_as(value: Any) -> Typed:
@@ -299,7 +299,7 @@ def whole(text: str, least: int, most: int) -> int:
     return int(plain)
 
 
-def _value(field: Field, text: Typed) -> Any:
+def _value(field: Parameter, text: Typed) -> Any:
     """What was typed as the parameters take it; the text itself where it is no number, so that they say so."""
     if not isinstance(text, str):
         return [[_number(cell) for cell in row] for row in text]
@@ -319,7 +319,7 @@ def _value(field: Field, text: Typed) -> Any:
     return _number(stripped)
 
 
-def _single(field: Field, parts: Sequence[str]) -> Any:
+def _single(field: Parameter, parts: Sequence[str]) -> Any:
     value = _number(parts[0])
     return value if field.alone else [value]
 
@@ -427,12 +427,12 @@ def place(data: Path, draft: str, name: str) -> Path:
     return data / FOLDER / draft / name
 
 
-def outcome(folder: Path) -> Outcome | None:
+def outcome(folder: Path) -> LabOutcome | None:
     """What came of the run whose report lies in a folder; ``None`` if there is none."""
     try:
         told = json.loads((folder / "results.json").read_text(encoding="utf-8"))
         took = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-        return Outcome(
+        return LabOutcome(
             told["lab"],
             told["title"],
             tuple(told["checks"]),

@@ -33,7 +33,7 @@ from ctlabs.workbench.store import REVISIONS
 from ctlabs.workbench.understanding import Understanding, understand, warm
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.store import Draft, Experiment, Store
+    from ctlabs.workbench.store import Draft, KeptExperiment, Store
     from ctlabs.workbench.worker import Cancel, Progress, Runner
 
 #: Longest name of an experiment.
@@ -43,7 +43,7 @@ BEGINS: Mapping[type, str] = {commands.Open: "open", commands.New: "new"}
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class HistoryStep:
     """One entry of the history: what was done, whether the model is at it or behind it (``done``), and whether it put another
     model in the place of the one before (``begins``: "open" or "new").
     """
@@ -207,9 +207,12 @@ class Session:
         self._move(found[0])
 
     @property
-    def history(self) -> tuple[Step, ...]:
+    def history(self) -> tuple[HistoryStep, ...]:
         """All steps in order; the last ``done`` one is the present."""
-        return tuple(Step(number, label, i <= self._at, self._begun.get(number, "")) for i, (number, label) in enumerate(self._revisions))
+        return tuple(
+            HistoryStep(number, label, i <= self._at, self._begun.get(number, ""))
+            for i, (number, label) in enumerate(self._revisions)
+        )
 
     def problems(self) -> dict[str, str]:
         """What is wrong with the model, by place ("model.F[0][1]", "constants.q", "" for the whole)."""
@@ -319,7 +322,7 @@ class Session:
         """Keep an outcome with the present model and plan; its number."""
         return self._keep(found, self.text, self.plan, name)
 
-    def kept(self, *, deleted: bool = False) -> list[Experiment]:
+    def kept(self, *, deleted: bool = False) -> list[KeptExperiment]:
         """The owner's experiments, the latest first; ``deleted``: those that can be put back."""
         return self.store.experiments(self.draft.owner, deleted=deleted)
 
@@ -464,7 +467,7 @@ class Session:
         words = _line(name) or f"{title}: " + (plan.data.name if plan.data else f"{plan.runs} runs, seed {plan.seed}")
         return self.store.keep(self.draft.owner, words, text, self._settings(plan), plan.seed, packed(found))
 
-    def _kept(self, number: int, *, deleted: bool = False) -> Experiment:
+    def _kept(self, number: int, *, deleted: bool = False) -> KeptExperiment:
         found = self.store.experiment(number, self.draft.owner)
         if found is None or (found.deleted is not None) is not deleted:
             what = "deleted" if deleted else "kept"

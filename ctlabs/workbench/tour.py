@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ctlabs.workbench.session import Session
 
 @dataclass(frozen=True, slots=True)
-class Step:
+class TourStep:
     """A step of the tour: where it is done (the page's name), what is done, and what to look at then."""
 
     name: str
@@ -30,13 +30,13 @@ class Step:
 _TEXTS = read("tour")
 #: The model of the tour, from the gallery.
 MODEL: str = _TEXTS["model"]
-STEPS = tuple(Step(name, **told) for name, told in _TEXTS.items() if isinstance(told, dict))
+STEPS = tuple(TourStep(name, **told) for name, told in _TEXTS.items() if isinstance(told, dict))
 
 
 class Seen(NamedTuple):
     """A step, and whether it is done."""
 
-    step: Step
+    step: TourStep
     done: bool
 
 
@@ -71,7 +71,7 @@ class Tour:
         return tuple(Seen(step, step.name in self._done) for step in STEPS)
 
     @property
-    def next(self) -> Step | None:
+    def next(self) -> TourStep | None:
         """The first step that is not done; ``None`` when all are."""
         return next((step for step, done in self.look() if not done), None)
 

@@ -18,15 +18,14 @@ if TYPE_CHECKING:
     from nicegui.events import GenericEventArguments
 
     from ctlabs.workbench.commands import What
-    from ctlabs.workbench.sheet import Cell
-    from ctlabs.workbench.sheet import Grid as Matrix
+    from ctlabs.workbench.sheet import Cell, Grid
 
 #: What is typed: the key of a cell ("0,1" row and column, "name,0", "unit,0" of a header) and the text; the answer is why not.
 Typed = Callable[[str, str], str]
 
 
 
-class Cells(ui.element, component=STATIC / "grid.js"):
+class CellElement(ui.element, component=STATIC / "grid.js"):
     """What a matrix and a field have in common: texts that are typed, numbered messages, texts that were refused.
 
     Parameters
@@ -108,7 +107,7 @@ def _put(now: dict[str, Any], key: str, text: str, line: str) -> None:
     now["rows"][i][index] = [text, "", line]
 
 
-class Grid(Cells):
+class GridElement(CellElement):
     """A matrix: a table of cells that scrolls inside itself.
 
     Parameters
@@ -142,7 +141,7 @@ class Grid(Cells):
 
         self.on("block", pasted)
 
-    def show(self, matrix: Matrix, label: str, labels: Sequence[Label] = ()) -> None:
+    def show(self, matrix: Grid, label: str, labels: Sequence[Label] = ()) -> None:
         """Show a matrix; ``labels`` of its rows where they are typed here."""
         self._send(
             {
@@ -158,7 +157,7 @@ class Grid(Cells):
         )
 
 
-class Field(Cells):
+class TextField(CellElement):
     """One text: of a line, or a whole file (``area``); ``lazy``: said only when it is left or with Enter."""
 
     def __init__(
@@ -199,7 +198,7 @@ class Field(Cells):
         self._send({"rows": [[[text, "", problem]]], **self._fixed})
 
 
-class Range(Cells):
+class Range(CellElement):
     """A slider for a number."""
 
     def __init__(

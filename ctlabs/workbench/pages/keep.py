@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ctlabs.workbench.comparing import Difference, Row
     from ctlabs.workbench.pages.shell import Shell
     from ctlabs.workbench.session import Session
-    from ctlabs.workbench.store import Experiment
+    from ctlabs.workbench.store import KeptExperiment
 
 PAGE = {"place": 4, "title": "Keep", "icon": "inventory_2"}
 
@@ -124,7 +124,7 @@ class _Keep:
                         f"Put back: {each.name}",
                     ).props("no-caps flat dense data-test=restore")
 
-    def _row(self, each: Experiment) -> None:
+    def _row(self, each: KeptExperiment) -> None:
         number = each.id
         with (
             ui.element("div").classes("ctl-keep-row").props(f"role=listitem data-test=kept-row data-number={number}") as row
@@ -345,7 +345,7 @@ def export_dialog(session: Session, shell: Shell, number: int) -> None:
 # In words ------------------------------------------------------------------------------------------------------------
 
 
-def _about(each: Experiment) -> str:
+def _about(each: KeptExperiment) -> str:
     """When, which model, with which settings."""
     plan = each.settings
     data = plan.get("data")
@@ -362,7 +362,7 @@ def _about(each: Experiment) -> str:
     return " · ".join(words)
 
 
-def _text(each: Experiment) -> str:
+def _text(each: KeptExperiment) -> str:
     return f"{each.name} {_about(each)}"
 
 

@@ -15,7 +15,7 @@ from starlette.responses import PlainTextResponse, Response
 
 from ctlabs.text import number
 from ctlabs.workbench import catalogue
-from ctlabs.workbench.catalogue import Field, Outcome, Sheet, Typed
+from ctlabs.workbench.catalogue import LabOutcome, LabSheet, Parameter, Typed
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.running import said
 
@@ -93,7 +93,7 @@ class _Labs:
         if not found:
             self.count.text = "No lab has all these words."
 
-    def _item(self, sheet: Sheet) -> ui.element:
+    def _item(self, sheet: LabSheet) -> ui.element:
         item = ui.element("button").classes("ctl-lab-item").props("type=button")
         item.props(f'aria-current={"true" if sheet.name == self.lab else "false"} data-lab="{sheet.name}"')
         with item:
@@ -150,7 +150,7 @@ class _Labs:
         self._draw_results()
         self._look()
 
-    def _head(self, sheet: Sheet) -> ui.element:
+    def _head(self, sheet: LabSheet) -> ui.element:
         with ui.row().classes("ctl-narrow"):
             ui.button("All labs", icon="arrow_back", on_click=self._close).props("flat dense no-caps")
         with ui.element("h2").props("tabindex=-1") as heading:
@@ -186,7 +186,7 @@ class _Labs:
         self.shell.tell("The lab's model is on the desk; undo brings the one before back.")
         self.shell.go("model")
 
-    def _draw_form(self, sheet: Sheet, fields: Sequence[Field]) -> None:
+    def _draw_form(self, sheet: LabSheet, fields: Sequence[Parameter]) -> None:
         before = self._outcome(sheet.name)
         typed = dict(self.typed.get(sheet.name, {}))
         if not typed and before is not None:
@@ -254,7 +254,7 @@ class _Labs:
     def _folder(self, lab: str) -> Path:
         return catalogue.place(self.shell.desk.store.folder, self.draft, lab)
 
-    def _outcome(self, lab: str) -> Outcome | None:
+    def _outcome(self, lab: str) -> LabOutcome | None:
         """What came of the last run of a lab."""
         return catalogue.outcome(self._folder(lab))
 
@@ -299,7 +299,7 @@ class _Labs:
             self._theme = self.shell.theme
             self.report.props(f'src="{self._address("report.html")}&theme={self._theme}"')
 
-    def _draw_links(self, found: Outcome) -> None:
+    def _draw_links(self, found: LabOutcome) -> None:
         with ui.element("div").classes("ctl-lab-links"):
             links = [
                 ("Open in a new tab", "report.html", "target=_blank rel=noopener"),
@@ -311,7 +311,7 @@ class _Labs:
                 with ui.element("a").props(f'href="{self._address(name)}" {props}'):
                     ui.label(text)
 
-    def _say_stale(self, found: Outcome | None = None) -> None:
+    def _say_stale(self, found: LabOutcome | None = None) -> None:
         if getattr(self, "stale", None) is None or self.form is None:
             return
         found = self._outcome(self.lab) if found is None else found
@@ -331,7 +331,7 @@ class _Form:
     """The fields of a lab."""
 
     def __init__(
-        self, sheet: Sheet, fields: Sequence[Field], typed: dict[str, Any], changed: Callable[[], object]
+        self, sheet: LabSheet, fields: Sequence[Parameter], typed: dict[str, Any], changed: Callable[[], object]
     ) -> None:
         self.sheet, self.fields, self._changed = sheet, fields, changed
         self._inputs: dict[str, list[list[Any]]] = {}
@@ -347,7 +347,7 @@ class _Form:
         with ui.element("div").classes("ctl-lab-form"):
             tip = help_for("labs.runs")
             self._draw(
-                Field(
+                Parameter(
                     ".runs",
                     "",
                     tip.what,
@@ -357,10 +357,10 @@ class _Form:
                 ),
                 runs,
             )
-            self._draw(Field(".seed", "", help_for("labs.seed").what, "number", "a whole number", ""), seed)
+            self._draw(Parameter(".seed", "", help_for("labs.seed").what, "number", "a whole number", ""), seed)
         self.check()
 
-    def _draw(self, field: Field, value: Typed) -> None:
+    def _draw(self, field: Parameter, value: Typed) -> None:
         wide = field.kind == "matrix" or len(field.default) > 24
         with ui.element("div").classes("ctl-lab-field" + (" ctl-lab-wide" if wide else "")):
             if field.kind == "matrix":
@@ -374,7 +374,7 @@ class _Form:
             cell.props(f'aria-describedby="{hint.html_id} {error.html_id}"')
         self._inputs[field.name], self._errors[field.name] = cells, error
 
-    def _cells(self, field: Field, value: Typed) -> list[list[Any]]:
+    def _cells(self, field: Parameter, value: Typed) -> list[list[Any]]:
         label = field.name.removeprefix(".").capitalize() if field.name.startswith(".") else field.name
         if field.kind == "flag":
             return [[ui.checkbox(label, value=value == "true", on_change=self._edited)]]
@@ -466,7 +466,7 @@ def _sentence(words: str) -> str:
     return f"{words[:1].upper()}{words[1:]}"
 
 
-def _checks(found: Outcome) -> str:
+def _checks(found: LabOutcome) -> str:
     """The checks as a table, those that failed first."""
     heads = ("", "check", "part", "one way", "another way", "value", "expected", "tolerance")
     rows = []

@@ -21,7 +21,7 @@ from ctlabs.workbench.pages import model_dialogs
 from ctlabs.workbench.pages import model_parts as parts
 from ctlabs.workbench.pages.cells import Label
 from ctlabs.workbench.pages.editing import Editor, line
-from ctlabs.workbench.pages.grid import Field, Grid
+from ctlabs.workbench.pages.grid import GridElement, TextField
 from ctlabs.workbench.pages.math import Equations
 from ctlabs.workbench.pages.model_constants import Constants
 from ctlabs.workbench.pages.model_edits import (
@@ -32,6 +32,7 @@ from ctlabs.workbench.pages.model_edits import (
     sections,
     unknown_name,
 )
+from ctlabs.workbench.sheet import LETTERS
 
 if TYPE_CHECKING:
     from nicegui.events import UploadEventArguments
@@ -60,7 +61,7 @@ class ModelPage:
 
     def __init__(self, session: Session, shell: Shell) -> None:
         self.session, self.shell = session, shell
-        self.grids: dict[str, Grid] = {}
+        self.grids: dict[str, GridElement] = {}
         self._layout: tuple[Any, ...] = ()
         self._view = "cells"
         self._title = ""
@@ -69,7 +70,7 @@ class ModelPage:
         self.do, self.type, self.done = self.editor.do, self.editor.type, self.editor.done
         self._told: dict[str, str] | None = None
         self._listed: dict[tuple[str, str, str], ui.element] = {}
-        self._times: dict[str, Field] = {}
+        self._times: dict[str, TextField] = {}
 
     def _changed(self, key: str) -> None:
         if key != "text":
@@ -176,7 +177,7 @@ class ModelPage:
 
     def _draw_head(self) -> None:
         with ui.element("div").classes("ctl-bar"):
-            self._title_field = Field(
+            self._title_field = TextField(
                 "Title", lambda text: self.type("title", commands.EditCell(("title",), text)), self.done, test="title", show_label=False,
                 placeholder="Title of the model",
             )  # fmt: skip
@@ -220,7 +221,7 @@ class ModelPage:
             self._goto = ui.button("Go to the line", on_click=self._go_to_line).props(
                 "flat dense no-caps data-test=go-to-line"
             )
-        self._text = Field(
+        self._text = TextField(
             "The model file, TOML", self._text_typed, self.done, test="text", area=True, show_label=False
         )
         self._wrong_line = 0
@@ -318,7 +319,7 @@ class ModelPage:
     def _draw_part(self, name: str) -> None:
         with ui.element("div").classes("ctl-part"):
             with ui.element("div").classes("ctl-caption"):
-                ui.html(mathml(parts.LATEX.get(name, name), block=True), sanitize=False)
+                ui.html(mathml(LETTERS.get(name, name), block=True), sanitize=False)
                 parts.text("h3", parts.TITLES[name])
                 parts.help_button(f"model.{name}")
                 if name in {"u", "N", "offset"}:
@@ -326,7 +327,7 @@ class ModelPage:
                     remove.props(
                         f'flat round dense size=xs aria-label="Remove {parts.TITLES[name]}" data-test=remove-{name}'
                     )
-            self.grids[name] = Grid(
+            self.grids[name] = GridElement(
                 name,
                 partial(self._typed, name),
                 on_block=partial(self._pasted, name),
@@ -342,7 +343,7 @@ class ModelPage:
                 with ui.element("div").classes("ctl-caption"):
                     parts.text("h3", label)
                     parts.help_button(f"model.{name}")
-                self._times[name] = Field(
+                self._times[name] = TextField(
                     label, partial(self._time_typed, name), self.done, test=name, show_label=False, suffix="s"
                 )
 

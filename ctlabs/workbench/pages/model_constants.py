@@ -10,7 +10,7 @@ from nicegui import ui
 from ctlabs.workbench import commands
 from ctlabs.workbench.pages import model_parts as parts
 from ctlabs.workbench.pages.cells import number, slider
-from ctlabs.workbench.pages.grid import Field, Range
+from ctlabs.workbench.pages.grid import Range, TextField
 from ctlabs.workbench.pages.model_edits import free_name
 
 if TYPE_CHECKING:
@@ -64,13 +64,13 @@ class ConstantElement:
 
     def __init__(self, editor: Editor, row: ConstantRow) -> None:
         self.editor, self.row = editor, row
-        self._details: dict[str, Field] = {}
+        self._details: dict[str, TextField] = {}
         name = row.name
         with ui.element("div").classes("ctl-constant") as self.element:
             with ui.element("div").classes("ctl-line"):
-                self.name = Field("Name", self._rename, test=f"constant-{name}-name", lazy=True, show_label=False)
+                self.name = TextField("Name", self._rename, test=f"constant-{name}-name", lazy=True, show_label=False)
                 ui.label("=").classes("ctl-eq").props("aria-hidden=true")
-                self.expression = Field(
+                self.expression = TextField(
                     f"Value of {name}", self._set, editor.done, test=f"constant-{name}", show_label=False
                 )
                 self._unit = ui.label("").classes("ctl-unitof")
@@ -119,7 +119,7 @@ class ConstantElement:
                 for key, label in (("min", "From"), ("max", "To"), ("unit", "Unit"), ("meaning", "Meaning")):
                     if key == "meaning":
                         ui.element("span")
-                    self._details[key] = Field(
+                    self._details[key] = TextField(
                         label, partial(self._tell, key), self.editor.done, test=f"constant-{self.row.name}-{key}"
                     )
         opening = not self._place.visible

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 #: So many earlier models are offered.
 EARLIER = 8
 
-LATEX = {"Phi": r"\Phi", "Qd": "Q_d", "Rc": "R_c", "x0": "x_0", "P0": "P_0", "offset": "c"}
 TITLES = {
     "F": "the system", "G": "how the noise enters", "Q": "strength of the noise w", "Phi": "from step to step",
     "Qd": "covariance of a step's noise", "B": "how the known input enters", "u": "the known input",
