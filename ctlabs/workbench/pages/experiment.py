@@ -13,6 +13,7 @@ from ctlabs.files.modelfile.schema import ALGORITHMS
 from ctlabs.workbench import commands
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.outcomes import LARGEST, Anomaly
+from ctlabs.workbench.pages.dialogs import buttons, dialog
 from ctlabs.workbench.pages.keep import export_dialog
 from ctlabs.workbench.pages.results import Results
 from ctlabs.workbench.pages.showing import Show, difference, help_button, times
@@ -337,8 +338,7 @@ class _Experiment:
 
     def _add_anomaly(self) -> None:
         names = self.session.sheet.measurements
-        with ui.dialog() as dialog, ui.card().props('aria-label="Add an anomaly"').classes("w-80"):
-            ui.label("Add an anomaly").classes("text-h6")
+        with dialog("Add an anomaly", 20) as made:
             k = (
                 ui.input("At step k")
                 .props("outlined dense autofocus inputmode=numeric data-test=anomaly-k")
@@ -362,20 +362,16 @@ class _Experiment:
             def add() -> None:
                 try:
                     R = _variance(kind.value, variance.value)
-                    made = self._anomaly(k.value, last.value, int(which.value or 0), R)
+                    anomaly = self._anomaly(k.value, last.value, int(which.value or 0), R)
                 except ValueError as why:
                     wrong.text = str(why)
                     return
-                if self._set("anomalies", anomalies=(*self.session.plan.anomalies, made)):
+                if self._set("anomalies", anomalies=(*self.session.plan.anomalies, anomaly)):
                     self._tell_anomalies()
-                    dialog.close()
+                    made.close()
 
             k.on("keydown.enter", add)
-            with ui.row().classes("w-full justify-end"):
-                ui.button("Cancel", on_click=dialog.close).props("flat no-caps")
-                ui.button("Add", on_click=add).props("no-caps data-test=anomaly-add")
-        dialog.on("hide", dialog.delete)
-        dialog.open()
+            buttons(made, "Add", "anomaly-add", add)
 
     def _anomaly(self, k: object, last: object, measurement: int, R: float) -> Anomaly:
         """The anomaly that was typed, within the steps of a simulation."""
@@ -430,7 +426,7 @@ class _Experiment:
         return ""
 
     def _choose_design(self) -> None:
-        _DesignDialog(self.session, self._design).open()
+        _DesignDialog(self.session, self._design)
 
     # The run ---------------------------------------------------------------------------------------------------------
 
@@ -502,11 +498,7 @@ class _DesignDialog:
 
     def __init__(self, session: Session, take: Callable[[str | None], str]) -> None:
         self.session, self._take = session, take
-        with (
-            ui.dialog() as self.dialog,
-            ui.card().props('aria-label="The filter\'s model"').classes("w-full max-w-2xl"),
-        ):
-            ui.label("The filter's model").classes("text-h6")
+        with dialog("The filter's model", 42) as self.dialog:
             with ui.tabs().props("no-caps dense align=left outside-arrows mobile-arrows").classes("w-full") as tabs:
                 for name, title in (
                     ("constants", "Other constants"),
@@ -528,11 +520,6 @@ class _DesignDialog:
                     self._draw_text()
             self.wrong = _error()
             ui.button("Close", on_click=self.dialog.close).props("flat no-caps")
-        self.dialog.on("hide", self.dialog.delete)
-
-    def open(self) -> None:
-        """Show it."""
-        self.dialog.open()
 
     def _taken(self, text: str) -> None:
         line = self._take(text)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from nicegui import ui
 
 from ctlabs.workbench import figures, tour
+from ctlabs.workbench.pages.dialogs import buttons, dialog
 from ctlabs.workbench.pages.showing import Show, difference, help_button, table
 from ctlabs.workbench.running import said
 
@@ -175,8 +176,7 @@ class _Keep:
 
     def _rename(self, number: int) -> None:
         name = next(each.name for each in self.session.kept() if each.id == number)
-        with ui.dialog() as dialog, ui.card().props('aria-label="Rename"').classes("w-96"):
-            ui.label("Rename").classes("text-h6")
+        with dialog("Rename", 24) as made:
             field = (
                 ui.input("Name", value=name)
                 .props("outlined autofocus maxlength=120 data-test=new-name")
@@ -185,15 +185,11 @@ class _Keep:
 
             def take() -> None:
                 self.session.rename(number, str(field.value or ""))
-                dialog.close()
+                made.close()
                 self._list()
 
             field.on("keydown.enter", take)
-            with ui.row().classes("w-full justify-end"):
-                ui.button("Cancel", on_click=dialog.close).props("flat no-caps")
-                ui.button("Rename", on_click=take).props("no-caps data-test=take-name")
-        dialog.on("hide", dialog.delete)
-        dialog.open()
+            buttons(made, "Rename", "take-name", take)
 
     def _export(self, number: int) -> None:
         export_dialog(self.session, self.shell, number)
@@ -306,10 +302,8 @@ class _Keep:
 def export_dialog(session: Session, shell: Shell, number: int) -> None:
     """Choose what an experiment is exported as; the file is made in a thread and goes to the browser's downloads."""
     pictures = session.figures(number)
-    with shell.client, ui.dialog() as dialog, ui.card().props('aria-label="Export"').classes("w-96 max-w-full"):
-        with ui.row().classes("items-center gap-1"):
-            ui.label("Export").classes("text-h6")
-            help_button("keep.export")
+    with shell.client, dialog("Export", 26) as made:
+        help_button("keep.export")
         wrong = ui.label("").classes("ctl-show-error").props("role=alert")
 
         async def export(kind: str, button: ui.button) -> None:
@@ -337,9 +331,7 @@ def export_dialog(session: Session, shell: Shell, number: int) -> None:
                     ui.label(meaning).classes("ctl-show-hint")
         figure = ui.select(pictures, value=next(iter(pictures), None), label="Figure for PNG and SVG")
         figure.props("outlined dense options-dense data-test=export-figure").classes("w-full")
-        ui.button("Close", on_click=dialog.close).props("flat no-caps data-test=export-close")
-    dialog.on("hide", dialog.delete)
-    dialog.open()
+        ui.button("Close", on_click=made.close).props("flat no-caps data-test=export-close")
 
 
 # In words ------------------------------------------------------------------------------------------------------------

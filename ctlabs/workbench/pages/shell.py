@@ -28,6 +28,7 @@ from nicegui import app, ui
 
 from ctlabs.reporting import mathml
 from ctlabs.workbench.pages import STATIC, Page, listed
+from ctlabs.workbench.pages.dialogs import dialog
 
 if TYPE_CHECKING:
     from nicegui import Client
@@ -347,15 +348,12 @@ class Shell:
 
     def show_shortcuts(self) -> None:
         """The list of shortcuts, over the page."""
-        with self.client, ui.dialog() as dialog, ui.card().props('aria-label="Keyboard shortcuts"'):
-            ui.label("Keyboard shortcuts").classes("text-h6")
+        with self.client, dialog("Keyboard shortcuts") as made:
             with ui.grid(columns=2).classes("items-center"):
                 for keys, label in self.shortcuts:
                     ui.html(f"<kbd>{escape(keys)}</kbd>", sanitize=False)
                     ui.label(label)
-            ui.button("Close", on_click=dialog.close).props("flat autofocus")
-        dialog.on("hide", dialog.delete)
-        dialog.open()
+            ui.button("Close", on_click=made.close).props("flat autofocus")
 
     def _tell_keys(self) -> None:
         """The keys go to the browser with the page, as an attribute of it: there is no page without its keys."""

@@ -14,6 +14,7 @@ from nicegui import ui
 
 from ctlabs.text import number
 from ctlabs.workbench.help import help_for
+from ctlabs.workbench.pages.dialogs import dialog
 
 if TYPE_CHECKING:
     from nicegui import Client
@@ -158,16 +159,9 @@ def help_button(key: str) -> ui.button:
 def show_help(key: str) -> None:
     """The help on something, over the page."""
     told = help_for(key)
-    with ui.dialog() as dialog, ui.card().classes("ctl-show-help") as card:
-        card.props["aria-label"] = told.title
-        ui.html(
-            f"<h2 style='font-size:1.2rem;line-height:1.3;font-weight:600;margin:0'>{escape(told.title)}</h2>",
-            sanitize=False,
-        )
+    with dialog(told.title, looks="ctl-show-help") as made:
         ui.html(told.html, sanitize=False).classes("w-full")
-        ui.button("Close", on_click=dialog.close).props("flat autofocus")
-    dialog.on("hide", dialog.delete)
-    dialog.open()
+        ui.button("Close", on_click=made.close).props("flat autofocus")
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[Any]], caption: str = "", *, row_heads: bool = True) -> str:
