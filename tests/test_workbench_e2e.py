@@ -629,14 +629,14 @@ def lab(visit: Visits, number: str) -> Tab:
     tab = visit().tab("labs")
     tab.page.get_by_label("Search labs").fill(number)
     tab.page.click(f"[data-lab=task{number.zfill(2)}]")
-    tab.page.wait_for_selector(".lab-form")
+    tab.page.wait_for_selector(".ctl-lab-form")
     return tab
 
 
 def test_the_labs_are_found_by_words(visit: Visits) -> None:
     """All are listed, then those that have the words, then all again."""
     tab = visit().tab("labs")
-    search, found = tab.page.get_by_label("Search labs"), tab.page.locator(".lab-item:visible")
+    search, found = tab.page.get_by_label("Search labs"), tab.page.locator(".ctl-lab-item:visible")
     until(lambda: found.count() == 26)
     search.fill("oscillator sampling")
     until(lambda: found.count() == 1)
@@ -648,14 +648,14 @@ def test_the_labs_are_found_by_words(visit: Visits) -> None:
 def test_a_lab_runs_with_other_numbers_and_shows_its_report(visit: Visits) -> None:
     """Lab 7 with another Phi: the report stands in the page, and is there after a reload."""
     tab = lab(visit, "7")
-    phi = tab.page.locator(".lab-form").get_by_label("Phi", exact=True)
+    phi = tab.page.locator(".ctl-lab-form").get_by_label("Phi", exact=True)
     phi.fill("0.9")
-    tab.page.locator(".lab-form").get_by_label("Runs", exact=True).fill("50")
+    tab.page.locator(".ctl-lab-form").get_by_label("Runs", exact=True).fill("50")
     tab.press("Control+Enter")
-    verdict = tab.page.locator(".lab-verdict")
+    verdict = tab.page.locator(".ctl-lab-verdict")
     verdict.wait_for(timeout=4 * PATIENCE)
     until(lambda: verdict.get_attribute("data-passed") == "true")
-    report = tab.page.frame_locator("iframe.lab-report").locator("body")
+    report = tab.page.frame_locator("iframe.ctl-lab-report").locator("body")
     until(lambda: "0.9" in report.inner_text())
     name, content = tab.saved(lambda: tab.page.click("text=Download results.json"))
     assert name.endswith(".json")
@@ -669,12 +669,12 @@ def test_a_lab_runs_with_other_numbers_and_shows_its_report(visit: Visits) -> No
 def test_a_wrong_parameter_of_a_lab_is_told_at_its_field(visit: Visits) -> None:
     """A word for a number: told, marked, and gone with a right one."""
     tab = lab(visit, "7")
-    phi = tab.page.locator(".lab-form").get_by_label("Phi", exact=True)
+    phi = tab.page.locator(".ctl-lab-form").get_by_label("Phi", exact=True)
     phi.fill("fast")
-    tab.page.wait_for_selector(".lab-error >> text=/fast/")
+    tab.page.wait_for_selector(".ctl-lab-error >> text=/fast/")
     until(lambda: phi.get_attribute("aria-invalid") == "true")
     phi.fill("0.9")
-    tab.page.wait_for_selector(".lab-error >> text=/fast/", state="hidden")
+    tab.page.wait_for_selector(".ctl-lab-error >> text=/fast/", state="hidden")
     until(lambda: phi.get_attribute("aria-invalid") is None)
 
 
@@ -693,7 +693,7 @@ def test_help_is_beside_every_field(visit: Visits) -> None:
     algorithms = tab.get("algorithms").locator("[role=checkbox]").count()
     until(lambda: tab.page.locator("[data-test^=help-algorithm-]").count() == algorithms >= 8)
     tab.get("help-algorithm-ud").click()
-    tab.page.wait_for_selector(".q-dialog .show-help >> text=/UD/")
+    tab.page.wait_for_selector(".q-dialog .ctl-show-help >> text=/UD/")
     tab.press("Escape")
     tab.page.wait_for_selector(".q-dialog", state="detached")
 
@@ -719,7 +719,7 @@ def test_the_help_is_searched(visit: Visits) -> None:
     tab = visit().tab("help")
     search = tab.page.get_by_label("Search the help")
     search.fill("covariance")
-    tab.page.wait_for_selector(".help-entry h3 >> text=/covariance/i")
+    tab.page.wait_for_selector(".ctl-help-entry h3 >> text=/covariance/i")
     tab.page.click("a[href$='#keys']")
     search.focus()
     tab.press("End")
@@ -733,7 +733,7 @@ def test_the_first_experiment_ticks_itself_off(visit: Visits) -> None:
     tab = visit().tab()
     tab.get("begin-tour").click()
     tab.page.click("text=Show the steps while I work")
-    card = tab.page.locator(".tour-card")
+    card = tab.page.locator(".ctl-tour-card")
 
     def done(steps: int) -> None:
         until(lambda: card.locator("[data-done=true]").count() == steps)
@@ -828,7 +828,7 @@ def test_results_and_labs_fit_a_phone(visit: Visits) -> None:
         until(lambda: tab.widest() <= 0)
     tab.go("labs")
     tab.page.click("[data-lab=task07]")
-    tab.page.wait_for_selector(".lab-form")
+    tab.page.wait_for_selector(".ctl-lab-form")
     until(lambda: tab.widest() <= 0)
     until(lambda: tab.unnamed() == [])
 

@@ -308,7 +308,7 @@ def test_an_experiment_is_kept_and_can_be_reopened_after_a_kill(session: Session
     found = asyncio.run(session.run(name="First try"))
     number = session.result_id
     assert number is not None
-    session.do(c.SetTitle("Something else"))
+    session.do(c.EditCell(("title",), "Something else"))
     session.set_plan(steps=7)
     again = Session.resume(store, session.draft.id)
     assert [each.name for each in again.kept()] == ["First try"]
@@ -324,7 +324,7 @@ def test_the_last_result_is_there_again_after_a_restart(store: Store) -> None:
     own, other = (Session.begin(store, text=MODEL) for _ in range(2))
     own.set_plan(steps=5, runs=3)
     found = asyncio.run(own.run())
-    own.do(c.SetTitle("Changed"))
+    own.do(c.EditCell(("title",), "Changed"))
     again = Session.resume(store, own.draft.id)
     assert again.result_id == own.result_id
     assert again.result is not None
@@ -340,7 +340,7 @@ def test_a_rerun_gives_the_same_numbers(session: Session) -> None:
     """Whatever has been edited since, a kept experiment runs again with its own model and settings."""
     first = asyncio.run(session.run())
     number = session.result_id or 0
-    session.do(c.SetDt("7"))
+    session.do(c.EditCell(("model", "dt"), "7"))
     session.set_plan(seed=9)
     second = asyncio.run(session.rerun(number))
     assert second.summary == first.summary
@@ -354,7 +354,7 @@ def test_two_experiments_are_compared_line_by_line_and_number_by_number(session:
     """The changed line of the model, the changed setting, the changed results, and nothing else."""
     asyncio.run(session.run())
     one = session.result_id or 0
-    session.do(c.SetConstant("sigma", "77"))
+    session.do(c.EditCell(("constants", "sigma"), "77"))
     session.set_plan(runs=70)
     asyncio.run(session.run())
     found = session.compare(one, session.result_id or 0)
@@ -443,7 +443,7 @@ def shelf(tmp_path_factory: Any) -> Iterator[Kept]:
     found: Kept = {}
     for name, plan in PLANS.items():
         made = Session.begin(store, text=MODEL)
-        made.do(c.SetTitle('A "title" with \\ and ’ in it'))
+        made.do(c.EditCell(("title",), 'A "title" with \\ and ’ in it'))
         made.set_plan(**{each.name: getattr(plan, each.name) for each in fields(Plan)})
         asyncio.run(made.run(name=f'{name}: "hello" \\n'))
         found[name] = made, made.result_id or 0

@@ -17,15 +17,16 @@ from ctlabs.files.datafile import parse
 from ctlabs.files.modelfile import ModelFile, loads, ready
 from ctlabs.filtering import flops, kalman_filter, steady
 from ctlabs.filtering.algorithms import catalogue
+from ctlabs.reporting.mathml import mathml
 from ctlabs.workbench import blocks, tour
-from ctlabs.workbench.commands import EditCell, New, Open, SetConstant
-from ctlabs.workbench.help import GROUPS, Help, help_for, mathml, topics
-from ctlabs.workbench.help_texts import ABILITIES, TEXTS
+from ctlabs.workbench.commands import EditCell, New, Open
+from ctlabs.workbench.help import Help, groups, help_for, topics
 from ctlabs.workbench.session import Session
 from ctlabs.workbench.store import Store
 from ctlabs.workbench.tour import STEPS, Tour
 from tests.reference import EXACT, SOLVER
 
+TEXTS = [each for group in groups().values() for each in group.entries.values()]
 FIELDS = {
     "model": "kind title states units measurements measurement_units constants F B u G Q H R Rc N x0 P0 dt Phi Qd offset t0 "
     "transfer psd",
@@ -45,7 +46,7 @@ def test_there_is_help_on_every_field_algorithm_and_figure() -> None:
     wanted = {f"{group}.{name}" for group, names in FIELDS.items() for name in names.split()}
     keys = [each.key for each in TEXTS]
     assert sorted(keys) == sorted(wanted)
-    assert list(FIELDS) == list(GROUPS) == list(topics())
+    assert list(FIELDS) == list(groups()) == list(topics())
 
 
 def test_every_matrix_of_a_model_file_has_help() -> None:
@@ -191,7 +192,7 @@ def test_the_table_of_algorithms_is_true(form: str, case: str) -> None:
         P0 = np.diag([np.inf, 1.0])
     if case == "gaps":
         z[1, 0] = np.nan
-    if not getattr(ABILITIES[form], case):
+    if case not in help_for(f"algorithm.{form}").able:
         with pytest.raises(ValueError, match=f"^form {form}: expected"):
             kalman_filter(model, z, algorithm=form, P0=P0)
         return
@@ -220,7 +221,7 @@ def test_the_operations_are_those_that_are_counted(form: str) -> None:
         x0=np.zeros(n),
         P0=np.eye(n),
     )
-    text = ABILITIES[form].cost
+    text = help_for(f"algorithm.{form}").cost
     for power, word in (("²", "**2"), ("³", "**3")):
         text = text.replace(power, word)
     text = re.sub(r"(?<=[\dnms)])(?=[nms(])", "*", text)
@@ -249,7 +250,7 @@ def test_the_tour_ticks_off_what_is_done_and_nothing_else(session: Session) -> N
     assert done(own) == []  # a model of one's own is fine, but it is not a ready one
     session.do(Open(ready("local_level").dumps(), "local_level.toml"))
     assert done(own) == ["open"]
-    session.do(SetConstant("q", "1500"))
+    session.do(EditCell(("constants", "q"), "1500"))
     assert done(own) == ["open", "change"]
     session.set_plan(steps=5, runs=20)
     asyncio.run(session.run())
@@ -267,7 +268,7 @@ def test_the_tour_stays_done_and_begins_again_when_asked(session: Session) -> No
     """Undo takes no tick away; beginning again counts only what comes after."""
     own = Tour(session)
     tour.begin(session)
-    session.do(SetConstant("q", "0.2"))
+    session.do(EditCell(("constants", "q"), "0.2"))
     session.set_plan(steps=3, runs=10)
     asyncio.run(session.run())
     assert done(own) == ["open", "change", "run"]
@@ -303,12 +304,9 @@ def test_a_step_that_is_none_is_refused(session: Session) -> None:
 def test_the_tours_pages_and_model_exist() -> None:
     """Every step leads to a page of the workbench, and its model is in the gallery with a slider to move."""
     pytest.importorskip("nicegui", reason="the workbench is not installed: pip install 'ctlabs[workbench]'")
-    from ctlabs.workbench.pages.help import TITLES
-    from ctlabs.workbench.pages.shell import PAGES
+    from ctlabs.workbench.pages import listed
 
-    titles = {page.name: page.title for page in PAGES}
-    assert {step.page for step in STEPS} <= set(titles)
-    assert {name: titles[name] for name in TITLES} == TITLES
+    assert {step.page for step in STEPS} <= {page.name for page in listed()}
     model = ready(tour.MODEL)
     assert f"“{model.title}”" in STEPS[0].what
     assert any(each.min is not None and each.max is not None for each in model.definitions)

@@ -20,23 +20,20 @@ from ctlabs.files.modelfile import gallery, loads, new, ready
 from ctlabs.files.modelfile.schema import wrong_name
 from ctlabs.reporting.mathml import mathml
 from ctlabs.workbench import blocks
-from ctlabs.workbench.applying import apply
 from ctlabs.workbench.commands import (
     AddConstant,
     AddPart,
     EditCell,
     EditCells,
-    NameMeasurement,
-    NameState,
+    Name,
     New,
     Open,
     Rewrite,
-    SetTitle,
+    apply,
 )
 from ctlabs.workbench.help import help_for
-from ctlabs.workbench.pages import model_parts
+from ctlabs.workbench.pages import STATIC, model_parts
 from ctlabs.workbench.pages.cells import POSITIONS, Slider, block, number, placed, shown, slider, typed
-from ctlabs.workbench.pages.grid import STYLE
 from ctlabs.workbench.pages.model_dialogs import preview_lines
 from ctlabs.workbench.pages.model_edits import (
     PAUSE,
@@ -190,9 +187,9 @@ def test_headers_are_names_and_units() -> None:
     """A name is typed beside its unit and the unit beside its name, of states in F and of measurements in H."""
     file = ready("constant_velocity")
     sheet = Sheet(file)
-    assert cell_command(sheet, "F", "name,1", "speed") == NameState(1, "speed", file.units[1])
-    assert cell_command(sheet, "F", "unit,0", "km") == NameState(0, file.states[0], "km")
-    assert cell_command(sheet, "H", "name,0", "radar") == NameMeasurement(0, "radar", file.measurement_units[0])
+    assert cell_command(sheet, "F", "name,1", "speed") == Name("state", 1, "speed", file.units[1])
+    assert cell_command(sheet, "F", "unit,0", "km") == Name("state", 0, file.states[0], "km")
+    assert cell_command(sheet, "H", "name,0", "radar") == Name("measurement", 0, "radar", file.measurement_units[0])
 
 
 @FEW
@@ -240,15 +237,13 @@ def test_many_cells_at_once_are_the_same_as_one_by_one(cells: list[tuple[int, in
 @pytest.mark.parametrize(
     ("path", "said"),
     [
-        (("model", "F", 0, 9), r"model.F\[0\]\[9\]: expected a cell that is there"),
-        (("model", "F", 0), r"model.F\[0\]: expected a cell of the model"),
-        (("title",), "title: expected a cell of the model"),
-        (("model", "B", 0, 0), "model.B: expected a cell that is there"),
+        (("model", "F", 0, 9), r"model.F\[0\]\[9\]: expected an index from 0 to 1"),
+        (("model", "B", 0, 0), "model.B: expected a value there"),
     ],
 )
 def test_many_cells_of_which_one_is_not_there_are_refused(path: tuple[str | int, ...], said: str) -> None:
     """In one line that names the cell."""
-    with pytest.raises(ValueError, match=f"^{said}[^\n]*$"):
+    with pytest.raises(ValueError, match=rf"^model\.toml: {said}[^\n]*$"):
         apply(new(2), EditCells(((("model", "F", 0, 0), "5"), (path, "1"))))
 
 
@@ -437,7 +432,7 @@ def edit(element: Any, key: str, text: str, number: int) -> None:
 
 def test_a_text_that_is_refused_stays_with_its_reason(client: Any, session: Session) -> None:
     """Until it is typed anew, or the model has another text there; every message is answered by its number."""
-    from ctlabs.workbench.pages.grid import Field
+    from ctlabs.workbench.pages.grid import TextField
 
     texts: list[str] = []
     refuse = [True]
@@ -446,7 +441,7 @@ def test_a_text_that_is_refused_stays_with_its_reason(client: Any, session: Sess
         texts.append(text)
         return "expected another" if refuse[0] else ""
 
-    field = Field("Name", typed_text, test="name")
+    field = TextField("Name", typed_text, test="name")
     field.write("q")
     edit(field, "0,0", "t", 1)
     assert texts == ["t"]
@@ -464,7 +459,7 @@ def test_a_text_that_is_refused_stays_with_its_reason(client: Any, session: Sess
 
 def test_a_grid_sends_what_has_changed_and_nothing_else(client: Any, session: Session) -> None:
     """The same matrix again is no message; a cell that is typed is answered with its value."""
-    from ctlabs.workbench.pages.grid import Grid
+    from ctlabs.workbench.pages.grid import GridElement
 
     def type_(key: str, text: str) -> str:
         session.do(cell_command(session.sheet, "F", key, text))
@@ -472,7 +467,7 @@ def test_a_grid_sends_what_has_changed_and_nothing_else(client: Any, session: Se
         return ""
 
     nothing: Callable[..., None] = lambda *_: None  # noqa: E731
-    element = Grid("F", type_, on_block=nothing, on_remove=nothing, on_done=nothing)
+    element = GridElement("F", type_, on_block=nothing, on_remove=nothing, on_done=nothing)
     element.show(session.sheet.grids["F"], "F")
     sent: list[int] = []
     element.update = lambda: sent.append(1)  # type: ignore[method-assign]
@@ -486,9 +481,7 @@ def test_a_grid_sends_what_has_changed_and_nothing_else(client: Any, session: Se
 
 def test_the_component_is_part_of_the_package() -> None:
     """The browser's half of the cells lies beside the other and knows every message that is listened to."""
-    from ctlabs.workbench.pages import grid
-
-    text = Path(grid.__file__).with_name("grid.js").read_text(encoding="utf-8")
+    text = (STATIC / "grid.js").read_text(encoding="utf-8")
     for event in ("edit", "block", "remove", "done"):
         assert f'this.$emit("{event}"' in text
     for method in ("enter(path)", "nameRow(i)", "line(number)"):
@@ -508,8 +501,8 @@ def test_earlier_models_are_offered_the_latest_first(tmp_path: Path) -> None:
     """Those of the same person that have been begun; not the one that is open, not an empty one, not somebody else's."""
     store = Store(tmp_path)
     first, second, own = begun(store), begun(store), begun(store)
-    first.do(SetTitle("A <first> & model"))
-    second.do(SetTitle("A second"))
+    first.do(EditCell(("title",), "A <first> & model"))
+    second.do(EditCell(("title",), "A second"))
     Session.begin(store)
     Session.begin(store, "another").do(New(1, 1, 1))
     found = model_parts.earlier(own)
@@ -523,8 +516,9 @@ def test_earlier_models_are_offered_the_latest_first(tmp_path: Path) -> None:
 
 def test_the_numbers_of_lines_are_as_high_as_the_lines() -> None:
     """The text of a model file and the numbers beside it have the same font, height of a line and padding at the top."""
-    numbers = re.search(r"\.ctl-gutter \{[^}]*\}", STYLE)
-    text = re.search(r"\.ctl-cells input, \.ctl-cells textarea \{[^}]*\}", STYLE)
+    style = (STATIC / "cells.css").read_text(encoding="utf-8")
+    numbers = re.search(r"\.ctl-gutter \{[^}]*\}", style)
+    text = re.search(r"\.ctl-cells input, \.ctl-cells textarea \{[^}]*\}", style)
     assert numbers is not None
     assert text is not None
     for rule in (r"font: ([^;]+);", r"padding: (\S+)"):

@@ -194,6 +194,8 @@ class Session:
 _MODEL = """
 from nicegui import ui
 
+PAGE = {"place": 0, "title": "Model", "icon": "grid_on"}
+
 def page(session, shell):
     ui.label("This is model")
     field = ui.input("Text", value=session.text).props('aria-label="The text"')
@@ -218,6 +220,8 @@ def page(session, shell):
 _OTHER = """
 from nicegui import ui
 
+PAGE = {{"place": {place}, "title": "{title}", "icon": "help"}}
+
 def page(session, shell):
     ui.label("This is {name}")
     ui.plotly({{"data": [{{"y": [1, 2, 0]}}], "layout": {{}}}}).classes("w-full")
@@ -239,8 +243,9 @@ class Server:
         pages = folder / "trial"
         pages.mkdir()
         (pages / "__init__.py").write_text("def over(session, shell):\n    return None\n")
-        for name in PAGES:
-            (pages / f"{name}.py").write_text(_MODEL if name == "model" else _OTHER.format(name=name))
+        for place, name in enumerate(PAGES):
+            other = _OTHER.format(name=name, title=name.capitalize(), place=place)
+            (pages / f"{name}.py").write_text(_MODEL if name == "model" else other)
         (folder / "trial_session.py").write_text(_SESSION)
         (folder / "serve.py").write_text(textwrap.dedent(_SERVE))
 

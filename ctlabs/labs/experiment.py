@@ -8,7 +8,7 @@ as many experiments, and not one.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import count
@@ -57,7 +57,8 @@ class Experiment:
 
     ``workers`` : blocks of runs computed at a time (all cores) · ``executor`` : where, as for
     :func:`ctlabs.montecarlo.monte_carlo` · ``checkpoint`` : folder in which finished blocks are kept, one folder for each
-    ensemble of the lab in their order · neither changes a number · ``name`` : of the lab, for its own random numbers.
+    ensemble of the lab in their order · ``progress`` : function of (which ensemble, from 0; its runs that are done) · none
+    of them changes a number · ``name`` : of the lab, for its own random numbers.
     """
 
     runs: int = 1000
@@ -66,6 +67,7 @@ class Experiment:
     executor: montecarlo.Team | str | None = None
     checkpoint: Path | None = None
     name: str = ""
+    progress: Callable[[int, int], object] | None = None
     _ensembles: Iterator[int] = field(default_factory=count, repr=False, compare=False)
 
     @contextmanager
@@ -78,7 +80,11 @@ class Experiment:
         self, truth: DiscreteModel, design: DiscreteModel | None = None, *, steps: int, stream: int = 0, **more: Any
     ) -> montecarlo.Statistics:
         """Statistics of the error of ``design``'s filter on data of ``truth`` (streamed, no histories)."""
-        folder = None if self.checkpoint is None else self.checkpoint / f"{next(self._ensembles):03d}"
+        number, tell = next(self._ensembles), self.progress
+        folder = None if self.checkpoint is None else self.checkpoint / f"{number:03d}"
+        if tell is not None:
+            tell(number, 0)
+            more = {"progress": lambda done, _: tell(number, done)} | more
         return montecarlo.monte_carlo(
             truth,
             design,

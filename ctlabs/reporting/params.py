@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -108,77 +109,89 @@ def _float(value: Any) -> float:
         return math.nan
 
 
-def _number(expected: str, holds: Callable[[float], bool], *, infinite: bool = False) -> Callable[[Any], float]:
-    """A validator: a number for which ``holds``; ``expected`` says so in words."""
+class _RefusedError(ValueError):
+    """A value that is none of those expected; the text says more, if there is more to say."""
 
-    def check(value: Any) -> float:
+
+@dataclass(frozen=True, slots=True)
+class Validator:
+    """The validator of a parameter: ``expected`` says in words what it takes, ``each`` judges the elements of a list.
+
+    >>> Validator("a number > 0", lambda x: x, each=None).allowed
+    'a number > 0'
+    """
+
+    expected: str
+    read: Callable[[Any], Any]
+    each: Validator | None = None
+
+    def __call__(self, value: Any) -> Any:
+        """The value as the parameters hold it; ``ValueError``: expected, received."""
+        try:
+            return self.read(value)
+        except _RefusedError as why:
+            msg = f"expected {self.expected}, received {_received(value)}{why}"
+            raise ValueError(msg) from None
+
+    @property
+    def allowed(self) -> str:
+        """What may be typed, in words."""
+        return self.expected if self.each is None else f"{self.expected}, each {self.each.expected}"
+
+
+def _number(expected: str, holds: Callable[[float], bool], *, infinite: bool = False) -> Validator:
+    """A number for which ``holds``; ``expected`` says so in words."""
+
+    def read(value: Any) -> float:
         if isinstance(value, str) and infinite and value.strip().lower() in INFINITE:
             return math.inf
         number = _float(value)
         if math.isnan(number) or (math.isinf(number) and not infinite) or not holds(number):
-            msg = f"expected {expected}, received {_received(value)}"
-            raise ValueError(msg)
+            raise _RefusedError
         return number
 
-    return check
+    return Validator(expected, read)
 
 
-def _whole(expected: str, least: int) -> Callable[[Any], int]:
-    def check(value: Any) -> int:
-        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < least:
-            msg = f"expected {expected}, received {_received(value)}"
-            raise ValueError(msg)
-        return int(value)
-
-    return check
+def _whole(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 1:
+        raise _RefusedError
+    return int(value)
 
 
 def _flag(value: Any) -> bool:
     if not isinstance(value, bool):
-        msg = f"expected true or false, received {_received(value)}"
-        raise ValueError(msg)
+        raise _RefusedError
     return value
 
 
-def _list(item: Callable[[Any], float], size: int | None = None) -> Callable[[Any], tuple[float, ...]]:
-    def check(value: Any) -> tuple[float, ...]:
+def _list(item: Validator, size: int | None = None) -> Validator:
+    def read(value: Any) -> tuple[float, ...]:
         if isinstance(value, np.ndarray):
             value = value.tolist()
         if not isinstance(value, list | tuple) or not value or (size is not None and len(value) != size):
-            wanted = f"a list of {size} numbers" if size else "a list of numbers"
-            msg = f"expected {wanted}, received {_received(value)}"
-            raise ValueError(msg)
+            raise _RefusedError
         return tuple(item(element) for element in value)
 
-    return check
+    return Validator(f"a list of {size} numbers" if size else "a list of numbers", read, item)
 
 
-def _matrix(n: int) -> Callable[[Any], tuple[tuple[float, ...], ...]]:
-    def check(value: Any) -> tuple[tuple[float, ...], ...]:
+def _matrix(n: int) -> Validator:
+    def read(value: Any) -> tuple[tuple[float, ...], ...]:
         try:
             numbers = [[_float(element) for element in row] for row in value]
             matrix = checks.covariance("the matrix", numbers, (n, n))
         except (TypeError, ValueError) as error:
-            msg = f"expected a {n}×{n} covariance (symmetric, nonnegative definite), received {_received(value)}"
             detail = str(error).split(", received ")[-1]
-            raise ValueError(
-                msg + (f" ({detail})" if "eigenvalue" in detail or "asymmetry" in detail else "")
-            ) from None
+            raise _RefusedError(f" ({detail})" if "eigenvalue" in detail or "asymmetry" in detail else "") from None
         return tuple(tuple(row) for row in matrix.tolist())
 
-    return check
+    return Validator(f"a {n}×{n} covariance (symmetric, nonnegative definite)", read)
 
 
-def _or_null(item: Callable[[Any], float]) -> Callable[[Any], float | None]:
-    """A validator that lets null through: a value that follows others unless it is given."""
-
-    def check(value: Any) -> float | None:
-        try:
-            return None if value is None else item(value)
-        except ValueError as error:
-            raise ValueError(str(error).replace(", received", " or null, received", 1)) from None
-
-    return check
+def _or_null(item: Validator) -> Validator:
+    """Lets null through: a value that follows others unless it is given."""
+    return Validator(f"{item.expected} or null", lambda value: None if value is None else item.read(value))
 
 
 _any = _number("a number", math.isfinite)
@@ -188,6 +201,10 @@ _fraction = _number("a number from 0 to 1", lambda x: 0 <= x <= 1)
 _variance_or_inf = _number('a variance >= 0 or "inf"', lambda x: x >= 0, infinite=True)
 
 _variance_list = _list(_variance_or_inf)
+_one_or_many = Validator(
+    _variance_or_inf.expected,
+    lambda value: (_variance_list if isinstance(value, list | tuple) else _variance_or_inf)(value),
+)
 
 Real = Annotated[float, BeforeValidator(_any)]
 Positive = Annotated[float, BeforeValidator(_positive), Field(json_schema_extra={"exclusiveMinimum": 0})]
@@ -197,14 +214,11 @@ PositiveOrNull = Annotated[
 Variance = Annotated[float, BeforeValidator(_nonnegative), Field(json_schema_extra={"minimum": 0})]
 Fraction = Annotated[float, BeforeValidator(_fraction), Field(json_schema_extra={"minimum": 0, "maximum": 1})]
 VarianceOrInf = Annotated[float, BeforeValidator(_variance_or_inf), Field(json_schema_extra={"minimum": 0})]
-Count = Annotated[int, BeforeValidator(_whole("a whole number >= 1", 1)), Field(json_schema_extra={"minimum": 1})]
-Flag = Annotated[bool, BeforeValidator(_flag)]
+Count = Annotated[int, BeforeValidator(Validator("a whole number >= 1", _whole)), Field(json_schema_extra={"minimum": 1})]
+Flag = Annotated[bool, BeforeValidator(Validator("true or false", _flag))]
 Positives = Annotated[tuple[float, ...], BeforeValidator(_list(_positive))]
 Variances = Annotated[tuple[float, ...], BeforeValidator(_list(_nonnegative))]
-VarianceOrVariances = Annotated[
-    float | tuple[float, ...],
-    BeforeValidator(lambda value: (_variance_list if isinstance(value, list | tuple) else _variance_or_inf)(value)),
-]
+VarianceOrVariances = Annotated[float | tuple[float, ...], BeforeValidator(_one_or_many)]
 VariancesOrInf = Annotated[tuple[float, ...], BeforeValidator(_variance_list)]
 
 

@@ -8,18 +8,23 @@ How the pieces fit, from the inside out:
     ``store.edit(draft.id, text, label)`` at every edit and undoes with ``store.move(draft.id, number)``, so that it can be
     made again from the draft at any time. It may have ``close()``, called when its last tab is gone. One object per draft:
     tabs with the same draft share it. It knows no page and is tested without a browser.
-    Its parts: ``commands`` are what a person can do to a model, ``applying`` (with ``blocks`` and ``kinds``) does it, ``sheet``
+    Its parts: ``commands`` (with ``blocks`` and ``kinds``) are what a person can do to a model, each a class that does it, ``sheet``
     shows a file as grids, constants and equations, ``understanding`` says what its filter will do, ``outcomes`` holds what is
     asked of an experiment and what comes out, ``experiments`` computes it, ``comparing`` sets two side by side, ``exports``
     (with ``reporting``, ``drawings`` and ``programs``) makes files of one.
 ``store``
     What is kept: drafts with all revisions, experiments with settings, seed and results; one SQLite file.
+``running``
+    The run of an experiment or of a lab as all tabs of a draft see it; the session has one of each.
 ``worker``
     Long runs in processes of their own, by the names of a table: ``await runner.run("montecarlo", {…}, session=draft.id,
     progress=show, cancel=event)``. What takes less than about 0.1 s is computed in place.
 ``pages``
-    Thin views: ``page(session, shell)`` in one module per page draws, calls the session, and shows what it says. ``shell`` is
-    the frame with the list of pages, messages, keys, and light and dark.
+    Thin views: ``page(session, shell)`` in one module per page draws, calls the session, and shows what it says; a page is
+    found by listing the folder. ``shell`` is the frame with the list of pages, messages, keys, and light and dark.
+``static``, ``help``
+    Style sheets and scripts, which are in the head of every page, all with the prefix ``ctl-``; the texts of the help and of the
+    guided tour, a TOML file for a group.
 ``safety``
     The guard around everything: which hosts, which origins, the token, sizes, and that nothing is loaded from elsewhere.
 ``server``

@@ -10,6 +10,7 @@ not concerned stay as they were typed; what is added refers to the cells that we
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, Literal
@@ -30,7 +31,7 @@ DEGREE = 12
 BITS = 2048
 SYMBOLS = {"transfer": "s", "psd": "w"}
 
-Polynomial = list[Fraction]
+OPERATIONS = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv}
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +49,10 @@ class InsertBlock:
     name: str = "coloured"
     unit: str = ""
 
+    def apply(self, file: ModelFile) -> tuple[ModelFile, str]:
+        """Put the block into the file."""
+        return inserted(file, self), f"{self.kind} {self.text[:40]} into {self.place} {self.into + 1}"
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
@@ -60,7 +65,7 @@ class Block:
     P0: Array
 
 
-def insert(file: ModelFile, command: InsertBlock) -> tuple[ModelFile, str]:
+def inserted(file: ModelFile, command: InsertBlock) -> ModelFile:
     """The file with the block in it.
 
     Raises
@@ -84,7 +89,7 @@ def insert(file: ModelFile, command: InsertBlock) -> tuple[ModelFile, str]:
     for i, row in enumerate(made.F):
         for j, value in enumerate(row):
             file = _put(file, ("model", "F", before + i, before + j), value)
-    return file, f"{command.kind} {command.text[:40]} into {command.place} {command.into + 1}"
+    return file
 
 
 def block(kind: str, text: str, constants: dict[str, float]) -> Block:
@@ -114,12 +119,12 @@ def rational(text: str, symbol: str, constants: dict[str, float]) -> tuple[Array
     try:
         expression = parse(text)
         expression.check([symbol, *constants])
-        num, den = _divided(*_computed(expression, symbol, constants))
+        num, den = _computed(expression, symbol, constants)
     except ExpressionError as error:
         msg = f"block: {error}"
         raise ValueError(msg) from None
     try:
-        top, bottom = (np.array([float(c) for c in reversed(p)]) for p in (num, den))
+        top, bottom = (np.array([float(c) for c in p]) for p in (num, den))
     except OverflowError:
         msg = "block: expected coefficients within double precision, received larger ones"
         raise ValueError(msg) from None
@@ -251,117 +256,65 @@ def _names(name: str, count: int, taken: tuple[str, ...]) -> list[str]:
 # Rational functions, exactly -----------------------------------------------------------------------------------------
 
 
-def _computed(expression: Expression, symbol: str, constants: dict[str, float]) -> tuple[Polynomial, Polynomial]:
-    """Run the expression's program on fractions of polynomials, ascending powers."""
-    stack: list[tuple[Polynomial, Polynomial]] = []
+def _computed(expression: Expression, symbol: str, constants: dict[str, float]) -> tuple[list[Fraction], list[Fraction]]:
+    """Run the expression's program on fractions of polynomials: numerator and monic denominator, descending powers."""
+    from sympy import QQ
+    from sympy.polys.fields import field
+
+    rationals, variable = field(symbol, QQ)
+    stack: list[Any] = []
     for step in expression.program:
-        if step.kind == "number":
-            stack.append(([Fraction(step.what)], [Fraction(1)]))
-        elif step.kind == "name" and step.what == symbol:
-            stack.append(([Fraction(0), Fraction(1)], [Fraction(1)]))
-        elif step.kind == "name":
-            value = CONSTANTS.get(step.what, constants.get(step.what, 0.0))
-            if not np.isfinite(value):
+        if step.kind == "name" and step.what == symbol:
+            stack.append(variable)
+        elif step.kind in {"number", "name"}:
+            number = step.what if step.kind == "number" else CONSTANTS.get(step.what, constants.get(step.what, 0.0))
+            if isinstance(number, float) and not np.isfinite(number):
                 raise ExpressionError(f"expected finite numbers, received {step.what}", step.column)
-            stack.append(([Fraction(repr(float(value)))], [Fraction(1)]))
+            exact = Fraction(number if isinstance(number, str) else repr(float(number)))
+            stack.append(rationals(QQ(exact.numerator, exact.denominator)))
         else:
             first = len(stack) - step.arity
-            operands = stack[first:]
-            stack[first:] = [_applied(step, operands)]
-        if max(len(stack[-1][0]), len(stack[-1][1])) > 2 * DEGREE + 1:
+            stack[first:] = [_applied(step, stack[first:], rationals)]
+        parts = stack[-1].numer, stack[-1].denom
+        if max(part.degree() for part in parts) > 2 * DEGREE:
             raise ExpressionError(f"expected a degree of at most {DEGREE}, received more", step.column)
-        if max(max(c.numerator.bit_length(), c.denominator.bit_length()) for p in stack[-1] for c in p) > BITS:
+        if max(c.bit_length() for part in parts for x in part.coeffs() for c in _exact(x).as_integer_ratio()) > BITS:
             raise ExpressionError("expected numbers of fewer digits, received larger ones", step.column)
-    return stack[0]
+    lead = stack[0].denom.LC
+    num, den = ([_exact(c / lead) for c in part.to_dense()] for part in (stack[0].numer, stack[0].denom))
+    return num or [Fraction(0)], den
 
 
-def _applied(step: Any, operands: list[tuple[Polynomial, Polynomial]]) -> tuple[Polynomial, Polynomial]:
-    if step.kind == "call":
-        return _called(step, operands)
+def _exact(x: Any) -> Fraction:
+    return Fraction(int(x.numerator), int(x.denominator))
+
+
+def _number_in(x: Any) -> Fraction | None:
+    """The number that a fraction of polynomials is; ``None`` where it depends on the variable."""
+    return _exact(x.numer.LC / x.denom.LC) if max(x.numer.degree(), x.denom.degree()) <= 0 else None
+
+
+def _applied(step: Any, operands: list[Any], rationals: Any) -> Any:
+    """An operation on fractions of polynomials."""
     if step.kind == "unary":
-        ((a, b),) = operands
-        return [-c for c in a], b
-    (a, b), (c, d) = operands
-    if step.what in "+-":
-        sign = 1 if step.what == "+" else -1
-        return _divided(_sum(_product(a, d), [sign * x for x in _product(c, b)]), _product(b, d))
-    if step.what == "*":
-        return _divided(_product(a, c), _product(b, d))
-    if step.what == "/":
-        if not any(c):
-            raise ExpressionError("division by zero", step.column)
-        return _divided(_product(a, d), _product(b, c))
-    return _power(step, operands)
-
-
-def _called(step: Any, operands: list[tuple[Polynomial, Polynomial]]) -> tuple[Polynomial, Polynomial]:
-    """A function, or a power that is not whole, of numbers."""
-    if any(len(p) > 1 for pair in operands for p in pair):
-        raise ExpressionError(
-            f"{step.what}: expected numbers, received the variable (only + - * / ^ make it)", step.column
-        )
-    numbers = (step._replace(kind="number", value=float(a[0] / b[0]), arity=0) for a, b in operands)
-    value = Expression("", (*numbers, step), frozenset()).value({})
-    return [Fraction(repr(value))], [Fraction(1)]
-
-
-def _power(step: Any, operands: list[tuple[Polynomial, Polynomial]]) -> tuple[Polynomial, Polynomial]:
-    (a, b), (c, d) = operands
-    if max(len(c), len(d)) > 1:
-        raise ExpressionError("expected a number as exponent, received the variable", step.column)
-    exponent = c[0] / d[0]
-    if max(len(a), len(b)) == 1 and (exponent.denominator != 1 or abs(exponent) > 2 * DEGREE):
-        return _called(step, operands)
-    if exponent.denominator != 1 or abs(exponent) > 2 * DEGREE:
-        msg = f"expected a whole exponent up to {2 * DEGREE}, received {float(exponent):g}"
-        raise ExpressionError(msg, step.column)
-    if exponent < 0:
-        if not any(a):
-            raise ExpressionError("division by zero", step.column)
-        a, b = b, a
-    top, bottom = [Fraction(1)], [Fraction(1)]
-    for _ in range(abs(int(exponent))):
-        top, bottom = _product(top, a), _product(bottom, b)
-    return top, bottom
-
-
-def _sum(a: Polynomial, b: Polynomial) -> Polynomial:
-    size = max(len(a), len(b))
-    return _trimmed(
-        [(a[i] if i < len(a) else Fraction(0)) + (b[i] if i < len(b) else Fraction(0)) for i in range(size)]
-    )
-
-
-def _product(a: Polynomial, b: Polynomial) -> Polynomial:
-    result = [Fraction(0)] * (len(a) + len(b) - 1)
-    for i, x in enumerate(a):
-        for j, y in enumerate(b):
-            result[i + j] += x * y
-    return _trimmed(result)
-
-
-def _trimmed(p: Polynomial) -> Polynomial:
-    while len(p) > 1 and not p[-1]:
-        p = p[:-1]
-    return p
-
-
-def _divided(a: Polynomial, b: Polynomial) -> tuple[Polynomial, Polynomial]:
-    """The fraction without common factors, its denominator monic (Euclid's algorithm)."""
-    x, y = _trimmed(a), _trimmed(b)
-    while any(y):
-        x, y = y, _remainder(x, y)[1]
-    top, bottom = (_remainder(p, x)[0] for p in (_trimmed(a), _trimmed(b)))
-    lead = bottom[-1]
-    return [c / lead for c in top], [c / lead for c in bottom]
-
-
-def _remainder(a: Polynomial, b: Polynomial) -> tuple[Polynomial, Polynomial]:
-    """Quotient and remainder."""
-    quotient, rest = [Fraction(0)] * max(len(a) - len(b) + 1, 1), list(a)
-    for i in range(len(a) - len(b), -1, -1):
-        factor = rest[i + len(b) - 1] / b[-1]
-        quotient[i] = factor
-        for j, c in enumerate(b):
-            rest[i + j] -= factor * c
-    return _trimmed(quotient), _trimmed(rest[: max(len(b) - 1, 1)] if len(a) >= len(b) else rest)
+        return -operands[0]
+    numbers = [_number_in(x) for x in operands]
+    try:
+        if step.kind == "call":
+            pass
+        elif step.what in OPERATIONS:
+            return OPERATIONS[step.what](*operands)
+        elif (exponent := numbers[1]) is None:
+            raise ExpressionError("expected a number as exponent, received the variable", step.column)
+        elif exponent.denominator == 1 and abs(exponent) <= 2 * DEGREE:
+            return operands[0] ** int(exponent) if exponent else rationals(1)
+        elif numbers[0] is None:
+            msg = f"expected a whole exponent up to {2 * DEGREE}, received {float(exponent):g}"
+            raise ExpressionError(msg, step.column)
+    except ZeroDivisionError:
+        raise ExpressionError("division by zero", step.column) from None
+    if None in numbers:
+        raise ExpressionError(f"{step.what}: expected numbers, received the variable (only + - * / ^ make it)", step.column)
+    values = (step._replace(kind="number", value=float(x), arity=0) for x in numbers if x is not None)
+    value = Fraction(repr(Expression("", (*values, step), frozenset()).value({})))
+    return rationals(rationals.domain(value.numerator, value.denominator))

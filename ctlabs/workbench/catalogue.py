@@ -21,10 +21,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ctlabs.labs import catalogue as labs
+from ctlabs.reporting.params import Validator
 
 if TYPE_CHECKING:
     from ctlabs.files.modelfile import Entry
-    from ctlabs.labs.experiment import Experiment
+    from ctlabs.workbench.running import Work
+    from ctlabs.workbench.worker import Runner
 
 #: A matrix, a list and a single value, as they are typed.
 Typed = str | Sequence[Sequence[str]]
@@ -37,8 +39,8 @@ KINDS = ("number", "flag", "list", "matrix")
 ANSWER = "Expected answer"
 #: The folder of the reports in the data folder.
 FOLDER = "labs"
-#: How often a run tells how far it is, in seconds.
-TELL = 0.05
+#: What a lab may take, in seconds: longer than an experiment, a million runs are not unusual.
+SECONDS = 3600.0
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _DRAFT = re.compile(r"[0-9a-f]{16}")
 
@@ -51,7 +53,7 @@ class Models(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Sheet:
+class LabSheet:
     """What is told of a lab before it is run.
 
     ``name``, ``short`` ("7") and ``title`` · ``source`` · ``parts`` · ``runs`` · ``statement``, in paragraphs ·
@@ -76,11 +78,11 @@ class Sheet:
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class Parameter:
     """A parameter as a field of a form.
 
     ``kind`` one of :data:`KINDS` · ``allowed``, its range in words ("a number >= 0") · ``default`` as text, a grid of
-    texts for a matrix
+    texts for a matrix · ``alone``, whether one number may stand where a list may
     """
 
     name: str
@@ -89,6 +91,7 @@ class Field:
     kind: str
     allowed: str
     default: Typed
+    alone: bool = True
 
 
 class Checked(NamedTuple):
@@ -101,7 +104,7 @@ class Checked(NamedTuple):
     problems: dict[str, str]
 
 
-class Outcome(NamedTuple):
+class LabOutcome(NamedTuple):
     """A report that has been written: what the page shows of it without opening it.
 
     ``checks`` as in results.json · ``parameters``, ``runs``, ``seed`` it was made with · ``seconds`` it took ·
@@ -135,12 +138,12 @@ class Outcome(NamedTuple):
 
 
 @cache
-def sheets() -> tuple[Sheet, ...]:
+def sheets() -> tuple[LabSheet, ...]:
     """All labs, the practicum's first; no lab is imported."""
     return tuple(_sheet(lab) for lab in labs.catalogue().values())
 
 
-def sheet(name: str) -> Sheet:
+def sheet(name: str) -> LabSheet:
     """The lab that is called task07, 7 or 07.
 
     Raises
@@ -155,7 +158,7 @@ def sheet(name: str) -> Sheet:
     return next(each for each in sheets() if each.name == wanted[0].name)
 
 
-def search(words: str = "", variant: str = "") -> tuple[Sheet, ...]:
+def search(words: str = "", variant: str = "") -> tuple[LabSheet, ...]:
     """The labs in which every one of ``words`` occurs; a number is that lab's. ``variant``: a letter, of that column only.
 
     >>> [found.short for found in search("oscillator sampling")]
@@ -174,12 +177,12 @@ def search(words: str = "", variant: str = "") -> tuple[Sheet, ...]:
 
 
 @cache
-def _searched(each: Sheet) -> str:
+def _searched(each: LabSheet) -> str:
     models = " ".join(f"{model.name} {model.title}" for model in each.models)
     return f"{each.name} {each.heading} {each.source} {' '.join(each.statement)} {each.answer} {models}".lower()
 
 
-def _sheet(lab: labs.Lab) -> Sheet:
+def _sheet(lab: labs.Lab) -> LabSheet:
     found = importlib.util.find_spec(lab.module)  # finds the file and does not run it
     text = Path(found.origin).read_text(encoding="utf-8") if found is not None and found.origin else ""
     tree = ast.parse(text)
@@ -189,7 +192,7 @@ def _sheet(lab: labs.Lab) -> Sheet:
     starred = {letter: dict(labs.variant(letter)) for letter in labs.VARIANTS}
     variants = tuple(f"{letter}{'*' if own[lab.name] else ''}" for letter, own in starred.items() if lab.name in own)
     models = tuple(Models(entry.name, entry.title) for entry in _gallery() if entry.lab == lab.name)
-    return Sheet(
+    return LabSheet(
         lab.name,
         lab.short,
         lab.title,
@@ -213,7 +216,7 @@ def _gallery() -> tuple[Entry, ...]:
 
 
 @cache
-def fields(name: str) -> tuple[Field, ...]:
+def fields(name: str) -> tuple[Parameter, ...]:
     """The fields of a lab, in its order; its module is imported here."""
     parameters = labs.load(labs.catalogue()[name]).Parameters
     told, defaults = parameters.model_fields, parameters()
@@ -223,34 +226,23 @@ def fields(name: str) -> tuple[Field, ...]:
     )
 
 
-def _field(name: str, unit: str, meaning: str, info: Any, default: Any) -> Field:
-    allowed = _allowed(info, default)
+def _field(name: str, unit: str, meaning: str, info: Any, default: Any) -> Parameter:
+    told = next(each.func for each in info.metadata if isinstance(getattr(each, "func", None), Validator))
+    kind, text = "number", typed_as(default)
     if isinstance(default, bool):
-        return Field(name, unit, meaning, "flag", allowed, _text(default))
-    if isinstance(default, tuple) and default and isinstance(default[0], tuple):
-        return Field(name, unit, meaning, "matrix", allowed, tuple(tuple(_text(x) for x in row) for row in default))
-    if isinstance(default, tuple):
-        return Field(name, unit, meaning, "list", allowed, ", ".join(map(_text, default)))
-    return Field(name, unit, meaning, "number", allowed, _text(default))
+        kind = "flag"
+    elif isinstance(default, tuple):
+        kind = "matrix" if isinstance(text, tuple) else "list"
+    return Parameter(name, unit, meaning, kind, told.allowed, text, told.each is None)
 
 
-def _allowed(info: Any, default: Any) -> str:
-    """The range in the words of the field's own check: what it says of something that is no value at all."""
-    found = _expected(info, object())
-    if isinstance(default, tuple) and not (default and isinstance(default[0], tuple)):
-        each = _expected(info, [object()] * len(default))
-        return found if each in {found, ""} else f"{found}, each {each}"
-    return found
-
-
-def _expected(info: Any, value: Any) -> str:
-    """What the field's check expected in place of a value."""
-    for check in info.metadata:
-        try:
-            check.func(value)
-        except ValueError as error:
-            return str(error).partition(", received")[0].removeprefix("expected ").strip()
-    return ""
+def typed_as(value: Any) -> Typed:
+    """A parameter as it is typed: a list with commas, a matrix cell by cell."""
+    if not isinstance(value, list | tuple):
+        return value if isinstance(value, str) else _text(value)
+    if value and isinstance(value[0], list | tuple):
+        return tuple(tuple(str(typed_as(x)) for x in row) for row in value)
+    return ", ".join(str(typed_as(x)) for x in value)
 
 
 def _text(value: Any) -> str:
@@ -307,7 +299,7 @@ def whole(text: str, least: int, most: int) -> int:
     return int(plain)
 
 
-def _value(field: Field, text: Typed) -> Any:
+def _value(field: Parameter, text: Typed) -> Any:
     """What was typed as the parameters take it; the text itself where it is no number, so that they say so."""
     if not isinstance(text, str):
         return [[_number(cell) for cell in row] for row in text]
@@ -327,9 +319,9 @@ def _value(field: Field, text: Typed) -> Any:
     return _number(stripped)
 
 
-def _single(field: Field, parts: Sequence[str]) -> Any:
+def _single(field: Parameter, parts: Sequence[str]) -> Any:
     value = _number(parts[0])
-    return value if field.allowed.startswith(("a number", "a variance")) else [value]
+    return value if field.alone else [value]
 
 
 def _number(text: str) -> Any:
@@ -382,66 +374,40 @@ def run_lab(
     ArithmeticError
         They are allowed, but the numbers leave the range of double precision.
     """
+    from ctlabs.labs.experiment import Experiment
     from ctlabs.reporting import render
 
-    start = time.perf_counter()
-    lab = labs.catalogue()[name]
-    experiment, meter = _metered(runs, seed, workers, expected, progress)
+    start, lab, ensembles = time.perf_counter(), labs.catalogue()[name], 0
+
+    def tell(ensemble: int, done: int) -> None:
+        nonlocal ensembles
+        ensembles = max(ensembles, ensemble + 1)
+        if progress is not None:
+            progress(ensemble * runs + done, max(expected, ensembles) * runs if expected else 0)
+
+    experiment = Experiment(runs, seed, workers, progress=tell)
     report = labs.run(lab, labs.load(lab).Parameters.parse(name, values), experiment)
-    meter.tell()  # the last chance to be cancelled: what follows is written
-    told = {"seconds": time.perf_counter() - start, "ensembles": meter.ensembles}
-    report.files["run.json"] = json.dumps(told).encode()
+    tell(ensembles - 1, runs)  # the last chance to be cancelled: what follows is written
+    report.files["run.json"] = json.dumps({"seconds": time.perf_counter() - start, "ensembles": ensembles}).encode()
     render.write(report, Path(folder))
-    return meter.ensembles
+    return ensembles
 
 
-class _Meter:
-    """Counts the runs of all experiments of a lab, and tells."""
-
-    def __init__(self, runs: int, expected: int, tell: Callable[[int, int], object] | None) -> None:
-        self.runs, self.expected, self._tell = runs, expected, tell
-        self.ensembles, self._done, self._last = 0, 0, 0.0
-
-    def begin(self) -> None:
-        """One more experiment."""
-        self.ensembles += 1
-        self._done = 0
-        self.tell()
-
-    def __call__(self, done: int) -> None:
-        """So many runs of the present experiment are done."""
-        self._done = done
-        self.tell()
-
-    def tell(self) -> None:
-        """Say how far it is, unless that was said a moment ago."""
-        now = time.monotonic()
-        if self._tell is not None and now - self._last >= TELL:
-            self._last = now
-            before = max(0, self.ensembles - 1) * self.runs
-            self._tell(before + self._done, max(self.expected, self.ensembles) * self.runs if self.expected else 0)
-
-
-def _metered(
-    runs: int, seed: int, workers: int, expected: int, tell: Callable[[int, int], object] | None
-) -> tuple[Experiment, _Meter]:
-    """An experiment that counts its runs."""
-    from ctlabs.labs.experiment import Experiment as Plain
-
-    meter = _Meter(runs, expected, tell)
-
-    class Metered(Plain):
-        """The same experiment, told of as it goes."""
-
-        def statistics(self, *models: Any, **more: Any) -> Any:
-            meter.begin()
-            return super().statistics(*models, progress=lambda done, _: meter(done), **more)
-
-        def histories(self, *models: Any, **more: Any) -> Any:
-            meter.tell()
-            return super().histories(*models, **more)
-
-    return Metered(runs, seed, workers), meter
+def work(runner: Runner, draft: str, name: str, values: Mapping[str, Any], runs: int, seed: int, folder: Path) -> Work:
+    """The run of a lab for :meth:`ctlabs.workbench.running.Running.start`: in another process, its report into a folder."""
+    before = outcome(folder)
+    arguments = {
+        "name": name,
+        "values": dict(values),
+        "runs": runs,
+        "seed": seed,
+        "folder": str(folder),
+        # Another number of computational experiments is possible with other parameters: then the rest is not known.
+        "expected": before.ensembles if before is not None else 0,
+    }
+    return lambda progress, cancel: runner.run(
+        "lab", arguments, session=draft, progress=progress, cancel=cancel, seconds=SECONDS
+    )
 
 
 # The files -------------------------------------------------------------------------------------------------------------
@@ -461,12 +427,12 @@ def place(data: Path, draft: str, name: str) -> Path:
     return data / FOLDER / draft / name
 
 
-def outcome(folder: Path) -> Outcome | None:
+def outcome(folder: Path) -> LabOutcome | None:
     """What came of the run whose report lies in a folder; ``None`` if there is none."""
     try:
         told = json.loads((folder / "results.json").read_text(encoding="utf-8"))
         took = json.loads((folder / "run.json").read_text(encoding="utf-8"))
-        return Outcome(
+        return LabOutcome(
             told["lab"],
             told["title"],
             tuple(told["checks"]),
@@ -479,24 +445,6 @@ def outcome(folder: Path) -> Outcome | None:
         )
     except (OSError, ValueError, KeyError, TypeError):  # none, or one that is just being replaced
         return None
-
-
-def typed_again(name: str, parameters: Mapping[str, Any]) -> dict[str, Typed]:
-    """The parameters of a report as they are typed, for the form."""
-    found: dict[str, Typed] = {}
-    for field in fields(name):
-        value = parameters.get(field.name)
-        if isinstance(value, list) and value and isinstance(value[0], list):
-            found[field.name] = tuple(tuple(_word(x) for x in row) for row in value)
-        elif isinstance(value, list):
-            found[field.name] = ", ".join(map(_word, value))
-        else:
-            found[field.name] = _word(value)
-    return found
-
-
-def _word(value: Any) -> str:
-    return value if isinstance(value, str) else _text(value)
 
 
 def tables(folder: Path) -> bytes:

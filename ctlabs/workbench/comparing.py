@@ -12,7 +12,7 @@ import numpy as np
 from ctlabs.workbench.outcomes import Outcome
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.store import Experiment
+    from ctlabs.workbench.store import KeptExperiment
 
 
 class Line(NamedTuple):
@@ -73,7 +73,7 @@ def models(first: str, second: str) -> Difference:
     return Difference(tuple(lines))
 
 
-def experiments(first: tuple[Experiment, Outcome], second: tuple[Experiment, Outcome]) -> Difference:
+def experiments(first: tuple[KeptExperiment, Outcome], second: tuple[KeptExperiment, Outcome]) -> Difference:
     """Two kept experiments."""
     (a, found_a), (b, found_b) = first, second
     settings = _rows(_settings(a.settings), _settings(b.settings))

@@ -119,7 +119,7 @@ def _teller(connection: Connection) -> Callable[[int, int], None]:
             connection.recv()  # nothing but "stop" is sent during a run
             raise _Stop
         now = time.monotonic()
-        if now - last >= TELL or done >= total:
+        if now - last >= TELL or 0 < total <= done:
             last = now
             connection.send(("progress", int(done), int(total)))
 

@@ -79,13 +79,11 @@ def before_sampling(Phi: Array, Qd: Array, dt: float) -> tuple[Array, Array]:
 def _labelled(made: ModelFile, old: ModelFile) -> ModelFile:
     """The words and settings of the old file in the new one."""
     found, model = old.data(), old.data()["model"]
-    for key in ("description", "source"):
-        if key in found:
-            made = made.edit((key,), found[key])
-    for key in ("states", "units", "measurements", "measurement_units"):
-        if key in model:
-            made = made.edit(("model", key), model[key])
     settings: dict[str, Any] = {**found.get("experiment", {}), "t0": old.experiment.t0}
-    for setting, value in settings.items():
-        made = made.edit(("experiment", setting), value)
-    return made
+    return made.edit_all(
+        [
+            *(((key,), found[key]) for key in ("description", "source") if key in found),
+            *((("model", key), model[key]) for key in ("states", "units", "measurements", "measurement_units") if key in model),
+            *((("experiment", key), value) for key, value in settings.items()),
+        ]
+    )

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import errno
-import importlib
-import importlib.util
 import logging
 import os
 import socket
@@ -44,22 +42,11 @@ def build(
     names: Iterable[str] = (),
     pages: str = "ctlabs.workbench.pages",
 ) -> safety.Guard:
-    """The application: NiceGUI with a route for every page, inside the guard.
-
-    Raises
-    ------
-    ImportError
-        A page's module is missing.
-    """
-    from ctlabs.workbench.pages import shell
-
-    missing = [page.name for page in shell.PAGES if importlib.util.find_spec(f"{pages}.{page.name}") is None]
-    if missing:
-        msg = f"{pages}: expected a module for every page, received none for {', '.join(missing)}"
-        raise ImportError(msg)
-
+    """The application: NiceGUI with a route for every page, inside the guard."""
     from fastapi import FastAPI
     from nicegui import app, ui
+
+    from ctlabs.workbench.pages import listed, shell
 
     # GZip costs the server's time, and this machine's own browser gains nothing by it.
     squeezed: dict[str, Any] = {"gzip_middleware_factory": None} if safety.is_loopback(host) else {}
@@ -75,9 +62,9 @@ def build(
         **squeezed,
     )
     shell.prepare()
-    for page in shell.PAGES:
+    for page in listed(pages):
         ui.page(f"/{page.name}")(_route(desk, pages, page.name))
-    ui.page("/")(_route(desk, pages, shell.PAGES[0].name))
+    ui.page("/")(_route(desk, pages, listed(pages)[0].name))
     app.on_shutdown(lambda: asyncio.to_thread(desk.close))
     return safety.Guard(frame, host=host, token=token, names=names)
 

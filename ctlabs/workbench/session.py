@@ -23,29 +23,35 @@ from typing import TYPE_CHECKING, Any
 from ctlabs.files.datafile import Record
 from ctlabs.files.modelfile import ModelFile, loads, new
 from ctlabs.files.modelfile.errors import Path
-from ctlabs.workbench import applying, commands, comparing
+from ctlabs.workbench import commands, comparing
 from ctlabs.workbench.commands import Command
 from ctlabs.workbench.comparing import Difference
 from ctlabs.workbench.outcomes import REGISTERED, Data, Outcome, Plan, outcome, packed
+from ctlabs.workbench.running import Running
 from ctlabs.workbench.sheet import Cell, Sheet
 from ctlabs.workbench.store import REVISIONS
 from ctlabs.workbench.understanding import Understanding, understand, warm
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.store import Draft, Experiment, Store
+    from ctlabs.workbench.store import Draft, KeptExperiment, Store
     from ctlabs.workbench.worker import Cancel, Progress, Runner
 
 #: Longest name of an experiment.
 LONGEST = 120
+#: The commands that put a model in the place of another.
+BEGINS: Mapping[type, str] = {commands.Open: "open", commands.New: "new"}
 
 
 @dataclass(frozen=True, slots=True)
-class Step:
-    """One entry of the history: what was done, and whether the model is at it or behind it (``done``)."""
+class HistoryStep:
+    """One entry of the history: what was done, whether the model is at it or behind it (``done``), and whether it put another
+    model in the place of the one before (``begins``: "open" or "new").
+    """
 
     number: int
     label: str
     done: bool
+    begins: str = ""
 
 
 class Session:
@@ -68,11 +74,16 @@ class Session:
         noted = draft.notes.get("plan")
         self.plan = replace(Plan(), **_told(self.file)) if noted is None else self._plan(noted)
         self._parsing: tuple[tuple[Data, tuple[str, ...]], Record] | None = None
-        self._begun: set[int] = set()  # revisions that put a model in the place of another
+        #: The revisions that put a model in the place of another, and how.
+        self._begun: dict[int, str] = dict(draft.notes.get("begun", ()))
         self._plans: dict[int, Plan] = {}  # the plans of the models that were on the desk before, by these revisions
         #: The number of the experiment that :attr:`result` is kept as.
         self.result_id: int | None = draft.notes.get("result")
         self._result: Outcome | None = None
+        #: The run of an experiment and that of a lab, which all tabs of the draft see.
+        self.experiment_run, self.lab_run = Running(), Running()
+        #: Which part of the results is looked at: it is shown again after the next run.
+        self.part = ""
 
     @classmethod
     def begin(cls, store: Store, owner: str = "local", text: str = "", *, runner: Runner | None = None) -> Session:
@@ -134,24 +145,28 @@ class Session:
         ValueError
             The command is impossible: one line, and nothing has changed.
         """
-        file, label = applying.apply(self.file, command)
+        file, label = commands.apply(self.file, command)
         text = file.dumps()
         if not text:
             msg = "model: expected a model file, received an empty text"
             raise ValueError(msg)
-        if text == self._text or (text == self.text and not isinstance(command, commands.New | commands.Open)):
+        if text == self._text or (text == self.text and type(command) not in BEGINS):
             return
-        number = self.store.edit(self.draft.id, text, label, after=self._revisions[self._at][0])
+        present, begins = self._revisions[self._at][0], BEGINS.get(type(command), "")
+        begun = {number: how for number, how in self._begun.items() if present - REVISIONS < number <= present}
+        begun |= {present + 1: begins} if begins else {}
+        notes = {"begun": list(begun.items())} if begun != self._begun else None
+        number = self.store.edit(self.draft.id, text, label, after=present, notes=notes)
         self._revisions = [each for each in self._revisions[: self._at + 1] if each[0] > number - REVISIONS]
         self._revisions.append((number, label))
         self._at = len(self._revisions) - 1
         before, measured = _told(self.file), self.sheet.measurements
         self._set(file, text)
         told = _told(file)
-        if isinstance(command, commands.New | commands.Open):  # what belongs to another model is left behind
+        self._begun = begun
+        if begins:  # what belongs to another model is left behind
             data = self.plan.data if self.sheet.measurements == measured else None
             self._plans[self._model(self._at - 1)] = self.plan
-            self._begun.add(number)
             self._settle(told | {"design": None, "anomalies": (), "data": data})
         else:
             self._settle(_changes(before, told))
@@ -192,9 +207,12 @@ class Session:
         self._move(found[0])
 
     @property
-    def history(self) -> tuple[Step, ...]:
+    def history(self) -> tuple[HistoryStep, ...]:
         """All steps in order; the last ``done`` one is the present."""
-        return tuple(Step(number, label, i <= self._at) for i, (number, label) in enumerate(self._revisions))
+        return tuple(
+            HistoryStep(number, label, i <= self._at, self._begun.get(number, ""))
+            for i, (number, label) in enumerate(self._revisions)
+        )
 
     def problems(self) -> dict[str, str]:
         """What is wrong with the model, by place ("model.F[0][1]", "constants.q", "" for the whole)."""
@@ -304,7 +322,7 @@ class Session:
         """Keep an outcome with the present model and plan; its number."""
         return self._keep(found, self.text, self.plan, name)
 
-    def kept(self, *, deleted: bool = False) -> list[Experiment]:
+    def kept(self, *, deleted: bool = False) -> list[KeptExperiment]:
         """The owner's experiments, the latest first; ``deleted``: those that can be put back."""
         return self.store.experiments(self.draft.owner, deleted=deleted)
 
@@ -449,7 +467,7 @@ class Session:
         words = _line(name) or f"{title}: " + (plan.data.name if plan.data else f"{plan.runs} runs, seed {plan.seed}")
         return self.store.keep(self.draft.owner, words, text, self._settings(plan), plan.seed, packed(found))
 
-    def _kept(self, number: int, *, deleted: bool = False) -> Experiment:
+    def _kept(self, number: int, *, deleted: bool = False) -> KeptExperiment:
         found = self.store.experiment(number, self.draft.owner)
         if found is None or (found.deleted is not None) is not deleted:
             what = "deleted" if deleted else "kept"

@@ -20,25 +20,8 @@ from ctlabs.workbench.plain import data
 
 #: Matrices with more rows or columns are shown by their size in equations.
 LARGEST = 8
-#: What every part is, in words, for labels and hints.
-MEANINGS = {
-    "F": "dynamics: dx/dt = F x",
-    "G": "how the noise enters: G w",
-    "Q": "strength of the noise w, unit²·s",
-    "Phi": "transition: x(k+1) = Phi x(k)",
-    "Qd": "covariance of the noise of a step, unit²",
-    "B": "how the known input enters: B u",
-    "u": "known input",
-    "offset": "constant added at every step",
-    "H": "measurement: z = H x + v",
-    "R": "covariance of a measurement's noise v, unit²",
-    "Rc": "strength of a continuous measurement's noise v, unit²·s",
-    "N": "covariance between w and v",
-    "x0": "mean of the state at t0",
-    "P0": "covariance of the state at t0",
-}
 #: How a part is written in an equation, where its name is not its letter.
-LETTERS = {"Phi": r"\Phi", "Qd": "Q_d", "Rc": "R_c", "x0": r"\bar x_0", "P0": "P_0"}
+LETTERS = {"Phi": r"\Phi", "Qd": "Q_d", "Rc": "R_c", "x0": "x_0", "P0": "P_0", "offset": "c"}
 #: The order in which parts are shown.
 ORDER = ("F", "G", "Q", "Phi", "Qd", "B", "u", "offset", "H", "R", "Rc", "N", "x0", "P0")
 
@@ -60,15 +43,14 @@ class Cell:
 class Grid:
     """A matrix, or a vector as one column.
 
-    ``rows`` of cells · ``row_names``, ``column_names`` · ``meaning`` in words · ``problem`` of the whole · ``given``, whether it
-    stands in the file (x0 and units are shown as zeros when they do not)
+    ``rows`` of cells · ``row_names``, ``column_names`` · ``problem`` of the whole · ``given``, whether it stands in the file (x0
+    is shown as zeros when it does not)
     """
 
     name: str
     rows: tuple[tuple[Cell, ...], ...]
     row_names: tuple[str, ...]
     column_names: tuple[str, ...]
-    meaning: str
     problem: str | None = None
     vector: bool = False
     given: bool = True
@@ -235,15 +217,11 @@ class Sheet:
         r"""The model in LaTeX as it was typed."""
         return self._lines(self._symbol)
 
-    def general(self) -> list[str]:
-        r"""The model in LaTeX by the names of its parts: ẋ = Fx + Gw and so on."""
-        return self._lines(None)
-
     def _lines(self, inside: Any) -> list[str]:
         has = self._model.__contains__
 
         def part(name: str) -> str:
-            return self._matrix(name, inside) if inside else LETTERS.get(name, name)
+            return self._matrix(name, inside)
 
         if self.kind == "continuous":
             drive = (rf" + {part('B')}\,u" if has("B") and has("u") else "") + rf" + {part('G')}\,w"
@@ -276,8 +254,7 @@ class Sheet:
             return r"\square"
         rows, columns = len(grid.rows), max(len(row) for row in grid.rows)
         if max(rows, columns) > LARGEST:
-            letter = LETTERS.get(name, name)
-            return rf"\underbrace{{{letter}}}_{{{rows}\times {columns}}}"
+            return rf"\underbrace{{{LETTERS.get(name, name)}}}_{{{rows}\times {columns}}}"
         texts = [[inside(cell) for cell in row] for row in grid.rows]
         if rows == columns == 1:
             return (
@@ -369,7 +346,7 @@ class Sheet:
         problems += [self.problems.get(place((*path, i))) for i in range(len(rows)) if not vector]
         problem = "; ".join(found for found in problems if found) or None
         columns = () if vector else names[shape[1]]
-        return Grid(name, tuple(rows), names[shape[0]], columns, MEANINGS[name], problem, vector, given)
+        return Grid(name, tuple(rows), names[shape[0]], columns, problem, vector, given)
 
     def _names(self, key: str, letter: str, size: str) -> tuple[str, ...]:
         count, found = self.sizes[size], [self._text(item) for item in self._rows(key)]

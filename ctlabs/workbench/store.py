@@ -111,7 +111,7 @@ class Revision:
 
 
 @dataclass(frozen=True, slots=True)
-class Experiment:
+class KeptExperiment:
     """A kept experiment without its results (:meth:`Store.results`); times in seconds since 1970."""
 
     id: int
@@ -290,14 +290,14 @@ class Store:
             key = write.execute(_experiments.insert().values(values)).inserted_primary_key
         return int(key[0]) if key is not None else 0
 
-    def experiments(self, owner: str, *, deleted: bool = False, limit: int = 1000) -> list[Experiment]:
+    def experiments(self, owner: str, *, deleted: bool = False, limit: int = 1000) -> list[KeptExperiment]:
         """An owner's experiments, the latest first; ``deleted``: those that can still be put back."""
         mark = _experiments.c.deleted
         query = _SUMMARY.where(_experiments.c.owner == owner, mark.is_not(None) if deleted else mark.is_(None))
         with self._reading() as read:
             return [_experiment(row) for row in read.execute(query.order_by(_experiments.c.id.desc()).limit(limit))]
 
-    def experiment(self, number: int, owner: str | None = None) -> Experiment | None:
+    def experiment(self, number: int, owner: str | None = None) -> KeptExperiment | None:
         """The experiment with this number, deleted or not; ``None`` if there is none, or if it is another owner's."""
         with self._reading() as read:
             row = read.execute(_SUMMARY.where(_experiments.c.id == number)).first()
@@ -499,9 +499,9 @@ def _draft(row: Any) -> Draft:
     return Draft(**{**values, "notes": json.loads(values["notes"])})
 
 
-def _experiment(row: Any) -> Experiment:
+def _experiment(row: Any) -> KeptExperiment:
     values = row._asdict()
-    return Experiment(**{**values, "settings": json.loads(values["settings"])})
+    return KeptExperiment(**{**values, "settings": json.loads(values["settings"])})
 
 
 def _expected(after: int | None, number: int) -> None:

@@ -50,15 +50,15 @@ PATIENCE, LOADING = 0.5, 600.0
 
 
 class RunFailed(RuntimeError):
-    """A run that has no result. The message is one line; ``kind`` says whose fault it is.
+    """A run that has no result: ``line`` says why, ``name`` what was run, ``kind`` whose fault it is.
 
     ``refused``: the input (a ``ValueError``, ``TypeError`` or overflow of the library) · ``failed``: anything else it
     raised · ``memory``, ``time``: a cap · ``crashed``: the process died · ``cancelled``
     """
 
-    def __init__(self, kind: Kind, line: str) -> None:
-        super().__init__(line)
-        self.kind = kind
+    def __init__(self, kind: Kind, line: str, name: str = "") -> None:
+        super().__init__(f"{name}: {line}" if name else line)
+        self.kind, self.line, self.name = kind, line, name
 
 
 class Progress(NamedTuple):
@@ -183,7 +183,7 @@ class Runner:
             job.unwanted.set()
             job.closing.set()
             if job.process is None:
-                job.fail("cancelled", f"{job.name}: cancelled, because the workbench ends")
+                job.fail("cancelled", "cancelled, because the workbench ends")
         for process in idle:
             process.kill()
         for job in jobs:
@@ -200,8 +200,8 @@ class Runner:
     def _enter(self, job: Job) -> None:
         with self._lock:
             if self._closed:
-                msg = f"{job.name}: expected a workbench that is running, received one that has ended"
-                raise RunFailed("cancelled", msg)
+                msg = "expected a workbench that is running, received one that has ended"
+                raise RunFailed("cancelled", msg, job.name)
             self._waiting.append(job)
         self._dispatch()
 
@@ -211,7 +211,7 @@ class Runner:
             if job not in self._waiting:
                 return
             self._waiting.remove(job)
-        job.fail("cancelled", f"{job.name}: cancelled before it began")
+        job.fail("cancelled", "cancelled before it began")
 
     def _ahead(self, job: Job) -> int:
         with self._lock:
@@ -250,7 +250,7 @@ class Runner:
             process.converse(job, self)
         except Exception as why:  # nothing may leave a page waiting
             log.exception("run %s", job.name)
-            job.fail("failed", f"{job.name}: the run could not be started: {line(why)}")
+            job.fail("failed", f"the run could not be started: {line(why)}")
         finally:
             with self._lock:
                 self._running.remove(job)
@@ -312,7 +312,7 @@ class Job:
     def fail(self, kind: Kind, line: str) -> None:
         """End it without a result."""
         with contextlib.suppress(Exception):  # it has an outcome already
-            self.future.set_exception(RunFailed(kind, line))
+            self.future.set_exception(RunFailed(kind, line, self.name))
 
     def succeed(self, result: Any) -> None:
         """End it with a result."""
@@ -358,7 +358,7 @@ class _Process:
             except Exception as why:  # not picklable: nothing has been sent
                 job.fail(
                     "refused",
-                    f"{job.name}: expected arguments that can be sent to another process, received {line(why)}",
+                    f"expected arguments that can be sent to another process, received {line(why)}",
                 )
                 return
             self._listen(job, runner)
@@ -371,13 +371,13 @@ class _Process:
         while not self._ready(0.05):
             if job.unwanted.is_set():
                 # The process goes on loading, for the next run.
-                job.fail("cancelled", f"{job.name}: cancelled before it began")
+                job.fail("cancelled", "cancelled before it began")
                 if job.closing.is_set():
                     self.kill()
                 return False
             if time.monotonic() > end:
                 self.kill()
-                job.fail("crashed", f"{job.name}: the run's process did not load within {LOADING:.0f} s")
+                job.fail("crashed", f"the run's process did not load within {LOADING:.0f} s")
                 return False
         self.connection.recv()
         self.loaded = True
@@ -400,13 +400,13 @@ class _Process:
                 self.connection.send("stop")
             if now > patience or job.closing.is_set():
                 self.kill()
-                job.fail("cancelled", f"{job.name}: cancelled")
+                job.fail("cancelled", "cancelled")
                 return
             if now > end:
                 self.kill()
                 job.fail(
                     "time",
-                    f"{job.name}: expected at most {job.seconds:g} s, received a run that takes longer; it was ended",
+                    f"expected at most {job.seconds:g} s, received a run that takes longer; it was ended",
                 )
                 return
 
@@ -430,7 +430,7 @@ class _Process:
             line = f"expected a run within {runner.memory / 1024**2:.0f} MB, received one that needs more; take fewer runs or steps"
         if kind == "failed":
             log.error("run %s: %s\n%s", job.name, line, trace)
-        job.fail(kind, f"{job.name}: {line}")
+        job.fail(kind, line)
 
     def _crashed(self, job: Job) -> None:
         self.process.join(1)
@@ -439,7 +439,7 @@ class _Process:
         self.kill()
         job.fail(
             "crashed",
-            f"{job.name}: the run's process died ({how}), perhaps for lack of memory; nothing else is affected",
+            f"the run's process died ({how}), perhaps for lack of memory; nothing else is affected",
         )
 
 

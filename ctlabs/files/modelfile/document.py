@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from collections.abc import Mapping as Table
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -316,7 +316,12 @@ class ModelFile:
         >>> nile.matrix("P0"), nile.title
         (array([[60396.]]), 'The Nile')
         """
-        return self._changed(edits.assign, self._way(where), value)
+        return self.edit_all([(where, value)])
+
+    def edit_all(self, changes: Sequence[tuple[Path, Any]]) -> ModelFile:
+        """Other values at several places, as by :meth:`edit` one after the other."""
+        ways = [(self._way(where), value) for where, value in changes]
+        return self._changed(lambda text, _: edits.assign(text, *ways), ways[0][0]) if ways else self
 
     def remove(self, where: Path) -> ModelFile:
         """The file without a key, or without an element of a list."""

@@ -44,19 +44,20 @@ def changed(text: str, path: Path, change: Callable[[Any], None]) -> str:
     return mark + (result.replace("\n", "\r\n") if windows else result)
 
 
-def assign(text: str, path: Path, value: Any) -> str:
-    """The text with another value at a place; a table or key that is not there is added."""
-    value = _plain(value, path)
+def assign(text: str, *changes: tuple[Path, Any]) -> str:
+    """The text with other values at some places; a table or key that is not there is added."""
+    values = [(path, _plain(value, path)) for path, value in changes]
 
     def change(document: Any) -> None:
-        table = document
-        for depth, (key, following) in enumerate(itertools.pairwise(path)):
-            if depth == 0 and isinstance(key, str) and isinstance(following, str) and key not in table:
-                table[key] = tomlkit.table()
-            table = _inside(table, key, path[: depth + 1])
-        _put(table, path, value)
+        for path, value in values:
+            table = document
+            for depth, (key, following) in enumerate(itertools.pairwise(path)):
+                if depth == 0 and isinstance(key, str) and isinstance(following, str) and key not in table:
+                    table[key] = tomlkit.table()
+                table = _inside(table, key, path[: depth + 1])
+            _put(table, path, value)
 
-    return changed(text, path, change)
+    return changed(text, values[0][0], change)
 
 
 def _put(table: Any, path: Path, value: Any) -> None:
@@ -197,7 +198,7 @@ def rename(text: str, old: str, new: str) -> str:
             ("constants", old), "expected a line of its own in [constants] to rename it, received another form"
         )
     for path, value in users({**data, "constants": renamed}, old):
-        candidate = assign(candidate, path, parse(value).renamed(old, new))
+        candidate = assign(candidate, (path, parse(value).renamed(old, new)))
     return candidate
 
 

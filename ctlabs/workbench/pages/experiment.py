@@ -10,15 +10,14 @@ from nicegui import ui
 
 from ctlabs.files.modelfile import gallery, loads
 from ctlabs.files.modelfile.schema import ALGORITHMS
-from ctlabs.workbench import applying
-from ctlabs.workbench.bench import said
-from ctlabs.workbench.commands import SetConstant
+from ctlabs.workbench import commands
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.outcomes import LARGEST, Anomaly
+from ctlabs.workbench.pages.dialogs import buttons, dialog
 from ctlabs.workbench.pages.keep import export_dialog
 from ctlabs.workbench.pages.results import Results
-from ctlabs.workbench.pages.running import running
 from ctlabs.workbench.pages.showing import Show, difference, help_button, times
+from ctlabs.workbench.running import said
 
 if TYPE_CHECKING:
     from nicegui.events import UploadEventArguments
@@ -26,45 +25,14 @@ if TYPE_CHECKING:
     from ctlabs.workbench.pages.shell import Shell
     from ctlabs.workbench.session import Session
 
+PAGE = {"place": 3, "title": "Experiment", "icon": "science"}
+
 #: Names of the first measurement's instants.
 FIRST = {1: "from t1 on", 0: "from t0 on"}
 #: What an anomaly is.
 LOST, EXACT, OTHER = "lost (R = ∞)", "exact (R = 0)", "another variance"
 
-#: How the line begins that says which fields keep an experiment from running.
-WRONG = "To put right: "
 
-_STYLE = """
-.exp-page { width: 100%; display: grid; grid-template-columns: 22rem minmax(0, 1fr); gap: 1rem; align-items: start; }
-.exp-plan { display: flex; flex-direction: column; gap: 1rem; min-width: 0; }
-.exp-found { display: flex; flex-direction: column; gap: 1rem; min-width: 0; }
-.exp-fields { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: .35rem .75rem; }
-.exp-field { min-width: 0; display: flex; align-items: flex-start; }
-.exp-field > .q-field { flex: 1; min-width: 0; }
-.exp-field .q-field__bottom { padding: .25rem 0 .4rem; line-height: 1.25; }
-.exp-algorithms { display: grid; grid-template-columns: repeat(auto-fill, minmax(15rem, 1fr)); gap: 0 2rem; }
-.exp-algorithm { display: flex; align-items: center; justify-content: space-between; min-width: 0; }
-.exp-drop { border: 2px dashed color-mix(in srgb, currentColor 40%, transparent); border-radius: 8px; padding: .7rem; width: 100%;
-  display: flex; flex-direction: column; gap: .4rem; align-items: flex-start; }
-.exp-drop[data-over=true] { border-color: var(--q-primary); background: color-mix(in srgb, var(--q-primary) 14%, transparent); }
-.exp-list { list-style: none; margin: 0; padding: 0; width: 100%; }
-.exp-list li { display: flex; align-items: center; justify-content: space-between; gap: .5rem;
-  border-top: 1px solid color-mix(in srgb, currentColor 16%, transparent); }
-.exp-run { position: sticky; top: 56px; z-index: 5; }
-.exp-run::before { content: ""; position: absolute; inset: -13px -2px auto; height: 12px; background: #fff; }
-body.body--dark .exp-run::before { background: var(--q-dark-page); }
-.exp-empty { padding: 2rem 1rem; width: 100%; display: flex; flex-direction: column; align-items: center; gap: .75rem; }
-@media (max-width: 1099px) { .exp-page { grid-template-columns: minmax(0, 1fr); } }
-.exp-page .show-card { scroll-margin-top: 4rem; }
-"""
-
-# Results that are elsewhere than where one looks are brought there; those that are seen stay where they are.
-_TO_RESULTS = """
-(() => {
-  const card = getHtmlElement(%s), top = card?.getBoundingClientRect().top;
-  if (top < 0 || top > innerHeight / 2) card.scrollIntoView({ block: "start" });
-})()
-"""
 
 
 def page(session: Session, shell: Shell) -> None:
@@ -77,26 +45,26 @@ class _Experiment:
 
     def __init__(self, session: Session, shell: Shell) -> None:
         self.session, self.shell = session, shell
-        self.show, self.running = Show(shell), running(session)
+        self.show, self.running = Show(shell), session.experiment_run
         self.seen = self.running.finished
         self.fields: dict[str, ui.input] = {}
         self.lines: dict[str, ui.label] = {}
+        self.held_up = False  # by a field that is wrong
         self.upload: ui.upload
 
     # Drawing ---------------------------------------------------------------------------------------------------------
 
     def draw(self) -> None:
-        ui.html(f"<style>{_STYLE}</style>", sanitize=False).classes("hidden")
         self.shell.name_draft(self.session.title)
-        with ui.element("div").classes("exp-page"):
-            with ui.element("div").classes("exp-plan"):
+        with ui.element("div").classes("ctl-exp-page"):
+            with ui.element("div").classes("ctl-exp-plan"):
                 self._draw_run()
                 self._draw_fields()
                 self._draw_algorithms()
                 self._draw_design()
                 self._draw_anomalies()
                 self._draw_data()
-            with ui.element("div").classes("exp-found") as self.found_box:
+            with ui.element("div").classes("ctl-exp-found") as self.found_box:
                 self._draw_difference()
                 self._draw_found()
         self.shell.shortcut("mod+enter", "Run the experiment", self.run)
@@ -106,7 +74,7 @@ class _Experiment:
         self._found()
 
     def _draw_run(self) -> None:
-        with ui.element("section").classes("show-card exp-run").props('aria-label="Run"'):
+        with ui.element("section").classes("ctl-show-card ctl-exp-run").props('aria-label="Run"'):
             with ui.row().classes("w-full items-center no-wrap gap-2"):
                 self.run_button = ui.button("Run", icon="play_arrow", on_click=self.run)
                 self.run_button.props('no-caps data-test=run aria-keyshortcuts="Control+Enter"').classes("grow")
@@ -118,17 +86,17 @@ class _Experiment:
             self.bar = ui.linear_progress(value=0.0, show_value=False, size="8px").props(
                 'aria-label="Progress" data-test=progress'
             )
-            self.told = ui.label("").classes("show-hint").props("role=status aria-live=polite data-test=progress-text")
-            self.wrong = ui.label("").classes("show-error").props("role=alert data-test=run-error")
+            self.told = ui.label("").classes("ctl-show-hint").props("role=status aria-live=polite data-test=progress-text")
+            self.wrong = ui.label("").classes("ctl-show-error").props("role=alert data-test=run-error")
             self.to_model = ui.button("Go to the model", icon="grid_on", on_click=lambda: self.shell.go("model"))
             self.to_model.props("outline no-caps dense")
 
     def _draw_fields(self) -> None:
         plan = self.session.plan
         with self.show.card("Experiment", test="plan"):
-            with ui.element("div").classes("exp-fields"):
+            with ui.element("div").classes("ctl-exp-fields"):
                 for name, title in (("steps", "Steps"), ("runs", "Runs"), ("seed", "Seed")):
-                    with ui.element("div").classes("exp-field"):
+                    with ui.element("div").classes("ctl-exp-field"):
                         field = ui.input(
                             title, value=str(getattr(plan, name)), on_change=lambda _, name=name: self._typed(name)
                         )
@@ -139,7 +107,7 @@ class _Experiment:
                         help_button(f"experiment.{name}")
                     field.on("blur", lambda _, name=name: self._tidy(name))
                     self.fields[name] = field
-                with ui.element("div").classes("exp-field"):
+                with ui.element("div").classes("ctl-exp-field"):
                     first = ui.select(
                         FIRST,
                         value=plan.first,
@@ -152,10 +120,10 @@ class _Experiment:
 
     def _draw_algorithms(self) -> None:
         with self.show.card("Algorithms", "experiment.algorithms", test="algorithms"):
-            with ui.element("div").classes("exp-algorithms").props('role=group aria-label="Algorithms"'):
+            with ui.element("div").classes("ctl-exp-algorithms").props('role=group aria-label="Algorithms"'):
                 self.boxes: dict[str, ui.checkbox] = {}
                 for name in ALGORITHMS:
-                    with ui.element("div").classes("exp-algorithm"):
+                    with ui.element("div").classes("ctl-exp-algorithm"):
                         box = ui.checkbox(
                             _title(name), value=name in self.session.plan.algorithms, on_change=self._algorithms
                         )
@@ -163,7 +131,7 @@ class _Experiment:
                         help_button(f"algorithm.{name}")
                     self.boxes[name] = box
             self.lines["algorithms"] = _error()
-            self.first_algorithm = ui.label("").classes("show-hint")
+            self.first_algorithm = ui.label("").classes("ctl-show-hint")
         self._tell_first()
 
     def _draw_design(self) -> None:
@@ -180,7 +148,7 @@ class _Experiment:
 
     def _draw_anomalies(self) -> None:
         with self.show.card("Anomalies", "experiment.anomalies", test="anomalies"):
-            self.anomaly_list = ui.element("ul").classes("exp-list").props('aria-label="Anomalies"')
+            self.anomaly_list = ui.element("ul").classes("ctl-exp-list").props('aria-label="Anomalies"')
             self.lines["anomalies"] = _error()
             ui.button("Add an anomaly…", icon="add", on_click=self._add_anomaly).props(
                 "no-caps outline dense data-test=add-anomaly"
@@ -189,7 +157,7 @@ class _Experiment:
 
     def _draw_data(self) -> None:
         with self.show.card("Measured data", "experiment.data", test="data"):
-            with ui.element("div").classes("exp-drop").props("data-test=drop") as zone:
+            with ui.element("div").classes("ctl-exp-drop").props("data-test=drop") as zone:
                 self.data_told = ui.label("").props("role=status aria-live=polite data-test=data-told")
                 with ui.row().classes("gap-2"):
                     ui.button(
@@ -217,19 +185,19 @@ class _Experiment:
 
     def _draw_found(self) -> None:
         with (
-            ui.element("section").classes("show-card").props('aria-label="Results" data-test=found') as self.found_card
+            ui.element("section").classes("ctl-show-card").props('aria-label="Results" data-test=found') as self.found_card
         ):
-            with ui.element("div").classes("show-head"):
+            with ui.element("div").classes("ctl-show-head"):
                 ui.html("<h2>Results</h2>", sanitize=False)
                 ui.space()
                 self.export = ui.button("Export…", icon="download", on_click=self._export)
                 self.export.props("no-caps outline dense data-test=export")
-            self.found_told = ui.label("").classes("show-hint").props("data-test=found-told")
-            with ui.element("div").classes("exp-empty") as self.empty:
+            self.found_told = ui.label("").classes("ctl-show-hint").props("data-test=found-told")
+            with ui.element("div").classes("ctl-exp-empty") as self.empty:
                 ui.label("Nothing has been run yet. Press Run, or Ctrl+Enter.")
                 to_kept = ui.button("Kept experiments", icon="inventory_2", on_click=lambda: self.shell.go("keep"))
                 to_kept.props("no-caps flat dense data-test=to-kept").set_visibility(bool(self.session.kept()))
-            self.results = Results(self.show, self.running)
+            self.results = Results(self.show, self.session)
 
     # The plan --------------------------------------------------------------------------------------------------------
 
@@ -284,8 +252,8 @@ class _Experiment:
 
     def _in_order(self) -> None:
         """What kept an experiment from running has been put right, or will be said again."""
-        if self.wrong.text.startswith(WRONG):
-            self.wrong.text = ""
+        if self.held_up:
+            self.held_up, self.wrong.text = False, ""
 
     def _tidy(self, name: str) -> None:
         """A number that was understood is shown as it was."""
@@ -370,8 +338,7 @@ class _Experiment:
 
     def _add_anomaly(self) -> None:
         names = self.session.sheet.measurements
-        with ui.dialog() as dialog, ui.card().props('aria-label="Add an anomaly"').classes("w-80"):
-            ui.label("Add an anomaly").classes("text-h6")
+        with dialog("Add an anomaly", 20) as made:
             k = (
                 ui.input("At step k")
                 .props("outlined dense autofocus inputmode=numeric data-test=anomaly-k")
@@ -395,20 +362,16 @@ class _Experiment:
             def add() -> None:
                 try:
                     R = _variance(kind.value, variance.value)
-                    made = self._anomaly(k.value, last.value, int(which.value or 0), R)
+                    anomaly = self._anomaly(k.value, last.value, int(which.value or 0), R)
                 except ValueError as why:
                     wrong.text = str(why)
                     return
-                if self._set("anomalies", anomalies=(*self.session.plan.anomalies, made)):
+                if self._set("anomalies", anomalies=(*self.session.plan.anomalies, anomaly)):
                     self._tell_anomalies()
-                    dialog.close()
+                    made.close()
 
             k.on("keydown.enter", add)
-            with ui.row().classes("w-full justify-end"):
-                ui.button("Cancel", on_click=dialog.close).props("flat no-caps")
-                ui.button("Add", on_click=add).props("no-caps data-test=anomaly-add")
-        dialog.on("hide", dialog.delete)
-        dialog.open()
+            buttons(made, "Add", "anomaly-add", add)
 
     def _anomaly(self, k: object, last: object, measurement: int, R: float) -> Anomaly:
         """The anomaly that was typed, within the steps of a simulation."""
@@ -463,7 +426,7 @@ class _Experiment:
         return ""
 
     def _choose_design(self) -> None:
-        _DesignDialog(self.session, self._design).open()
+        _DesignDialog(self.session, self._design)
 
     # The run ---------------------------------------------------------------------------------------------------------
 
@@ -475,7 +438,7 @@ class _Experiment:
         if not any(box.value for box in self.boxes.values()):
             wrong.append("algorithms")
         if wrong:
-            self.wrong.text = f"{WRONG}{', '.join(wrong)}."
+            self.held_up, self.wrong.text = True, f"To put right: {', '.join(wrong)}."
             return
         self.running.start(lambda progress, cancel: self.session.run(progress=progress, cancel=cancel))
 
@@ -500,15 +463,15 @@ class _Experiment:
             self.bar.set_visibility(now.running)
             self.to_model.set_visibility(bool(refusal))
             if now.running:
-                self.told.text, self.wrong.text = said(now.progress), ""
+                self.told.text, self.wrong.text, self.held_up = said(now.progress), "", False
                 self.bar.value = now.progress.fraction if now.progress else 0.0
                 return
             self.told.text = "Cancelled; nothing was kept of it." if now.cancelled else ""
-            self.wrong.text = refusal or now.problem
+            self.wrong.text, self.held_up = refusal or now.problem, False
             if now.finished != self.seen:
                 self.seen = now.finished
                 self._found()
-                ui.run_javascript(_TO_RESULTS % self.found_card.id)
+                ui.run_javascript(f"ctlabs.bring({self.found_card.id})")
 
     def _found(self) -> None:
         found, number = self.session.result, self.session.result_id
@@ -535,11 +498,7 @@ class _DesignDialog:
 
     def __init__(self, session: Session, take: Callable[[str | None], str]) -> None:
         self.session, self._take = session, take
-        with (
-            ui.dialog() as self.dialog,
-            ui.card().props('aria-label="The filter\'s model"').classes("w-full max-w-2xl"),
-        ):
-            ui.label("The filter's model").classes("text-h6")
+        with dialog("The filter's model", 42) as self.dialog:
             with ui.tabs().props("no-caps dense align=left outside-arrows mobile-arrows").classes("w-full") as tabs:
                 for name, title in (
                     ("constants", "Other constants"),
@@ -561,11 +520,6 @@ class _DesignDialog:
                     self._draw_text()
             self.wrong = _error()
             ui.button("Close", on_click=self.dialog.close).props("flat no-caps")
-        self.dialog.on("hide", self.dialog.delete)
-
-    def open(self) -> None:
-        """Show it."""
-        self.dialog.open()
 
     def _taken(self, text: str) -> None:
         line = self._take(text)
@@ -576,11 +530,11 @@ class _DesignDialog:
     def _draw_constants(self) -> None:
         rows = [row for row in self.session.sheet.constants if row.cell.value is not None]
         if not rows:
-            ui.label("The model has no constants; take a text instead, and change it.").classes("show-hint")
+            ui.label("The model has no constants; take a text instead, and change it.").classes("ctl-show-hint")
             return
-        ui.label("The same model, in which the filter believes other values:").classes("show-hint")
+        ui.label("The same model, in which the filter believes other values:").classes("ctl-show-hint")
         inputs: dict[str, ui.input] = {}
-        with ui.element("div").classes("exp-fields w-full"):
+        with ui.element("div").classes("ctl-exp-fields w-full"):
             for row in rows:
                 label = f"{row.name}, {row.unit}" if row.unit else row.name
                 inputs[row.name] = ui.input(label, value=row.cell.text).props(
@@ -593,7 +547,7 @@ class _DesignDialog:
                 for row in rows:
                     typed = str(inputs[row.name].value or "").strip()
                     if typed != row.cell.text:
-                        file, _ = applying.apply(file, SetConstant(row.name, typed))
+                        file, _ = commands.apply(file, commands.EditCell(("constants", row.name), typed))
             except ValueError as why:
                 self.wrong.text = str(why)
                 return
@@ -609,7 +563,7 @@ class _DesignDialog:
     def _draw_kept(self) -> None:
         kept = {each.id: each for each in self.session.kept()[:200]}
         if not kept:
-            ui.label("No experiment is kept yet.").classes("show-hint")
+            ui.label("No experiment is kept yet.").classes("ctl-show-hint")
             return
         self._select(
             "Kept experiment",
@@ -677,7 +631,7 @@ def _title(name: str) -> str:
 
 
 def _error() -> ui.label:
-    return ui.label("").classes("show-error").props("role=alert")
+    return ui.label("").classes("ctl-show-error").props("role=alert")
 
 
 def _anomaly(each: Anomaly, names: Sequence[str]) -> str:

@@ -11,76 +11,21 @@ from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
+from ctlabs.workbench.pages import STATIC
 from ctlabs.workbench.pages.cells import NUMBER, POSITIONS, Label, Shown, Slider, number, shown, typed
 
 if TYPE_CHECKING:
     from nicegui.events import GenericEventArguments
 
-    from ctlabs.workbench.sheet import Cell
-    from ctlabs.workbench.sheet import Grid as Matrix
+    from ctlabs.workbench.commands import What
+    from ctlabs.workbench.sheet import Cell, Grid
 
 #: What is typed: the key of a cell ("0,1" row and column, "name,0", "unit,0" of a header) and the text; the answer is why not.
 Typed = Callable[[str, str], str]
 
-#: Light and dark by the browser's own colours; the rules about the outline are in the shell's layer, so that they win.
-STYLE = """
-:root { --bad: #b00020; --field: #fff; --card: #fff; }
-body.body--dark { --bad: #ff8a80; --field: #1b1f24; --card: #1d1d1d; }
-.ctl-cells { --line: color-mix(in srgb, currentColor 28%, transparent); --soft: color-mix(in srgb, currentColor 62%, transparent);
-  max-width: 100%; min-width: 0; }
-.ctl-scroll { overflow: auto; max-height: min(72vh, 660px); max-width: 100%; border-radius: 8px; padding: 2px; }
-.ctl-grid { border-collapse: separate; border-spacing: 0; }
-.ctl-grid th, .ctl-grid td { padding: 2px 3px; vertical-align: top; text-align: left; }
-.ctl-grid thead th, .ctl-grid thead td { position: sticky; top: 0; z-index: 2; background: var(--card); }
-.ctl-grid th { font-weight: 500; font-size: .8rem; line-height: 1.2rem; color: var(--soft); white-space: nowrap; }
-.ctl-grid tbody th { position: sticky; left: 0; z-index: 1; background: var(--card); padding-top: 6px; max-width: 11rem;
-  overflow: hidden; text-overflow: ellipsis; padding-right: 8px; }
-.ctl-grid tbody th.ctl-editable { padding-top: 2px; }
-.ctl-grid thead td.ctl-corner { left: 0; z-index: 3; }
-.ctl-colname { display: inline-block; max-width: 7.5rem; overflow: hidden; text-overflow: ellipsis; vertical-align: bottom; }
-.ctl-cells input, .ctl-cells textarea { font: .9rem/1.5 ui-monospace, SFMono-Regular, Menlo, Consolas, "Liberation Mono", monospace;
-  color: inherit; background: var(--field); border: 1px solid var(--line); border-radius: 5px; padding: 2px 6px; box-sizing: border-box;
-  height: 1.9rem; min-width: 0; }
-.ctl-grid .ctl-cell { text-align: center; }
-.ctl-grid .ctl-zero { color: var(--soft); }
-.ctl-cells input:hover { border-color: var(--soft); }
-.ctl-cells [aria-invalid=true] { border-color: var(--bad) !important; box-shadow: 0 0 0 1px var(--bad); }
-.ctl-cells .ctl-name, .ctl-cells .ctl-unit { border-color: transparent; background: transparent; font-family: inherit;
-  width: 7.2rem; display: block; height: 1.55rem; padding: 1px 4px; }
-.ctl-cells .ctl-name { font-weight: 600; width: 5.9rem; }
-.ctl-cells .ctl-unit { color: var(--soft); font-size: .76rem; height: 1.3rem; }
-.ctl-cells .ctl-name:hover, .ctl-cells .ctl-unit:hover, .ctl-cells .ctl-name:focus, .ctl-cells .ctl-unit:focus {
-  border-color: var(--line); background: var(--field); }
-.ctl-cells .ctl-name { border-bottom: 1px dotted var(--line); border-radius: 5px 5px 0 0; }
-.ctl-rowname { display: flex; align-items: center; }
-.ctl-x { border: 0; background: none; color: var(--soft); cursor: pointer; font-size: 1rem; line-height: 1; min-width: 1.35rem;
-  height: 1.5rem; border-radius: 5px; padding: 0; }
-.ctl-x:hover:not(:disabled) { background: color-mix(in srgb, var(--bad) 16%, transparent); color: var(--bad); }
-.ctl-x:disabled { opacity: .25; cursor: default; }
-.ctl-value { display: block; font-size: .74rem; line-height: 1.1rem; color: var(--soft); text-align: center; white-space: nowrap; }
-.ctl-error { color: var(--bad); font-size: .8rem; line-height: 1.2rem; padding: 1px 4px; overflow-wrap: anywhere; white-space: normal; }
-.ctl-stick { position: sticky; left: 0; max-width: min(34rem, 82vw); }
-.ctl-field { display: flex; align-items: stretch; min-width: 0; }
-.ctl-field input { width: 100%; }
-.ctl-field > .ctl-suffix { padding: .25rem 0 0 .4rem; color: var(--soft); }
-.ctl-cells > label { display: block; font-size: .78rem; color: var(--soft); }
-.ctl-cells .ctl-hidden { position: absolute; width: 1px; height: 1px; overflow: hidden; clip-path: inset(50%); }
-.ctl-cells > .ctl-value { text-align: left; padding-left: 4px; }
-.ctl-cells input[type=range] { border: 0; padding: 0; background: none; width: 100%;
-  accent-color: var(--q-primary); height: 1.4rem; margin: 0; }
-.ctl-cells .ctl-area { flex: 1; height: auto; min-height: 50vh; border-radius: 0 6px 6px 0; resize: vertical; tab-size: 4; }
-.ctl-gutter { margin: 0; overflow: hidden; padding: 2px 6px; /* lines as high as the text's beside them */
-  font: .9rem/1.5 ui-monospace, SFMono-Regular, Menlo, Consolas, "Liberation Mono", monospace;
-  text-align: right; color: var(--soft); border: 1px solid var(--line); border-right: 0; border-radius: 6px 0 0 6px; box-sizing: border-box;
-  contain: size; width: 3.2rem; white-space: pre; }
-@media (max-width: 599px) { .ctl-grid tbody th, .ctl-grid thead td.ctl-corner { position: static; } }
-@layer theme {
-  .ctl-cells input:focus-visible, .ctl-cells textarea:focus-visible { outline-width: 2px !important; outline-offset: 0 !important; }
-}
-"""
 
 
-class Cells(ui.element, component="grid.js"):
+class CellElement(ui.element, component=STATIC / "grid.js"):
     """What a matrix and a field have in common: texts that are typed, numbered messages, texts that were refused.
 
     Parameters
@@ -162,7 +107,7 @@ def _put(now: dict[str, Any], key: str, text: str, line: str) -> None:
     now["rows"][i][index] = [text, "", line]
 
 
-class Grid(Cells):
+class GridElement(CellElement):
     """A matrix: a table of cells that scrolls inside itself.
 
     Parameters
@@ -179,14 +124,14 @@ class Grid(Cells):
         on_typed: Typed,
         *,
         on_block: Callable[[int, int, str], object],
-        on_remove: Callable[[str, int], object],
+        on_remove: Callable[[What, int], object],
         on_done: Callable[[], object],
         row_kind: str = "",
         column_kind: str = "",
     ) -> None:
         super().__init__("grid", name, on_typed, on_done)
         self._kinds = {"rowKind": row_kind or None, "removeColumn": column_kind or None}
-        self.on("remove", lambda event: on_remove(str(event.args[0]), int(event.args[1])))
+        self.on("remove", lambda event: on_remove(event.args[0], int(event.args[1])))
 
         def pasted(event: GenericEventArguments) -> None:
             try:
@@ -196,7 +141,7 @@ class Grid(Cells):
 
         self.on("block", pasted)
 
-    def show(self, matrix: Matrix, label: str, labels: Sequence[Label] = ()) -> None:
+    def show(self, matrix: Grid, label: str, labels: Sequence[Label] = ()) -> None:
         """Show a matrix; ``labels`` of its rows where they are typed here."""
         self._send(
             {
@@ -212,7 +157,7 @@ class Grid(Cells):
         )
 
 
-class Field(Cells):
+class TextField(CellElement):
     """One text: of a line, or a whole file (``area``); ``lazy``: said only when it is left or with Enter."""
 
     def __init__(
@@ -253,7 +198,7 @@ class Field(Cells):
         self._send({"rows": [[[text, "", problem]]], **self._fixed})
 
 
-class Range(Cells):
+class Range(CellElement):
     """A slider for a number."""
 
     def __init__(

@@ -12,15 +12,17 @@ from typing import TYPE_CHECKING, Any
 from nicegui import ui
 
 from ctlabs.workbench import figures, tour
-from ctlabs.workbench.bench import said
-from ctlabs.workbench.pages.running import running
+from ctlabs.workbench.pages.dialogs import buttons, dialog
 from ctlabs.workbench.pages.showing import Show, difference, help_button, table
+from ctlabs.workbench.running import said
 
 if TYPE_CHECKING:
     from ctlabs.workbench.comparing import Difference, Row
     from ctlabs.workbench.pages.shell import Shell
     from ctlabs.workbench.session import Session
-    from ctlabs.workbench.store import Experiment
+    from ctlabs.workbench.store import KeptExperiment
+
+PAGE = {"place": 4, "title": "Keep", "icon": "inventory_2"}
 
 #: So many experiments are listed at first, and so many more at a time.
 LISTED = 25
@@ -35,21 +37,6 @@ KINDS = (
     ("svg", "SVG", "the figure chosen below, as a drawing"),
 )
 
-_STYLE = """
-.keep-list { width: 100%; display: flex; flex-direction: column; }
-.keep-row { display: grid; grid-template-columns: auto minmax(0, 1fr) auto; gap: .25rem .6rem; align-items: center; padding: .45rem 0;
-  border-top: 1px solid color-mix(in srgb, currentColor 16%, transparent); }
-.keep-row[data-open=true] { background: color-mix(in srgb, var(--q-primary) 10%, transparent); }
-.keep-name { font-weight: 600; overflow-wrap: anywhere; line-height: 1.3; }
-.keep-buttons { display: flex; flex-wrap: wrap; justify-content: flex-end; gap: .1rem; }
-.keep-bar { width: 100%; display: flex; flex-wrap: wrap; align-items: center; gap: .5rem 1rem; }
-.keep-undo { width: 100%; display: flex; flex-wrap: wrap; align-items: center; gap: .5rem; padding: .4rem .7rem; border-radius: 6px;
-  background: color-mix(in srgb, #b26a00 14%, transparent); }
-@media (max-width: 699px) {
-  .keep-row { grid-template-columns: auto minmax(0, 1fr); }
-  .keep-buttons { grid-column: 1 / -1; justify-content: flex-start; }
-}
-"""
 
 
 def page(session: Session, shell: Shell) -> None:
@@ -62,33 +49,32 @@ class _Keep:
 
     def __init__(self, session: Session, shell: Shell) -> None:
         self.session, self.shell = session, shell
-        self.show, self.running = Show(shell), running(session)
+        self.show, self.running = Show(shell), session.experiment_run
         self.seen, self.most = self.running.finished, LISTED
         self.chosen: list[int] = []
         self.boxes: dict[int, ui.checkbox] = {}
         self.deleted: int | None = None
 
     def draw(self) -> None:
-        ui.html(f"<style>{_STYLE}</style>", sanitize=False).classes("hidden")
         self.shell.name_draft(self.session.title)
         with self.show.card("Kept experiments", "keep.list", wide=True, test="kept") as card:
             self.box = card.section
-            with ui.element("div").classes("keep-bar"):
+            with ui.element("div").classes("ctl-keep-bar"):
                 self.search = ui.input("Search", on_change=lambda: self._list()).props(
                     "outlined dense clearable debounce=150 type=search data-test=kept-search"
                 )
                 self.compare_button = ui.button("Compare two", icon="compare_arrows", on_click=self._compare)
                 self.compare_button.props("no-caps outline dense data-test=compare")
                 help_button("keep.compare")
-                self.told = ui.label("").classes("show-hint").props("role=status aria-live=polite data-test=kept-told")
+                self.told = ui.label("").classes("ctl-show-hint").props("role=status aria-live=polite data-test=kept-told")
                 self.cancel = ui.button("Cancel", icon="stop", on_click=self.running.cancel).props(
                     "no-caps outline dense data-test=cancel"
                 )
-            self.wrong = ui.label("").classes("show-error").props("role=alert data-test=run-error")
+            self.wrong = ui.label("").classes("ctl-show-error").props("role=alert data-test=run-error")
             self.undo_box = (
-                ui.element("div").classes("keep-undo").props("role=status aria-live=polite data-test=undo-delete")
+                ui.element("div").classes("ctl-keep-undo").props("role=status aria-live=polite data-test=undo-delete")
             )
-            self.list = ui.element("div").classes("keep-list").props('role=list aria-label="Kept experiments"')
+            self.list = ui.element("div").classes("ctl-keep-list").props('role=list aria-label="Kept experiments"')
             self.more = ui.button("Show more", on_click=self._more).props("no-caps flat dense")
         self.undo_box.set_visibility(False)
         with self.show.card("Comparison", "keep.compare", wide=True, test="comparison") as card:
@@ -100,7 +86,7 @@ class _Keep:
             .classes("w-full")
             .props("data-test=deleted") as self.deleted_box
         ):
-            self.deleted_list = ui.element("div").classes("keep-list").props("role=list")
+            self.deleted_list = ui.element("div").classes("ctl-keep-list").props("role=list")
         self.shell.shortcut("mod+z", "Put the deleted experiment back", self._undo, in_fields=False)
         self.shell.on_leave(self.running.watch(self._look))
         self._list()
@@ -131,18 +117,18 @@ class _Keep:
         self.deleted_list.clear()
         with self.deleted_list:
             for each in gone[:LISTED]:
-                with ui.element("div").classes("keep-row").props("role=listitem"):
-                    ui.label(f"{each.id}").classes("show-hint")
-                    ui.label(each.name).classes("keep-name")
+                with ui.element("div").classes("ctl-keep-row").props("role=listitem"):
+                    ui.label(f"{each.id}").classes("ctl-show-hint")
+                    ui.label(each.name).classes("ctl-keep-name")
                     _labelled(
                         ui.button("Put back", icon="restore", on_click=lambda _, n=each.id: self._restore(n)),
                         f"Put back: {each.name}",
                     ).props("no-caps flat dense data-test=restore")
 
-    def _row(self, each: Experiment) -> None:
+    def _row(self, each: KeptExperiment) -> None:
         number = each.id
         with (
-            ui.element("div").classes("keep-row").props(f"role=listitem data-test=kept-row data-number={number}") as row
+            ui.element("div").classes("ctl-keep-row").props(f"role=listitem data-test=kept-row data-number={number}") as row
         ):
             row.props["data-open"] = str(self.session.result_id == number).lower()
             box = ui.checkbox(
@@ -151,9 +137,9 @@ class _Keep:
             _labelled(box, f"Select for comparison: {each.name}").props("dense data-test=select")
             self.boxes[number] = box
             with ui.element("div").classes("min-w-0"):
-                ui.label(each.name).classes("keep-name").props("data-test=kept-name")
-                ui.label(_about(each)).classes("show-hint").props("data-test=kept-about")
-            with ui.element("div").classes("keep-buttons"):
+                ui.label(each.name).classes("ctl-keep-name").props("data-test=kept-name")
+                ui.label(_about(each)).classes("ctl-show-hint").props("data-test=kept-about")
+            with ui.element("div").classes("ctl-keep-buttons"):
                 for word, icon, test, action in (
                     ("Open", "folder_open", "open", self._open),
                     ("Run again", "replay", "rerun", self._rerun),
@@ -190,8 +176,7 @@ class _Keep:
 
     def _rename(self, number: int) -> None:
         name = next(each.name for each in self.session.kept() if each.id == number)
-        with ui.dialog() as dialog, ui.card().props('aria-label="Rename"').classes("w-96"):
-            ui.label("Rename").classes("text-h6")
+        with dialog("Rename", 24) as made:
             field = (
                 ui.input("Name", value=name)
                 .props("outlined autofocus maxlength=120 data-test=new-name")
@@ -200,15 +185,11 @@ class _Keep:
 
             def take() -> None:
                 self.session.rename(number, str(field.value or ""))
-                dialog.close()
+                made.close()
                 self._list()
 
             field.on("keydown.enter", take)
-            with ui.row().classes("w-full justify-end"):
-                ui.button("Cancel", on_click=dialog.close).props("flat no-caps")
-                ui.button("Rename", on_click=take).props("no-caps data-test=take-name")
-        dialog.on("hide", dialog.delete)
-        dialog.open()
+            buttons(made, "Rename", "take-name", take)
 
     def _export(self, number: int) -> None:
         export_dialog(self.session, self.shell, number)
@@ -273,7 +254,7 @@ class _Keep:
         self.comparison_body.clear()
         self.comparison.set_visibility(True)
         with self.comparison_body:
-            ui.label(f"{first}, and {second}").classes("show-hint")
+            ui.label(f"{first}, and {second}").classes("ctl-show-hint")
             self._rows("Settings", found.settings, first, second)
             self._rows("Results", found.results, first, second)
             self._models(found, first, second)
@@ -282,7 +263,7 @@ class _Keep:
                 self.show.plot(drawing, test="plot-comparison")
             else:
                 ui.label("They have no state in common (by name and unit), so there is no figure of both.").classes(
-                    "show-hint"
+                    "ctl-show-hint"
                 )
         with self.box:
             ui.run_javascript(f"getHtmlElement({self.comparison.id})?.scrollIntoView({{block: 'start'}})")
@@ -292,7 +273,7 @@ class _Keep:
         heads = ["", first, second, "Unit"]
         raw = [heads, *([row.name, row.first, row.second, row.unit] for row in rows)]
         with ui.element("div").classes("w-full"):
-            with ui.element("div").classes("show-head"):
+            with ui.element("div").classes("ctl-show-head"):
                 ui.html(f"<h3>{escape(title)}</h3>", sanitize=False)
                 ui.space()
                 self.show.copy(
@@ -306,10 +287,10 @@ class _Keep:
             shown = [[row.name, _plain(row.first), _plain(row.second), row.unit] for row in differ]
             ui.html(table(heads, shown), sanitize=False).classes("w-full").props(f"data-test=differ-{title.lower()}")
             if len(differ) < len(rows):
-                ui.label(f"{len(rows) - len(differ)} more are the same.").classes("show-hint")
+                ui.label(f"{len(rows) - len(differ)} more are the same.").classes("ctl-show-hint")
 
     def _models(self, found: Difference, first: str, second: str) -> None:
-        ui.html("<h3>Models</h3>", sanitize=False).classes("show-head")
+        ui.html("<h3>Models</h3>", sanitize=False).classes("ctl-show-head")
         if found.same_model:
             ui.label("The models are the same.").props("data-test=same-model")
         else:
@@ -321,11 +302,9 @@ class _Keep:
 def export_dialog(session: Session, shell: Shell, number: int) -> None:
     """Choose what an experiment is exported as; the file is made in a thread and goes to the browser's downloads."""
     pictures = session.figures(number)
-    with shell.client, ui.dialog() as dialog, ui.card().props('aria-label="Export"').classes("w-96 max-w-full"):
-        with ui.row().classes("items-center gap-1"):
-            ui.label("Export").classes("text-h6")
-            help_button("keep.export")
-        wrong = ui.label("").classes("show-error").props("role=alert")
+    with shell.client, dialog("Export", 26) as made:
+        help_button("keep.export")
+        wrong = ui.label("").classes("ctl-show-error").props("role=alert")
 
         async def export(kind: str, button: ui.button) -> None:
             button.props("loading")
@@ -349,18 +328,16 @@ def export_dialog(session: Session, shell: Shell, number: int) -> None:
                         .classes("w-28 shrink-0")
                     )
                     button.on_click(lambda _, kind=kind, button=button: export(kind, button))
-                    ui.label(meaning).classes("show-hint")
+                    ui.label(meaning).classes("ctl-show-hint")
         figure = ui.select(pictures, value=next(iter(pictures), None), label="Figure for PNG and SVG")
         figure.props("outlined dense options-dense data-test=export-figure").classes("w-full")
-        ui.button("Close", on_click=dialog.close).props("flat no-caps data-test=export-close")
-    dialog.on("hide", dialog.delete)
-    dialog.open()
+        ui.button("Close", on_click=made.close).props("flat no-caps data-test=export-close")
 
 
 # In words ------------------------------------------------------------------------------------------------------------
 
 
-def _about(each: Experiment) -> str:
+def _about(each: KeptExperiment) -> str:
     """When, which model, with which settings."""
     plan = each.settings
     data = plan.get("data")
@@ -377,7 +354,7 @@ def _about(each: Experiment) -> str:
     return " · ".join(words)
 
 
-def _text(each: Experiment) -> str:
+def _text(each: KeptExperiment) -> str:
     return f"{each.name} {_about(each)}"
 
 

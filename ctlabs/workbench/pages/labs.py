@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import threading
-import weakref
 from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
@@ -16,14 +15,16 @@ from starlette.responses import PlainTextResponse, Response
 
 from ctlabs.text import number
 from ctlabs.workbench import catalogue
-from ctlabs.workbench.bench import Bench, said
-from ctlabs.workbench.catalogue import Field, Outcome, Sheet, Typed
+from ctlabs.workbench.catalogue import LabOutcome, LabSheet, Parameter, Typed
 from ctlabs.workbench.help import help_for
+from ctlabs.workbench.running import said
 
 if TYPE_CHECKING:
     from ctlabs.workbench.desk import Desk
     from ctlabs.workbench.pages.shell import Shell
     from ctlabs.workbench.session import Session
+
+PAGE = {"place": 5, "title": "Labs", "icon": "school"}
 
 #: Where the files of reports are, by draft, lab and name.
 FILES = "/lab-files/{draft}/{lab}/{name}"
@@ -32,56 +33,6 @@ POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 #: How often a run is looked at, in seconds.
 LOOK = 0.15
 
-_STYLE = """
-.lab-page { width: 100%; display: grid; grid-template-columns: 19rem minmax(0, 1fr); gap: 1.25rem; align-items: start; }
-.lab-catalogue { position: sticky; top: 4.5rem; display: flex; flex-direction: column; gap: .5rem; }
-.lab-list { max-height: calc(100vh - 15rem); overflow-y: auto; display: flex; flex-direction: column; gap: 2px; padding: 3px; }
-.lab-item {
-  display: grid; grid-template-columns: 2rem 1fr auto; gap: .4rem; align-items: baseline; text-align: left; width: 100%;
-  padding: .45rem .5rem; border: 0; border-radius: 8px; background: none; color: inherit; font: inherit; line-height: 1.3;
-  cursor: pointer;
-}
-.lab-item:hover { background: color-mix(in srgb, currentColor 8%, transparent); }
-.lab-item[aria-current=true] { background: color-mix(in srgb, var(--q-primary) 18%, transparent); font-weight: 600; }
-.lab-number { text-align: right; font-variant-numeric: tabular-nums; opacity: .75; }
-.lab-variants { font-size: .8rem; opacity: .8; white-space: nowrap; }
-.lab-detail { display: flex; flex-direction: column; gap: .75rem; min-width: 0; scroll-margin-top: 4rem; }
-.lab-detail h2 { font-size: 1.45rem; line-height: 1.25; font-weight: 600; margin: 0; outline: none; }
-.lab-detail h3 { font-size: 1.1rem; line-height: 1.3; font-weight: 600; margin: .75rem 0 0; }
-.lab-source { opacity: .8; }
-.lab-statement { max-width: 52rem; line-height: 1.55; }
-.lab-form { display: grid; grid-template-columns: repeat(auto-fill, minmax(15rem, 1fr)); gap: .75rem 1rem; }
-.lab-field { min-width: 0; }
-.lab-wide { grid-column: 1 / -1; }
-.lab-hint { font-size: .8rem; opacity: .8; line-height: 1.3; padding: .15rem .1rem 0; overflow-wrap: anywhere; }
-.lab-error { font-size: .85rem; font-weight: 600; color: #b00020; line-height: 1.3; overflow-wrap: anywhere; }
-.lab-error:empty { display: none; }
-body.body--dark .lab-error { color: #ff9c94; }
-.lab-matrix { display: grid; gap: .35rem; max-width: 44rem; }
-.lab-verdict { font-weight: 600; }
-.lab-verdict[data-passed=true] { color: #00664a; }
-.lab-verdict[data-passed=false] { color: #b00020; }
-body.body--dark .lab-verdict[data-passed=true] { color: #58d3a5; }
-body.body--dark .lab-verdict[data-passed=false] { color: #ff9c94; }
-.lab-links { display: flex; flex-wrap: wrap; gap: .35rem 1rem; }
-.lab-links a { color: var(--q-primary); }
-.lab-report { width: 100%; height: 82vh; border: 1px solid color-mix(in srgb, currentColor 25%, transparent); border-radius: 8px; }
-.lab-checks { overflow-x: auto; }
-.lab-checks table { border-collapse: collapse; font-size: .85rem; }
-.lab-checks th, .lab-checks td { padding: .2rem .6rem .2rem 0; text-align: left; vertical-align: top; }
-.lab-checks tbody tr { border-top: 1px solid color-mix(in srgb, currentColor 18%, transparent); }
-.lab-checks td.n { font-variant-numeric: tabular-nums; white-space: nowrap; }
-@media (max-width: 899px) {
-  .lab-page { grid-template-columns: minmax(0, 1fr); }
-  .lab-catalogue { position: static; }
-  .lab-list { max-height: none; }
-  .lab-page[data-open=true] .lab-catalogue { display: none; }
-  .lab-page[data-open=false] .lab-detail { display: none; }
-  .lab-form { grid-template-columns: minmax(0, 1fr); }
-}
-"""
-
-_benches: weakref.WeakKeyDictionary[Session, Bench] = weakref.WeakKeyDictionary()
 
 
 def page(session: Session, shell: Shell) -> None:
@@ -94,9 +45,7 @@ class _Labs:
 
     def __init__(self, session: Session, shell: Shell) -> None:
         self.session, self.shell, self.draft = session, shell, session.draft.id
-        if session not in _benches:
-            _benches[session] = Bench(shell.desk.runner, shell.desk.store.folder, self.draft)
-        self.bench = _benches[session]
+        self.running = session.lab_run
         _serve_files(shell.desk)
         found = shell.desk.store.draft(self.draft)
         notes = {} if found is None else found.notes.get("labs", {})
@@ -108,13 +57,12 @@ class _Labs:
     # The catalogue -----------------------------------------------------------------------------------------------------
 
     def draw(self) -> None:
-        ui.html(f"<style>{_STYLE}</style>", sanitize=False).classes("hidden")
-        with ui.element("div").classes("lab-page") as self.frame:
-            with ui.element("section").classes("lab-catalogue").props('aria-label="Catalogue of labs"'):
+        with ui.element("div").classes("ctl-lab-page") as self.frame:
+            with ui.element("section").classes("ctl-lab-catalogue").props('aria-label="Catalogue of labs"'):
                 self._draw_search()
-                with ui.element("div").classes("lab-list"):
+                with ui.element("div").classes("ctl-lab-list"):
                     self.items = {sheet.name: self._item(sheet) for sheet in catalogue.sheets()}
-            self.detail = ui.element("section").classes("lab-detail").props('aria-label="Lab"')
+            self.detail = ui.element("section").classes("ctl-lab-detail").props('aria-label="Lab"')
         self._find()
         self.shell.shortcut("/", "Search the labs", lambda: self.search.run_method("focus"))
         self.shell.shortcut("mod+enter", "Run the lab", self.run)
@@ -133,7 +81,7 @@ class _Labs:
             self.variant = ui.toggle(choices, value="", on_change=self._find)
             self.variant.props('dense no-caps unelevated toggle-color=primary aria-label="Variant"')
             self.variant.tooltip(help_for("labs.variant").what)
-        self.count = ui.label().classes("lab-hint").props("role=status aria-live=polite")
+        self.count = ui.label().classes("ctl-lab-hint").props("role=status aria-live=polite")
 
     def _find(self) -> None:
         """Show the labs that are searched for; the others are hidden where they are, so that a click meets what it meant."""
@@ -145,13 +93,13 @@ class _Labs:
         if not found:
             self.count.text = "No lab has all these words."
 
-    def _item(self, sheet: Sheet) -> ui.element:
-        item = ui.element("button").classes("lab-item").props("type=button")
+    def _item(self, sheet: LabSheet) -> ui.element:
+        item = ui.element("button").classes("ctl-lab-item").props("type=button")
         item.props(f'aria-current={"true" if sheet.name == self.lab else "false"} data-lab="{sheet.name}"')
         with item:
-            ui.label(sheet.short if sheet.short.isdigit() else "·").classes("lab-number")
+            ui.label(sheet.short if sheet.short.isdigit() else "·").classes("ctl-lab-number")
             ui.label(sheet.title)
-            ui.label(" ".join(sheet.variants)).classes("lab-variants").props(
+            ui.label(" ".join(sheet.variants)).classes("ctl-lab-variants").props(
                 f'title="Variants {", ".join(sheet.variants)}"' if sheet.variants else ""
             )
         item.on("click", lambda: self.select(sheet.name))
@@ -169,7 +117,7 @@ class _Labs:
             ui.label(
                 f"{len(catalogue.sheets())} labs, each from its statement to a report whose numbers are all computed twice. "
                 "Choose one; change its numbers; run it."
-            ).classes("lab-statement")
+            ).classes("ctl-lab-statement")
 
     # One lab -----------------------------------------------------------------------------------------------------------
 
@@ -198,21 +146,21 @@ class _Labs:
         waiting.delete()
         with self.detail:
             self._draw_form(sheet, fields)
-            self.results = ui.element("div").classes("lab-detail")
+            self.results = ui.element("div").classes("ctl-lab-detail")
         self._draw_results()
         self._look()
 
-    def _head(self, sheet: Sheet) -> ui.element:
+    def _head(self, sheet: LabSheet) -> ui.element:
         with ui.row().classes("ctl-narrow"):
             ui.button("All labs", icon="arrow_back", on_click=self._close).props("flat dense no-caps")
         with ui.element("h2").props("tabindex=-1") as heading:
             ui.label(sheet.heading)
         variants = f" · variants {', '.join(sheet.variants)}" if sheet.variants else ""
-        ui.label(f"{sheet.source}{variants}").classes("lab-source")
+        ui.label(f"{sheet.source}{variants}").classes("ctl-lab-source")
         for paragraph in sheet.statement:
-            ui.label(paragraph).classes("lab-statement")
+            ui.label(paragraph).classes("ctl-lab-statement")
         if sheet.answer:
-            with ui.expansion("Expected answer").classes("lab-statement").props("dense"):
+            with ui.expansion("Expected answer").classes("ctl-lab-statement").props("dense"):
                 ui.label(sheet.answer)
         with ui.row().classes("gap-2"):
             for model in sheet.models:
@@ -238,21 +186,21 @@ class _Labs:
         self.shell.tell("The lab's model is on the desk; undo brings the one before back.")
         self.shell.go("model")
 
-    def _draw_form(self, sheet: Sheet, fields: Sequence[Field]) -> None:
-        before = self.bench.outcome(sheet.name)
+    def _draw_form(self, sheet: LabSheet, fields: Sequence[Parameter]) -> None:
+        before = self._outcome(sheet.name)
         typed = dict(self.typed.get(sheet.name, {}))
         if not typed and before is not None:
-            typed = {**catalogue.typed_again(sheet.name, before.parameters)}
+            typed = {field.name: catalogue.typed_as(before.parameters.get(field.name)) for field in fields}
             typed |= {"": [str(before.runs), str(before.seed)]}
         self.form = _Form(sheet, fields, typed, self._typed)
         with ui.row().classes("items-center gap-3 w-full"):
             self.start = ui.button("Run", icon="play_arrow", on_click=self.run).props('no-caps title="Ctrl+Enter"')
             self.reset = ui.button("Defaults", icon="restart_alt", on_click=self.form.reset).props("flat no-caps")
-            self.stop = ui.button("Cancel", icon="stop", on_click=self.bench.cancel).props("outline no-caps")
+            self.stop = ui.button("Cancel", icon="stop", on_click=self.running.cancel).props("outline no-caps")
         with ui.column().classes("w-full gap-1") as self.going:
             self.bar = ui.linear_progress(0.0, show_value=False, size="8px").props('aria-label="Progress of the run"')
             self.words = ui.label().props("role=status aria-live=off")
-        self.problem = ui.label("").classes("lab-error").props("role=alert")
+        self.problem = ui.label("").classes("ctl-lab-error").props("role=alert")
 
     def _typed(self) -> None:
         if self.form is not None:
@@ -267,13 +215,14 @@ class _Labs:
 
     def run(self) -> None:
         """Start the lab's run, or go to the field that is in the way."""
-        if self.form is None or self.bench.running:
+        if self.form is None or self.running.running:
             return
         values, runs, seed = self.form.check()
         if values is None or runs is None or seed is None:
             self.form.focus_problem()
             return
-        self.bench.start(self.lab, values, runs, seed)
+        runner, folder = self.shell.desk.runner, self._folder(self.lab)
+        self.running.start(catalogue.work(runner, self.draft, self.lab, values, runs, seed, folder), self.lab)
         self.problem.text = ""
         self._look()
         ui.run_javascript(f"getHtmlElement({self.going.id})?.scrollIntoView({{block: 'nearest'}})")
@@ -282,32 +231,39 @@ class _Labs:
         """Show how far the run is, and its report when there is a new one."""
         if self.form is None:
             return
-        running = self.bench.running
-        mine = self.bench.lab == self.lab
+        running = self.running.running
+        mine = self.running.name == self.lab
         self.start.set_enabled(not running)
         self.stop.set_visibility(running and mine)
         self.going.set_visibility(running)
         if running:
-            progress = self.bench.progress
+            progress = self.running.progress
             known = progress is not None and progress.total > 0 and progress.done > 0
             self.bar.props("indeterminate" if not known else "", remove="" if not known else "indeterminate")
             self.bar.value = progress.fraction if progress is not None and known else 0.0
-            other = "" if mine else f"{catalogue.sheet(self.bench.lab).heading} is running: "
+            other = "" if mine else f"{catalogue.sheet(self.running.name).heading} is running: "
             self.words.text = other + said(progress)
-        self.problem.text = self.bench.problem if mine and not running else ""
-        if self._shown != self.bench.finished and not running:
+        self.problem.text = self.running.problem if mine and not running else ""
+        if self._shown != self.running.finished and not running:
             self._draw_results()
             if mine:
                 ui.run_javascript(f"getHtmlElement({self.results.id})?.scrollIntoView({{block: 'start'}})")
         elif self.report is not None:
             self._show_theme()
 
+    def _folder(self, lab: str) -> Path:
+        return catalogue.place(self.shell.desk.store.folder, self.draft, lab)
+
+    def _outcome(self, lab: str) -> LabOutcome | None:
+        """What came of the last run of a lab."""
+        return catalogue.outcome(self._folder(lab))
+
     def _draw_results(self) -> None:
-        self._shown = self.bench.finished
+        self._shown = self.running.finished
         self.results.clear()
         self.report: ui.element | None = None
         self.stale: ui.label | None = None
-        found = self.bench.outcome(self.lab)
+        found = self._outcome(self.lab)
         if found is None:
             return
         with self.results:
@@ -316,22 +272,22 @@ class _Labs:
                 icon = "error" if found.failed else "check_circle"
                 with (
                     ui.row()
-                    .classes("items-center gap-1 lab-verdict")
+                    .classes("items-center gap-1 ctl-lab-verdict")
                     .props(f"role=status data-passed={'false' if found.failed else 'true'}")
                 ):
                     ui.icon(icon, size="sm").props("aria-hidden=true")
                     ui.label(_sentence(found.verdict))
-                ui.label(f"{found.runs} runs, seed {found.seed}, {found.seconds:.1f} s").classes("lab-source")
-            self.stale = ui.label().classes("lab-hint")
+                ui.label(f"{found.runs} runs, seed {found.seed}, {found.seconds:.1f} s").classes("ctl-lab-source")
+            self.stale = ui.label().classes("ctl-lab-hint")
             self._say_stale(found)
             self._draw_links(found)
             title = f"{len(found.checks)} checks"
             with ui.expansion(title, value=bool(found.failed)).props("dense").classes("w-full"):
-                ui.label(f"{help_for('labs.checks').what} {help_for('labs.checks').note}").classes("lab-hint")
-                ui.html(_checks(found), sanitize=False).classes("lab-checks").props(
+                ui.label(f"{help_for('labs.checks').what} {help_for('labs.checks').note}").classes("ctl-lab-hint")
+                ui.html(_checks(found), sanitize=False).classes("ctl-lab-checks").props(
                     'tabindex=0 role=region aria-label="Checks"'
                 )
-            self.report = ui.element("iframe").classes("lab-report")
+            self.report = ui.element("iframe").classes("ctl-lab-report")
             self.report.props["title"] = f"Report: {found.title}"
             self.report.props["sandbox"] = ""  # no scripts, no forms, nothing
             self._theme = ""
@@ -343,8 +299,8 @@ class _Labs:
             self._theme = self.shell.theme
             self.report.props(f'src="{self._address("report.html")}&theme={self._theme}"')
 
-    def _draw_links(self, found: Outcome) -> None:
-        with ui.element("div").classes("lab-links"):
+    def _draw_links(self, found: LabOutcome) -> None:
+        with ui.element("div").classes("ctl-lab-links"):
             links = [
                 ("Open in a new tab", "report.html", "target=_blank rel=noopener"),
                 ("Download report.html", "report.html", f'download="{found.lab}.html"'),
@@ -355,10 +311,10 @@ class _Labs:
                 with ui.element("a").props(f'href="{self._address(name)}" {props}'):
                     ui.label(text)
 
-    def _say_stale(self, found: Outcome | None = None) -> None:
+    def _say_stale(self, found: LabOutcome | None = None) -> None:
         if getattr(self, "stale", None) is None or self.form is None:
             return
-        found = self.bench.outcome(self.lab) if found is None else found
+        found = self._outcome(self.lab) if found is None else found
         values, runs, seed = self.form.check()
         same = found is not None and (values, runs, seed) == (found.parameters, found.runs, found.seed)
         if self.stale is not None:
@@ -366,7 +322,7 @@ class _Labs:
 
     def _address(self, name: str) -> str:
         """Where a file of the report is; another address for every report, so that none is taken from the browser's memory."""
-        folder = catalogue.place(self.bench.data, self.draft, self.lab)
+        folder = self._folder(self.lab)
         stamp = (folder / "report.html").stat().st_mtime_ns
         return FILES.format(draft=self.draft, lab=self.lab, name=name) + f"?v={stamp}"
 
@@ -375,7 +331,7 @@ class _Form:
     """The fields of a lab."""
 
     def __init__(
-        self, sheet: Sheet, fields: Sequence[Field], typed: dict[str, Any], changed: Callable[[], object]
+        self, sheet: LabSheet, fields: Sequence[Parameter], typed: dict[str, Any], changed: Callable[[], object]
     ) -> None:
         self.sheet, self.fields, self._changed = sheet, fields, changed
         self._inputs: dict[str, list[list[Any]]] = {}
@@ -383,15 +339,15 @@ class _Form:
         self._quiet = False
         runs, seed = typed.pop("", [str(sheet.runs), "1"])
         ui.html("<h3>Parameters</h3>", sanitize=False)
-        with ui.element("div").classes("lab-form"):
+        with ui.element("div").classes("ctl-lab-form"):
             for field in fields:
                 self._draw(field, typed.get(field.name, field.default))
-        self._errors[""] = ui.label("").classes("lab-error").props("role=alert")
+        self._errors[""] = ui.label("").classes("ctl-lab-error").props("role=alert")
         ui.html("<h3>Experiment</h3>", sanitize=False)
-        with ui.element("div").classes("lab-form"):
+        with ui.element("div").classes("ctl-lab-form"):
             tip = help_for("labs.runs")
             self._draw(
-                Field(
+                Parameter(
                     ".runs",
                     "",
                     tip.what,
@@ -401,24 +357,24 @@ class _Form:
                 ),
                 runs,
             )
-            self._draw(Field(".seed", "", help_for("labs.seed").what, "number", "a whole number", ""), seed)
+            self._draw(Parameter(".seed", "", help_for("labs.seed").what, "number", "a whole number", ""), seed)
         self.check()
 
-    def _draw(self, field: Field, value: Typed) -> None:
+    def _draw(self, field: Parameter, value: Typed) -> None:
         wide = field.kind == "matrix" or len(field.default) > 24
-        with ui.element("div").classes("lab-field" + (" lab-wide" if wide else "")):
+        with ui.element("div").classes("ctl-lab-field" + (" ctl-lab-wide" if wide else "")):
             if field.kind == "matrix":
                 unit = "" if field.unit == "1" else f", {field.unit}"
                 ui.label(f"{field.name}{unit}")
             cells = self._cells(field, value)
             words = f"{field.meaning} · {field.allowed}".replace(">=", "≥").replace("null", "empty")
-            hint = ui.label(words).classes("lab-hint")
-            error = ui.label("").classes("lab-error").props("role=alert")
+            hint = ui.label(words).classes("ctl-lab-hint")
+            error = ui.label("").classes("ctl-lab-error").props("role=alert")
         for cell in (cell for row in cells for cell in row):
             cell.props(f'aria-describedby="{hint.html_id} {error.html_id}"')
         self._inputs[field.name], self._errors[field.name] = cells, error
 
-    def _cells(self, field: Field, value: Typed) -> list[list[Any]]:
+    def _cells(self, field: Parameter, value: Typed) -> list[list[Any]]:
         label = field.name.removeprefix(".").capitalize() if field.name.startswith(".") else field.name
         if field.kind == "flag":
             return [[ui.checkbox(label, value=value == "true", on_change=self._edited)]]
@@ -431,7 +387,7 @@ class _Form:
         cells: list[list[Any]] = []
         width = len(value[0])
         with (
-            ui.element("div").classes("lab-matrix").style(f"grid-template-columns: repeat({width}, minmax(3rem, 1fr))")
+            ui.element("div").classes("ctl-lab-matrix").style(f"grid-template-columns: repeat({width}, minmax(3rem, 1fr))")
         ):
             for i, row in enumerate(value):
                 cells.append([])
@@ -510,12 +466,12 @@ def _sentence(words: str) -> str:
     return f"{words[:1].upper()}{words[1:]}"
 
 
-def _checks(found: Outcome) -> str:
+def _checks(found: LabOutcome) -> str:
     """The checks as a table, those that failed first."""
     heads = ("", "check", "part", "one way", "another way", "value", "expected", "tolerance")
     rows = []
     for check in sorted(found.checks, key=lambda each: each["passed"]):
-        mark = '<span aria-label="passed">✓</span>' if check["passed"] else '<strong class="lab-error">failed</strong>'
+        mark = '<span aria-label="passed">✓</span>' if check["passed"] else '<strong class="ctl-lab-error">failed</strong>'
         words = [check["name"], check["part"], *check["route"]]
         numbers = [
             number(check["value"]),

@@ -8,13 +8,6 @@ from nicegui import ui
 
 from ctlabs.reporting.mathml import mathml
 
-STYLE = """
-.ctl-equations { width: 100%; display: flex; flex-direction: column; gap: .5rem; }
-.ctl-equation { overflow-x: auto; overflow-y: hidden; max-width: 100%; padding: 3px; }
-.ctl-equation math { width: max-content; margin: 0; }
-.ctl-equation mtd, .ctl-caption mtd { padding: .18em .5em; }
-"""
-
 
 class Equations(ui.element):
     """Lines of equations, each of which scrolls inside itself where it is long."""

@@ -7,7 +7,6 @@ into for a while is one edit to undo.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from functools import partial
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -18,21 +17,22 @@ from ctlabs.files.modelfile.errors import ModelFileError
 from ctlabs.files.modelfile.toml import LARGEST, decoded
 from ctlabs.reporting.mathml import mathml
 from ctlabs.workbench import commands
-from ctlabs.workbench.pages import grid, math, model_dialogs
+from ctlabs.workbench.pages import model_dialogs
 from ctlabs.workbench.pages import model_parts as parts
 from ctlabs.workbench.pages.cells import Label
-from ctlabs.workbench.pages.grid import Field, Grid
+from ctlabs.workbench.pages.editing import Editor, line
+from ctlabs.workbench.pages.grid import GridElement, TextField
 from ctlabs.workbench.pages.math import Equations
 from ctlabs.workbench.pages.model_constants import Constants
 from ctlabs.workbench.pages.model_edits import (
     Section,
-    Typing,
     block_command,
     cell_command,
     line_of,
     sections,
     unknown_name,
 )
+from ctlabs.workbench.sheet import LETTERS
 
 if TYPE_CHECKING:
     from nicegui.events import UploadEventArguments
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from ctlabs.workbench.pages.shell import Shell
     from ctlabs.workbench.session import Session
     from ctlabs.workbench.sheet import Cell, Sheet
+
+PAGE = {"place": 1, "title": "Model", "icon": "grid_on"}
 
 #: How many problems are listed above the cells.
 LISTED = 4
@@ -59,66 +61,21 @@ class ModelPage:
 
     def __init__(self, session: Session, shell: Shell) -> None:
         self.session, self.shell = session, shell
-        self.grids: dict[str, Grid] = {}
+        self.grids: dict[str, GridElement] = {}
         self._layout: tuple[Any, ...] = ()
         self._view = "cells"
         self._title = ""
         self._unfinished = str(_notes(session).get("unfinished", ""))
-        self.typing = Typing(session)
+        self.editor = Editor(session, shell, self._changed)
+        self.do, self.type, self.done = self.editor.do, self.editor.type, self.editor.done
         self._told: dict[str, str] | None = None
         self._listed: dict[tuple[str, str, str], ui.element] = {}
-        self._times: dict[str, Field] = {}
+        self._times: dict[str, TextField] = {}
 
-    # Commands ----------------------------------------------------------------------------------------------------------
-
-    def do(self, command: commands.Command) -> bool:
-        """Carry out a command that a button stands for; whether it was possible."""
-        line = self.once(command)
-        if line:
-            self.shell.complain(line)
-        return not line
-
-    def once(self, command: commands.Command) -> str:
-        """Carry out a command that is an edit of its own; why not, or empty."""
-        return self._do(command, "")
-
-    def type(self, key: str, command: commands.Command) -> str:
-        """Carry out what was typed into a cell; why not, or empty."""
-        return self._do(command, key)
-
-    def _do(self, command: commands.Command, key: str) -> str:
-        try:
-            self.typing.do(key, command)
-        except ValueError as why:
-            return _line(why)
-        except (RuntimeError, LookupError) as why:  # the store says why it cannot write
-            self.shell.not_saved(_line(why))
-            return _line(why)
-        self.shell.saved()
+    def _changed(self, key: str) -> None:
         if key != "text":
             self._remember("")
         self.show()
-        return ""
-
-    def undo(self) -> None:
-        """Take the last edit back."""
-        self._move(self.session.can_undo, self.session.undo)
-
-    def redo(self) -> None:
-        """Do again what was taken back."""
-        self._move(self.session.can_redo, self.session.redo)
-
-    def _move(self, possible: bool, move: Callable[[], str]) -> None:
-        self.typing.stop()
-        if possible:
-            move()
-            self.shell.saved()
-            self._remember("")
-            self.show()
-
-    def done(self) -> None:
-        """A cell is left: what is typed there later is another edit."""
-        self.typing.stop()
 
     def _remember(self, text: str) -> None:
         """Keep a text that is no file yet, so that nothing typed is lost."""
@@ -132,10 +89,8 @@ class ModelPage:
 
     def draw(self) -> None:
         """Draw everything."""
-        ui.run_javascript(parts.DROP)
         with ui.element("div").classes("ctl-model") as root:
             with ui.element("div").style("display: none"):
-                ui.html(f"<style>{grid.STYLE}{math.STYLE}{parts.STYLE}</style>", sanitize=False)
                 self._uploader = ui.upload(
                     auto_upload=True, max_file_size=LARGEST, on_upload=self._uploaded, on_rejected=self._rejected
                 ).props('accept=".toml,text/plain"')
@@ -161,13 +116,13 @@ class ModelPage:
                 self._matrices = ui.element("div").classes("ctl-column")
                 with ui.element("div").classes("ctl-column ctl-side"):
                     self._draw_equations()
-                    self._constants = Constants(self)
+                    self._constants = Constants(self.editor)
             with self._text_place:
                 self._draw_text()
         for keys, label, action in (
-            ("mod+z", "Undo", self.undo),
-            ("mod+shift+z", "Redo", self.redo),
-            ("mod+y", "Redo", self.redo),
+            ("mod+z", "Undo", self.editor.undo),
+            ("mod+shift+z", "Redo", self.editor.redo),
+            ("mod+y", "Redo", self.editor.redo),
             ("mod+o", "Open a model", self.open_dialog),
             ("mod+s", "Download the model file", self.download),
             ("mod+e", "Cells or text", self._other_view),
@@ -209,7 +164,7 @@ class ModelPage:
             tour = parts.text("button", "Take the guided tour (about five minutes)").classes("ctl-link")
             tour.props("type=button data-test=begin-tour")
             tour.on("click", lambda: self.shell.go("help"))
-        self._begin_redo = ui.button("Redo what was undone", icon="redo", on_click=self.redo)
+        self._begin_redo = ui.button("Redo what was undone", icon="redo", on_click=self.editor.redo)
         self._begin_redo.props("outline no-caps data-test=begin-redo").classes("self-start")
         if self.session.untouched and (models := parts.earlier(self.session)):
             parts.text("h2", "Earlier models")
@@ -222,8 +177,8 @@ class ModelPage:
 
     def _draw_head(self) -> None:
         with ui.element("div").classes("ctl-bar"):
-            self._title_field = Field(
-                "Title", lambda text: self.type("title", commands.SetTitle(text)), self.done, test="title", show_label=False,
+            self._title_field = TextField(
+                "Title", lambda text: self.type("title", commands.EditCell(("title",), text)), self.done, test="title", show_label=False,
                 placeholder="Title of the model",
             )  # fmt: skip
             self._title_field.classes("ctl-titlefield")
@@ -236,8 +191,8 @@ class ModelPage:
             parts.tool("Open", "folder_open", "open", self.open_dialog, keys="Ctrl+O")
             parts.tool("Download", "download", "save", self.download, keys="Ctrl+S")
             ui.element("span").style("width: .5rem")
-            self._undo = parts.tool("Undo", "undo", "undo", self.undo, keys="Ctrl+Z")
-            self._redo = parts.tool("Redo", "redo", "redo", self.redo, keys="Ctrl+Shift+Z")
+            self._undo = parts.tool("Undo", "undo", "undo", self.editor.undo, keys="Ctrl+Z")
+            self._redo = parts.tool("Redo", "redo", "redo", self.editor.redo, keys="Ctrl+Shift+Z")
             ui.element("span").classes("ctl-gap")
             self._block = parts.tool("Coloured noise", "graphic_eq", "block", self.block_dialog)
             self._view_button = parts.tool("Text", "code", "view-text", self._other_view, keys="Ctrl+E")
@@ -266,7 +221,7 @@ class ModelPage:
             self._goto = ui.button("Go to the line", on_click=self._go_to_line).props(
                 "flat dense no-caps data-test=go-to-line"
             )
-        self._text = Field(
+        self._text = TextField(
             "The model file, TOML", self._text_typed, self.done, test="text", area=True, show_label=False
         )
         self._wrong_line = 0
@@ -364,7 +319,7 @@ class ModelPage:
     def _draw_part(self, name: str) -> None:
         with ui.element("div").classes("ctl-part"):
             with ui.element("div").classes("ctl-caption"):
-                ui.html(mathml(parts.LATEX.get(name, name), block=True), sanitize=False)
+                ui.html(mathml(LETTERS.get(name, name), block=True), sanitize=False)
                 parts.text("h3", parts.TITLES[name])
                 parts.help_button(f"model.{name}")
                 if name in {"u", "N", "offset"}:
@@ -372,7 +327,7 @@ class ModelPage:
                     remove.props(
                         f'flat round dense size=xs aria-label="Remove {parts.TITLES[name]}" data-test=remove-{name}'
                     )
-            self.grids[name] = Grid(
+            self.grids[name] = GridElement(
                 name,
                 partial(self._typed, name),
                 on_block=partial(self._pasted, name),
@@ -388,7 +343,7 @@ class ModelPage:
                 with ui.element("div").classes("ctl-caption"):
                     parts.text("h3", label)
                     parts.help_button(f"model.{name}")
-                self._times[name] = Field(
+                self._times[name] = TextField(
                     label, partial(self._time_typed, name), self.done, test=name, show_label=False, suffix="s"
                 )
 
@@ -396,14 +351,12 @@ class ModelPage:
         sheet = self.session.sheet
         with ui.element("div").classes("ctl-bar"):
             if section.title == "The system":
-                parts.add("State", "add-state", partial(self._add, commands.AddState(), "state"))
+                parts.add("State", "add-state", partial(self._add, "state"))
                 if sheet.kind == "continuous":
-                    parts.add("Noise", "add-noise", partial(self._add, commands.AddNoise(), ""))
+                    parts.add("Noise", "add-noise", partial(self._add, "noise"))
                 optional: tuple[str, ...] = ("u", "offset")
             elif section.title == "The measurement":
-                parts.add(
-                    "Measurement", "add-measurement", partial(self._add, commands.AddMeasurement(), "measurement")
-                )
+                parts.add("Measurement", "add-measurement", partial(self._add, "measurement"))
                 optional = ("N", "R", "Rc")
             else:
                 optional = ()
@@ -508,17 +461,12 @@ class ModelPage:
     def _pasted(self, name: str, row: int, column: int, text: str) -> None:
         self.do(block_command(self.session.sheet, name, row, column, text))
 
-    def _remove(self, what: str, index: int) -> None:
-        made: dict[str, Callable[[int], commands.Command]] = {
-            "state": commands.RemoveState,
-            "noise": commands.RemoveNoise,
-            "measurement": commands.RemoveMeasurement,
-        }
-        if self.do(made[what](index)) and what != "noise":
+    def _remove(self, what: commands.What, index: int) -> None:
+        if self.do(commands.Remove(what, index)) and what != "noise":
             self._enter_row(what, index)
 
-    def _add(self, command: commands.Command, what: str) -> None:
-        if self.do(command) and what:
+    def _add(self, what: commands.What) -> None:
+        if self.do(commands.Add(what)) and what != "noise":
             self._enter_row(what, 10**6)
 
     def _enter_row(self, what: str, index: int) -> None:
@@ -528,7 +476,7 @@ class ModelPage:
         self.grids[name].run_method("nameRow", min(index, last))
 
     def _time_typed(self, name: str, text: str) -> str:
-        return self.type(name, commands.SetDt(text) if name == "dt" else commands.SetExperiment("t0", text))
+        return self.type(name, commands.EditCell(("model" if name == "dt" else "experiment", name), text))
 
     def _set_kind(self, kind: str | None) -> None:
         sheet = self.session.sheet
@@ -540,14 +488,14 @@ class ModelPage:
             self._kind.set_value(sheet.kind or None)
 
     def _text_typed(self, text: str) -> str:
-        line = self.type("text", commands.Rewrite(text))
-        found = re.match(r"line (\d+)", line)
+        why = self.type("text", commands.Rewrite(text))
+        found = re.match(r"line (\d+)", why)
         self._wrong_line = int(found[1]) if found else 0
-        self._remember(text if line else "")
+        self._remember(text if why else "")
         self._show_view()
-        if not line:
+        if not why:
             self._text.write(self.session.text)
-        return line
+        return why
 
     def _go_to_line(self) -> None:
         self._text.run_method("line", self._wrong_line)
@@ -573,7 +521,7 @@ class ModelPage:
         try:
             text = decoded(content, event.file.name)
         except ModelFileError as why:
-            self.shell.complain(_line(why))
+            self.shell.complain(line(why))
             return
         if self.open(text, event.file.name):
             self.shell.tell(f"{event.file.name} is open; Undo brings the model before it back.")
@@ -628,7 +576,3 @@ def _default_t0() -> Cell:
     from ctlabs.workbench.sheet import Cell
 
     return Cell(("experiment", "t0"), "0", 0.0)
-
-
-def _line(why: BaseException) -> str:
-    return " ".join(str(why).split())

@@ -3,48 +3,26 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from nicegui import ui
 
 from ctlabs.workbench import commands
 from ctlabs.workbench.pages import model_parts as parts
 from ctlabs.workbench.pages.cells import number, slider
-from ctlabs.workbench.pages.grid import Field, Range
+from ctlabs.workbench.pages.grid import Range, TextField
 from ctlabs.workbench.pages.model_edits import free_name
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.session import Session
+    from ctlabs.workbench.pages.editing import Editor
     from ctlabs.workbench.sheet import ConstantRow
-
-
-class Page(Protocol):
-    """What the constants need of the page on which they stand."""
-
-    session: Session
-
-    def do(self, command: commands.Command) -> bool:
-        """Carry out a command that a button stands for; whether it was possible."""
-        ...
-
-    def once(self, command: commands.Command) -> str:
-        """Carry out a command that is an edit of its own; why not, or empty."""
-        ...
-
-    def type(self, key: str, command: commands.Command) -> str:
-        """Carry out what was typed into a cell; why not, or empty."""
-        ...
-
-    def done(self) -> None:
-        """End what is being typed."""
-        ...
 
 
 class Constants:
     """The list of constants; rows stay where they are, so that nothing is lost that is being typed."""
 
-    def __init__(self, page: Page) -> None:
-        self.page = page
+    def __init__(self, editor: Editor) -> None:
+        self.editor = editor
         self.rows: list[ConstantElement] = []
         with ui.element("section").classes("ctl-card").props('aria-label="Constants"'):
             with ui.element("div").classes("ctl-bar"):
@@ -64,7 +42,7 @@ class Constants:
             self.rows.pop().element.delete()
         with self._list:
             while len(self.rows) < len(constants):
-                self.rows.append(ConstantElement(self.page, constants[len(self.rows)]))
+                self.rows.append(ConstantElement(self.editor, constants[len(self.rows)]))
         for element, row in zip(self.rows, constants, strict=True):
             element.show(row)
 
@@ -76,24 +54,24 @@ class Constants:
                 element.expression.run_method("enter", "")
 
     def _add(self) -> None:
-        name = free_name(row.name for row in self.page.session.sheet.constants)
-        if self.page.do(commands.AddConstant(name)):
+        name = free_name(row.name for row in self.editor.session.sheet.constants)
+        if self.editor.do(commands.AddConstant(name)):
             self.rows[-1].name.run_method("enter", "")
 
 
 class ConstantElement:
     """One constant: name = expression, a slider where there is a range, and its details when asked for."""
 
-    def __init__(self, page: Page, row: ConstantRow) -> None:
-        self.page, self.row = page, row
-        self._details: dict[str, Field] = {}
+    def __init__(self, editor: Editor, row: ConstantRow) -> None:
+        self.editor, self.row = editor, row
+        self._details: dict[str, TextField] = {}
         name = row.name
         with ui.element("div").classes("ctl-constant") as self.element:
             with ui.element("div").classes("ctl-line"):
-                self.name = Field("Name", self._rename, test=f"constant-{name}-name", lazy=True, show_label=False)
+                self.name = TextField("Name", self._rename, test=f"constant-{name}-name", lazy=True, show_label=False)
                 ui.label("=").classes("ctl-eq").props("aria-hidden=true")
-                self.expression = Field(
-                    f"Value of {name}", self._set, page.done, test=f"constant-{name}", show_label=False
+                self.expression = TextField(
+                    f"Value of {name}", self._set, editor.done, test=f"constant-{name}", show_label=False
                 )
                 self._unit = ui.label("").classes("ctl-unitof")
                 self._more = ui.button(icon="tune", on_click=self._open).props(
@@ -141,8 +119,8 @@ class ConstantElement:
                 for key, label in (("min", "From"), ("max", "To"), ("unit", "Unit"), ("meaning", "Meaning")):
                     if key == "meaning":
                         ui.element("span")
-                    self._details[key] = Field(
-                        label, partial(self._tell, key), self.page.done, test=f"constant-{self.row.name}-{key}"
+                    self._details[key] = TextField(
+                        label, partial(self._tell, key), self.editor.done, test=f"constant-{self.row.name}-{key}"
                     )
         opening = not self._place.visible
         self._place.set_visibility(opening)
@@ -152,19 +130,14 @@ class ConstantElement:
             self._details["min"].run_method("enter", "")
 
     def _set(self, text: str) -> str:
-        return self.page.type(f"constants.{self.row.name}", commands.SetConstant(self.row.name, text))
+        return self.editor.type(f"constants.{self.row.name}", commands.EditCell(("constants", self.row.name), text))
 
     def _rename(self, text: str) -> str:
-        return self.page.once(commands.RenameConstant(self.row.name, text)) if text.strip() != self.row.name else ""
+        return self.editor.type("", commands.RenameConstant(self.row.name, text)) if text.strip() != self.row.name else ""
 
     def _tell(self, key: str, text: str) -> str:
-        told = {each: self._text(each) for each in ("min", "max", "unit", "meaning")} | {key: text}
-        command: commands.Command = (
-            commands.SetRange(self.row.name, told["min"], told["max"])
-            if key in {"min", "max"}
-            else commands.Describe(self.row.name, told["unit"], told["meaning"])
-        )
-        return self.page.type(f"constants.{self.row.name}.{key}", command)
+        command = commands.EditCell(("constants", self.row.name, key), text)
+        return self.editor.type(f"constants.{self.row.name}.{key}", command)
 
     def _delete(self) -> None:
-        self.page.do(commands.RemoveConstant(self.row.name))
+        self.editor.do(commands.RemoveConstant(self.row.name))

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from html import escape
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -15,6 +14,7 @@ from ctlabs.files.modelfile.schema import LARGEST
 from ctlabs.text import latex_matrix, latex_number
 from ctlabs.workbench import blocks, commands
 from ctlabs.workbench.help import help_for
+from ctlabs.workbench.pages.dialogs import buttons, dialog
 from ctlabs.workbench.pages.math import Equations
 from ctlabs.workbench.pages.model_parts import Earlier, earlier_list
 
@@ -33,11 +33,11 @@ NAMES = {"transfer": "Transfer function of s", "psd": "Spectrum of w (ω)"}
 
 def ready(opened: Callable[[str, str], bool], pick: str, models: list[Earlier]) -> None:
     """Choose a ready model or a file, or go to an earlier model. ``pick``: what the browser does to let a file be chosen."""
-    with _dialog("Open a model", wide=True) as dialog:
+    with dialog("Open a model", 46) as made:
         with ui.row().classes("items-center w-full"):
             wanted = ui.input("Find").props("dense outlined clearable autofocus data-test=filter").classes("col")
             file = ui.button("From a file…", icon="upload_file").props("outline no-caps data-test=open-file")
-            file.on("click", dialog.close, js_handler=f"(e) => {{ ({pick})(); emit(); }}")
+            file.on("click", made.close, js_handler=f"(e) => {{ ({pick})(); emit(); }}")
         ui.label("What is open now stays a step of the history: Undo brings it back.").classes("ctl-meaning")
         found: list[tuple[Entry, ui.element]] = []
         groups: list[tuple[ui.label, bool]] = []
@@ -50,7 +50,7 @@ def ready(opened: Callable[[str, str], bool], pick: str, models: list[Earlier]) 
             before.set_visibility(bool(models))
             for lab, title in ((False, "Usual models"), (True, "From the labs")):
                 groups.append((ui.label(title).classes("text-subtitle2"), lab))
-                found += [(entry, _entry(entry, dialog, opened)) for entry in gallery() if bool(entry.lab) == lab]
+                found += [(entry, _entry(entry, made, opened)) for entry in gallery() if bool(entry.lab) == lab]
 
     def narrow() -> None:
         words = (wanted.value or "").lower().split()
@@ -62,13 +62,12 @@ def ready(opened: Callable[[str, str], bool], pick: str, models: list[Earlier]) 
         before.set_visibility(bool(models) and not words)
 
     wanted.on_value_change(narrow)
-    dialog.open()
 
 
-def _entry(entry: Entry, dialog: ui.dialog, opened: Callable[[str, str], bool]) -> ui.element:
+def _entry(entry: Entry, made: ui.dialog, opened: Callable[[str, str], bool]) -> ui.element:
     def choose() -> None:
         if opened(entry.text, f"{entry.name}.toml"):
-            dialog.close()
+            made.close()
 
     first = entry.description.strip().split("\n")[0]
     with (
@@ -86,7 +85,7 @@ def _entry(entry: Entry, dialog: ui.dialog, opened: Callable[[str, str], bool]) 
 
 def new(begin: Callable[[commands.New], bool]) -> None:
     """Ask for the sizes of a new model."""
-    with _dialog("A new model") as dialog:
+    with dialog("A new model") as made:
         kind = ui.toggle({"continuous": "Continuous", "discrete": "Discrete"}, value="continuous").props(
             'dense no-caps unelevated data-test=new-kind aria-label="Kind of model"'
         )
@@ -108,17 +107,16 @@ def new(begin: Callable[[commands.New], bool]) -> None:
         sizes["n"].props("autofocus")
         sizes["s"].bind_visibility_from(kind, "value", lambda value: value == "continuous")
 
-        def made() -> None:
+        def begun() -> None:
             wrong = [field for field in sizes.values() if field.visible and not field.validate()]
             if not wrong:
                 n, s, m = (int(sizes[name].value or 1) for name in "nsm")
                 if begin(commands.New(n, s, m, str(kind.value))):
-                    dialog.close()
+                    made.close()
 
         for field in sizes.values():
-            field.on("keydown.enter", made)
-        _buttons(dialog, "Begin", "new-begin", made)
-    dialog.open()
+            field.on("keydown.enter", begun)
+        buttons(made, "Begin", "new-begin", begun)
 
 
 def _size(value: float | None) -> str | None:
@@ -132,7 +130,7 @@ def block(session: Session, do: Callable[[commands.Command], bool]) -> None:
     sheet = session.sheet
     places = {f"noise {j}": f"instead of white noise w{j + 1}" for j in range(sheet.sizes["s"])}
     places |= {f"measurement {i}": f"added to measurement {name}" for i, name in enumerate(sheet.measurements)}
-    with _dialog("Coloured noise", wide=True) as dialog:
+    with dialog("Coloured noise", 46) as made:
         kind = ui.toggle(NAMES, value="transfer").props(
             'dense no-caps unelevated data-test=block-kind aria-label="What is typed"'
         )
@@ -188,14 +186,13 @@ def block(session: Session, do: Callable[[commands.Command], bool]) -> None:
                     kind.value, str(text.value or ""), int(index), place, str(name.value or ""), str(unit.value or "")
                 )
             ):
-                dialog.close()
+                made.close()
 
         kind.on_value_change(chosen)
         text.on_value_change(look)
         text.on("keydown.enter", insert)
         chosen()
-        _buttons(dialog, "Insert", "block-insert", insert)
-    dialog.open()
+        buttons(made, "Insert", "block-insert", insert)
 
 
 def _insertion(kind: Any, text: str, into: int, place: Any, name: str, unit: str) -> blocks.InsertBlock:
@@ -218,21 +215,3 @@ def preview_lines(kind: str, text: str, session: Session) -> list[str]:
         rf"\text{{noise}} = {output}y{direct}",
         rf"P_0 = {latex_matrix(made.P0)}",
     ]
-
-
-@contextmanager
-def _dialog(title: str, *, wide: bool = False) -> Iterator[ui.dialog]:
-    """A dialog with its title around what is drawn inside; it is gone when it is closed."""
-    with (
-        ui.dialog().props(f'aria-label="{title}"') as dialog,
-        ui.card().style(f"width: {46 if wide else 30}rem; max-width: 94vw; gap: .7rem"),
-    ):
-        dialog.on("hide", dialog.delete)
-        ui.html(escape(title), sanitize=False, tag="h2").classes("text-h6").style("margin: 0")
-        yield dialog
-
-
-def _buttons(dialog: ui.dialog, word: str, test: str, action: Callable[[], object]) -> None:
-    with ui.row().classes("w-full justify-end"):
-        ui.button("Cancel", on_click=dialog.close).props("flat no-caps")
-        ui.button(word, on_click=lambda: action()).props(f"no-caps data-test={test}")

@@ -104,7 +104,7 @@ def cell_command(sheet: Sheet, name: str, key: str, text: str) -> commands.Comma
         i, states = int(second), name in {"F", "Phi"}
         names, units = (sheet.states, sheet.units) if states else (sheet.measurements, sheet.measurement_units)
         label, unit = (text, units[i]) if first == "name" else (names[i], text)
-        return commands.NameState(i, label, unit) if states else commands.NameMeasurement(i, label, unit)
+        return commands.Name("state" if states else "measurement", i, label, unit)
     i, j = int(first), int(second)
     matrix = sheet.grids[name]
     if matrix.vector:

@@ -16,7 +16,7 @@ from ctlabs.workbench.pages.showing import Show, help_button, table, times
 
 if TYPE_CHECKING:
     from ctlabs.workbench.outcomes import Outcome, Verdict
-    from ctlabs.workbench.pages.running import Running
+    from ctlabs.workbench.session import Session
 
 #: States and measurements that are drawn at first.
 SHOWN = 3
@@ -25,8 +25,8 @@ SHOWN = 3
 class Results:
     """The results of one experiment, in a place of the page."""
 
-    def __init__(self, show: Show, running: Running) -> None:
-        self._show, self._running = show, running
+    def __init__(self, show: Show, session: Session) -> None:
+        self._show, self._session = show, session
         self._found: Outcome | None = None
         self._states: list[int] = []
         self._run = 0
@@ -39,7 +39,7 @@ class Results:
             self._states = list(range(min(len(found.states), SHOWN)))
         self._run = min(self._run, found.x_plus.shape[2] - 1)
         parts = self._parts(found)
-        part = self._running.part if self._running.part in parts else next(iter(parts))
+        part = self._session.part if self._session.part in parts else next(iter(parts))
         self.box.clear()
         with self.box:
             self._sentences(found)
@@ -78,13 +78,13 @@ class Results:
         found = self._found
         if found is None:
             return
-        self._running.part = name
+        self._session.part = name
         self._place.clear()
         with self._place:
             self._parts(found)[name][1](found)
 
     def _again(self) -> None:
-        self._part(self._running.part)
+        self._part(self._session.part)
 
     # In words --------------------------------------------------------------------------------------------------------
 
@@ -158,12 +158,12 @@ class Results:
         self._show.plot(figures.nis(found, self._run), test="plot-nis", key="result.nis")
         told = found.verdict
         if told is None:
-            ui.label("No element entered the updates, so there is nothing to test.").classes("show-why")
+            ui.label("No element entered the updates, so there is nothing to test.").classes("ctl-show-why")
             return
         if len(told.lags):
             self._show.plot(figures.whiteness(found), test="plot-whiteness", key="result.whiteness")
         rows = innovation_tests(found, told)
-        with ui.element("div").classes("show-head"):
+        with ui.element("div").classes("ctl-show-head"):
             ui.html("<h3>Tests of the innovations</h3>", sanitize=False)
             ui.space()
             self._show.copy(lambda: figures.table(rows), "Copy the tests", words="Numbers")
@@ -173,7 +173,7 @@ class Results:
 
     def _draw_algorithms(self, found: Outcome) -> None:
         rows = algorithms(found)
-        with ui.element("div").classes("show-head"):
+        with ui.element("div").classes("ctl-show-head"):
             ui.html("<h3>Accuracy and time</h3>", sanitize=False)
             help_button("result.algorithms")
             ui.space()
@@ -186,15 +186,15 @@ class Results:
             if len(found.algorithms) == 1
             else "Errors are against a filter with 50 digits, on the first run; that of an estimate is in units of its σ."
         )
-        ui.label(hint).classes("show-hint")
+        ui.label(hint).classes("ctl-show-hint")
         if len(found.estimates) > 1:
             ui.label("Their estimates are in the figure of the states: click a name in its legend.").classes(
-                "show-hint"
+                "ctl-show-hint"
             )
 
     def _draw_numbers(self, found: Outcome) -> None:
         rows = [["Name", "Value", "Unit"], *([name, value, unit] for name, (value, unit) in found.summary.items())]
-        with ui.element("div").classes("show-head"):
+        with ui.element("div").classes("ctl-show-head"):
             ui.html("<h3>Numbers</h3>", sanitize=False)
             help_button("result.statistics")
             ui.space()

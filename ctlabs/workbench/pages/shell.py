@@ -27,6 +27,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from nicegui import app, ui
 
 from ctlabs.reporting import mathml
+from ctlabs.workbench.pages import STATIC, Page, listed
+from ctlabs.workbench.pages.dialogs import dialog
 
 if TYPE_CHECKING:
     from nicegui import Client
@@ -37,27 +39,6 @@ if TYPE_CHECKING:
 log = logging.getLogger("ctlabs.workbench")
 
 
-class Page(NamedTuple):
-    """A page's module and address, its title, its icon, the letter of its key."""
-
-    name: str
-    title: str
-    icon: str
-
-    @property
-    def keys(self) -> str:
-        """Its shortcut: Alt+Shift and its first letter."""
-        return f"alt+shift+{self.name[0]}"
-
-
-PAGES = (
-    Page("model", "Model", "grid_on"),
-    Page("understand", "Understand", "insights"),
-    Page("experiment", "Experiment", "science"),
-    Page("keep", "Keep", "inventory_2"),
-    Page("labs", "Labs", "school"),
-    Page("help", "Help", "help_outline"),
-)
 THEMES = {"auto": (None, "brightness_auto"), "light": (False, "light_mode"), "dark": (True, "dark_mode")}
 #: Below this width, in pixels, the list of pages is behind a button.
 NARROW = 900
@@ -70,95 +51,9 @@ FAVICON = (
     '<path d="M4 8 C10 14 16 15 28 15" fill="none" stroke="#ffd166" stroke-width="2"/></svg>'
 )
 
-_STYLE = """
-.nicegui-content { padding: 0; }
-.ctl-main {
-  width: 100%; max-width: 1500px; margin: 0 auto; padding: 1rem; outline: none;
-  display: flex; flex-direction: column; align-items: flex-start; gap: 1rem;
-}
-.nicegui-drawer { padding: 0; }
-.q-header { background: #174a86 !important; }
-.ctl-nav { width: 100%; display: flex; flex-direction: column; gap: 2px; padding: .5rem; }
-.ctl-nav a {
-  display: flex; align-items: center; gap: .75rem; padding: .6rem .75rem;
-  border-radius: 8px; color: inherit; text-decoration: none;
-}
-.ctl-nav a:hover { background: color-mix(in srgb, currentColor 8%, transparent); }
-.ctl-nav a[aria-current=page] { background: color-mix(in srgb, var(--q-primary) 18%, transparent); font-weight: 600; }
-.ctl-head { display: flex; align-items: center; gap: .5rem; flex-wrap: nowrap; padding: .25rem .75rem; min-height: 48px; }
-.ctl-title { font-size: 1.05rem; font-weight: 600; white-space: nowrap; color: inherit; text-decoration: none; }
-.ctl-draft { overflow: hidden; text-overflow: ellipsis; white-space: nowrap; opacity: .9; min-width: 0; }
-.ctl-saved { white-space: nowrap; font-size: .85rem; }
-.ctl-saved[data-state=failed] {
-  background: #fff; color: #b00020; border-radius: 6px; padding: .1rem .5rem; font-weight: 600; white-space: normal;
-}
-kbd { border: 1px solid currentColor; border-radius: 4px; padding: 0 .35em; font-size: .85em; }
-body.body--dark { --q-primary: #8cc0f5 !important; --q-negative: #ff9c94 !important; }
-/* Of two important rules that of the earlier layer wins, and Quasar's take the outline away. */
-@layer theme {
-  body.body--dark .bg-primary { color: #06203d !important; }
-  .bg-negative { background: #b00020 !important; color: #fff !important; }
-  :focus-visible { outline: 3px solid #e07b00 !important; outline-offset: 2px !important; }
-  .q-header :focus-visible { outline-color: #ffd166 !important; }
-  .q-field :focus-visible { outline: none !important; }
-  .q-field:focus-within .q-field__control { outline: 2px solid #e07b00 !important; outline-offset: 1px !important; }
-  .ctl-main:focus-visible { outline: none !important; }
-}
-@media (max-width: 899px) { .ctl-wide { display: none !important; } .ctl-main { padding: .5rem; } }
-@media (min-width: 900px) { .ctl-narrow { display: none !important; } }
-@media (prefers-reduced-motion: reduce) { * { transition: none !important; animation-duration: .01s !important; } }
-"""
-
-# The letter that is written on the key if it is a Latin one, else the one at its place on a keyboard with Latin letters.
-_SCRIPT = """
-window.ctlabsCombination = (e) => {
-  let key = e.key.toLowerCase();
-  if (!/^[a-z]$/.test(key) && /^Key[A-Z]$/.test(e.code)) key = e.code.slice(3).toLowerCase();
-  if (!/^[0-9]$/.test(key) && /^Digit[0-9]$/.test(e.code) && (e.altKey || e.ctrlKey || e.metaKey)) key = e.code.slice(5);
-  if (key === " ") key = "space";
-  const shift = e.shiftKey && (/^[a-z0-9]$/.test(key) || key.length > 1);
-  return (e.ctrlKey || e.metaKey ? "mod+" : "") + (e.altKey ? "alt+" : "") + (shift ? "shift+" : "") + key;
-};
-document.addEventListener("keydown", (e) => {
-  if (!e.key || e.isComposing || e.getModifierState?.("AltGraph")) return;
-  const keys = document.querySelector(".ctl-main")?.dataset.keys;
-  if (!keys || !window.did_handshake) return;
-  const combination = ctlabsCombination(e), known = JSON.parse(keys)[combination];
-  if (known === undefined) return;
-  const t = e.target, field = t.isContentEditable || /^(INPUT|TEXTAREA|SELECT)$/.test(t.tagName);
-  if (field && !known) return;
-  e.preventDefault();
-  e.stopPropagation();
-  emitEvent("ctlabs_key", combination);
-}, true);
-window.addEventListener("popstate", () => emitEvent("ctlabs_went", location.pathname));
-// plotly resizes a plot a moment after it has been drawn, also when its page has been left by then.
-window.addEventListener("unhandledrejection", (e) => {
-  if (/displayed plot div element/.test(e.reason?.message ?? e.reason)) e.preventDefault();
-});
-// What is typed while there is no connection would be lost when the page is loaded again.
-document.addEventListener("DOMContentLoaded", () => {
-  const popup = document.getElementById("popup");
-  let focused = null;
-  new MutationObserver(() => {
-    const lost = popup.ariaHidden === "false", main = document.querySelector(".ctl-main");
-    if (!main || main.inert === lost) return;
-    if (lost) focused = document.activeElement;
-    main.inert = lost;
-    main.style.opacity = lost ? 0.5 : "";
-    if (!lost) focused?.focus();
-  }).observe(popup, { attributes: true });
-});
-"""
 
 
-# Another page is seen from its top, and what had the focus may be gone with the page before.
-_TOP = """
-scrollTo(0, 0);
-setTimeout(() => {
-  if (document.activeElement === document.body) document.querySelector(".ctl-main")?.focus({ preventScroll: true });
-}, 50);
-"""
+
 
 
 class _Shortcut(NamedTuple):
@@ -171,19 +66,20 @@ class _Shortcut(NamedTuple):
 def prepare() -> None:
     """What all pages have in their head."""
     app.colors(primary="#1f5fa8")
-    ui.add_css(_STYLE + mathml.STYLE, shared=True)
-    ui.add_head_html(f"<script>{_SCRIPT}</script>", shared=True)
+    styles = [path.read_text(encoding="utf-8") for path in sorted(STATIC.glob("*.css"))]
+    ui.add_css("\n".join([mathml.STYLE, *styles]), shared=True)
+    ui.add_head_html(f"<script>{(STATIC / 'shell.js').read_text(encoding='utf-8')}</script>", shared=True)
 
 
 class Shell:
     """The frame in one tab."""
 
     def __init__(self, desk: Desk, client: Client, request: Request, pages: str) -> None:
-        self.desk, self.client, self._pages = desk, client, pages
+        self.desk, self.client, self._package, self._pages = desk, client, pages, listed(pages)
         self.browser: str = request.scope["ctlabs.session"]
         theme = request.cookies.get("ctlabs_theme", "auto")
         self.theme = theme if theme in THEMES else "auto"
-        self.current = PAGES[0].name
+        self.current = self._pages[0].name
         self._place: Place | None = None
         self._keys: dict[str, _Shortcut] = {}
         self._leaving: list[Callable[[], object]] = []
@@ -212,7 +108,7 @@ class Shell:
         # The browser itself shows the drawer where there is room; asked for it, a busy one would answer too late.
         self._drawer = ui.left_drawer(value=False, bordered=True).props(f"show-if-above breakpoint={NARROW} width=190")
         with self._drawer, ui.element("nav").classes("ctl-nav").props('aria-label="Pages"'):
-            self._links = {page.name: self._link(page) for page in PAGES}
+            self._links = {page.name: self._link(page) for page in self._pages}
         self._draw_header()
         self._main = ui.element("div").classes("ctl-main").props("tabindex=-1 aria-busy=true")
         with self._main, ui.row().classes("items-center q-pa-md"):
@@ -258,14 +154,14 @@ class Shell:
 
     def _mark(self) -> None:
         """Say which page this is: in the list, in the title of the tab."""
-        for page in PAGES:
+        for page in self._pages:
             link = self._links[page.name]
             link.props(remove="aria-current")
             if page.name == self.current:
                 link.props("aria-current=page")
             if self._place is not None:
                 link.props(f'href="{self._url(page.name)}"')
-        title = next(page.title for page in PAGES if page.name == self.current)
+        title = next(page.title for page in self._pages if page.name == self.current)
         ui.page_title(" · ".join(part for part in (self._name.text, title, "ctlabs") if part))
 
     # Pages ---------------------------------------------------------------------------------------------------------------
@@ -281,7 +177,7 @@ class Shell:
         if self.client.is_deleted:
             self.desk.leave(self)
             return
-        for page in PAGES:
+        for page in self._pages:
             self.shortcut(page.keys, page.title, partial(self.go, page.name), lasting=True)
         self.shortcut("?", "Keyboard shortcuts", self.show_shortcuts, in_fields=False, lasting=True)
         ui.navigate.history.replace(self._url(name))
@@ -305,7 +201,7 @@ class Shell:
         with self.client:
             ui.navigate.history.push(self._url(name))
             self.show(name)
-            ui.run_javascript(_TOP)
+            ui.run_javascript("ctlabs.top()")
 
     def show(self, name: str) -> None:
         """Draw a page, after the one before has been left."""
@@ -316,10 +212,10 @@ class Shell:
         with self.client:
             self._main.clear()
             try:
-                module = importlib.import_module(f"{self._pages}.{name}")
+                module = importlib.import_module(f"{self._package}.{name}")
                 with self._main:
                     module.page(self.place.session, self)
-                importlib.import_module(self._pages).over(self.place.session, self)
+                importlib.import_module(self._package).over(self.place.session, self)
             except Exception as why:
                 log.exception("page %s", name)
                 self._instead(why)
@@ -329,7 +225,7 @@ class Shell:
 
     def _went(self, path: str) -> None:
         """Show the page that the browser has gone back to; to go to a place within a page is no reason to draw it again."""
-        name = path.strip("/") or PAGES[0].name
+        name = path.strip("/") or self._pages[0].name
         if name != self.current:
             self.show(name)
 
@@ -452,15 +348,12 @@ class Shell:
 
     def show_shortcuts(self) -> None:
         """The list of shortcuts, over the page."""
-        with self.client, ui.dialog() as dialog, ui.card().props('aria-label="Keyboard shortcuts"'):
-            ui.label("Keyboard shortcuts").classes("text-h6")
+        with self.client, dialog("Keyboard shortcuts") as made:
             with ui.grid(columns=2).classes("items-center"):
                 for keys, label in self.shortcuts:
                     ui.html(f"<kbd>{escape(keys)}</kbd>", sanitize=False)
                     ui.label(label)
-            ui.button("Close", on_click=dialog.close).props("flat autofocus")
-        dialog.on("hide", dialog.delete)
-        dialog.open()
+            ui.button("Close", on_click=made.close).props("flat autofocus")
 
     def _tell_keys(self) -> None:
         """The keys go to the browser with the page, as an attribute of it: there is no page without its keys."""

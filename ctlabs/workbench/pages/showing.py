@@ -14,6 +14,7 @@ from nicegui import ui
 
 from ctlabs.text import number
 from ctlabs.workbench.help import help_for
+from ctlabs.workbench.pages.dialogs import dialog
 
 if TYPE_CHECKING:
     from nicegui import Client
@@ -25,88 +26,10 @@ if TYPE_CHECKING:
 #: Texts in tables that are not broken into lines.
 NARROW = 14
 
-_STYLE = """
-.show-grid { width: 100%; display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 1rem; align-items: start; }
-.show-card { width: 100%; min-width: 0; display: flex; flex-direction: column; gap: .6rem; padding: .9rem 1rem 1rem; border-radius: 10px;
-  border: 1px solid color-mix(in srgb, currentColor 18%, transparent); background: #fff; }
-body.body--dark .show-card { background: #1d1d1d; }
-.show-card > .q-btn { align-self: flex-start; }
-.show-card .q-btn--outline.q-btn--dense { padding: .2rem .6rem; }
-.show-wide { grid-column: 1 / -1; }
-.show-head { display: flex; align-items: center; gap: .25rem; min-height: 2.2rem; flex-wrap: wrap; }
-.show-head h2, .show-head h3 { font-size: 1.15rem; line-height: 1.3; font-weight: 600; margin: 0; }
-.show-head h3 { font-size: 1rem; }
-.show-why { padding: .5rem .7rem; border-left: 4px solid #b26a00; background: color-mix(in srgb, #b26a00 12%, transparent);
-  border-radius: 4px; overflow-wrap: anywhere; }
-.show-error { font-weight: 600; color: #b00020; overflow-wrap: anywhere; }
-body.body--dark .show-error { color: #ff9c94; }
-.show-error:empty, .show-why:empty { display: none; }
-.show-hint { font-size: .85rem; opacity: .82; line-height: 1.35; overflow-wrap: anywhere; }
-.show-good { color: #00664a; font-weight: 600; }
-.show-bad { color: #b00020; font-weight: 600; }
-body.body--dark .show-good { color: #58d3a5; }
-body.body--dark .show-bad { color: #ff9c94; }
-.show-scroll { overflow-x: auto; max-width: 100%; }
-.show-table { border-collapse: collapse; font-size: .9rem; }
-.show-table caption { text-align: left; font-weight: 600; padding: .3rem 0; white-space: nowrap; }
-.show-table th { text-align: left; font-weight: 600; padding: .25rem .9rem .25rem 0; vertical-align: top; }
-.show-table td { padding: .25rem .9rem .25rem 0; vertical-align: top; }
-.show-table td.n { font-variant-numeric: tabular-nums; white-space: nowrap; }
-.show-table tbody tr { border-top: 1px solid color-mix(in srgb, currentColor 16%, transparent); }
-.show-side { display: flex; flex-wrap: wrap; gap: .5rem 2rem; }
-.show-diff { width: 100%; border-collapse: collapse; table-layout: fixed; font: .82rem/1.45 ui-monospace, "DejaVu Sans Mono", monospace; }
-.show-lines { max-height: 22rem; overflow-y: auto; width: 100%; }
-.show-diff th { text-align: left; font-family: inherit; padding: .2rem .4rem; }
-.show-diff td { padding: 0 .4rem; white-space: pre-wrap; overflow-wrap: anywhere; vertical-align: top; width: 50%; }
-.show-diff td.old { background: color-mix(in srgb, #d55e00 20%, transparent); }
-.show-diff td.new { background: color-mix(in srgb, #0072b2 20%, transparent); }
-.show-help p { margin: 0 0 .5rem; line-height: 1.5; }
-.show-help math[display=block] { display: block; overflow-x: auto; overflow-y: hidden; margin: .6rem 0; text-align: left; }
-.show-help dl { display: grid; grid-template-columns: 5rem minmax(0, 1fr); gap: .2rem .5rem; margin: 0; font-size: .92rem; }
-.show-help dt { opacity: .75; } .show-help dd { margin: 0; overflow-wrap: anywhere; }
-.show-equation { overflow-x: auto; overflow-y: hidden; max-width: 100%; padding: .2rem 0; }
-.show-plot { width: 100%; min-width: 0; }
-.show-plot .modebar-btn path { fill: currentColor !important; opacity: .75; }
-.show-plot .modebar-group { background: none !important; }
-@media (max-width: 899px) {
-  .show-grid { grid-template-columns: minmax(0, 1fr); }
-  .show-card { padding: .6rem .65rem .75rem; }
-  .show-plot .modebar-container { display: none; }
-}
-"""
 
 #: What is known of a browser's theme where it follows the system's.
 _dark: weakref.WeakKeyDictionary[Client, bool] = weakref.WeakKeyDictionary()
 
-_WATCH = """
-(() => {
-  let last = %(last)s;
-  const look = (tries) => {
-    const probe = getHtmlElement(%(id)s);
-    if (!probe) return tries && setTimeout(() => look(tries - 1), 20);
-    const tell = () => {
-      if (!probe.isConnected) return watch.disconnect();
-      const dark = document.body.classList.contains("body--dark");
-      if (dark !== last) probe.dispatchEvent(new CustomEvent("theme", { detail: last = dark }));
-    };
-    const watch = new MutationObserver(tell);
-    watch.observe(document.body, { attributes: true, attributeFilter: ["class"] });
-    tell();
-  };
-  look(100);
-  import("nicegui-plotly");
-})()
-"""
-# The clipboard is there only on pages that are this machine's own or encrypted; selecting and copying works elsewhere too.
-_COPY = """
-(async () => {
-  const text = %s;
-  try { await navigator.clipboard.writeText(text); } catch {
-    const area = document.body.appendChild(document.createElement("textarea"));
-    area.value = text; area.select(); document.execCommand("copy"); area.remove();
-  }
-})()
-"""
 
 
 class Card(NamedTuple):
@@ -123,11 +46,10 @@ class Show:
         self.shell, self.client = shell, shell.client
         self.dark = {"dark": True, "light": False}.get(shell.theme, _dark.get(shell.client, False))
         self._plots: weakref.WeakSet[Plot] = weakref.WeakSet()
-        ui.html(f"<style>{_STYLE}</style>", sanitize=False).classes("hidden")
         probe = ui.element("span").classes("hidden")
         probe.on("theme", self._themed, args=["detail"])
         with self.client:
-            ui.run_javascript(_WATCH % {"id": probe.id, "last": json.dumps(self.dark)})
+            ui.run_javascript(f"ctlabs.watchTheme({probe.id}, {json.dumps(self.dark)})")
 
     def _themed(self, event: GenericEventArguments) -> None:
         self.dark = _dark[self.client] = bool(event.args["detail"] if isinstance(event.args, dict) else event.args)
@@ -139,13 +61,13 @@ class Show:
     @contextmanager
     def card(self, title: str, key: str = "", *, wide: bool = False, test: str = "", level: int = 2) -> Iterator[Card]:
         """A part of the page with its title and help."""
-        with ui.element("section").classes("show-card") as section:
+        with ui.element("section").classes("ctl-show-card") as section:
             section.props["aria-label"] = title
             if wide:
-                section.classes("show-wide")
+                section.classes("ctl-show-wide")
             if test:
                 section.props(f"data-test={test}")
-            with ui.element("div").classes("show-head") as head:
+            with ui.element("div").classes("ctl-show-head") as head:
                 ui.html(f"<h{level}>{escape(title)}</h{level}>", sanitize=False)
                 if key:
                     help_button(key)
@@ -164,7 +86,7 @@ class Show:
 
         def copied() -> None:
             with self.client:
-                ui.run_javascript(_COPY % json.dumps(text()))
+                ui.run_javascript(f"ctlabs.copy({json.dumps(text())})")
             self.shell.tell("Copied")
 
         button = ui.button(words, icon="content_copy", on_click=copied)
@@ -180,10 +102,10 @@ class Plot:
 
     def __init__(self, show: Show, test: str, key: str, *, title: bool) -> None:
         self._show, self._drawing = show, None  # type: tuple[Show, Drawing | None]
-        with ui.element("div").classes("show-plot") as self.box:
+        with ui.element("div").classes("ctl-show-plot") as self.box:
             if test:
                 self.box.props(f"data-test={test}")
-            with ui.element("div").classes("show-head"):
+            with ui.element("div").classes("ctl-show-head"):
                 self._title = ui.html("", sanitize=False)
                 self._title.set_visibility(title)
                 if key:
@@ -237,16 +159,9 @@ def help_button(key: str) -> ui.button:
 def show_help(key: str) -> None:
     """The help on something, over the page."""
     told = help_for(key)
-    with ui.dialog() as dialog, ui.card().classes("show-help") as card:
-        card.props["aria-label"] = told.title
-        ui.html(
-            f"<h2 style='font-size:1.2rem;line-height:1.3;font-weight:600;margin:0'>{escape(told.title)}</h2>",
-            sanitize=False,
-        )
+    with dialog(told.title, looks="ctl-show-help") as made:
         ui.html(told.html, sanitize=False).classes("w-full")
-        ui.button("Close", on_click=dialog.close).props("flat autofocus")
-    dialog.on("hide", dialog.delete)
-    dialog.open()
+        ui.button("Close", on_click=made.close).props("flat autofocus")
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[Any]], caption: str = "", *, row_heads: bool = True) -> str:
@@ -266,8 +181,8 @@ def table(heads: Sequence[str], rows: Sequence[Sequence[Any]], caption: str = ""
         body.append(f"<tr>{''.join(cells)}</tr>")
     told = f"<caption>{escape(caption)}</caption>" if caption else ""
     return (
-        f'<div class="show-scroll" tabindex="0" role="region" aria-label="{escape(caption or (heads[0] if heads else "Table"))}">'
-        f'<table class="show-table">{told}<thead><tr>{top}</tr></thead><tbody>{"".join(body)}</tbody></table></div>'
+        f'<div class="ctl-show-scroll" tabindex="0" role="region" aria-label="{escape(caption or (heads[0] if heads else "Table"))}">'
+        f'<table class="ctl-show-table">{told}<thead><tr>{top}</tr></thead><tbody>{"".join(body)}</tbody></table></div>'
     )
 
 
@@ -327,7 +242,7 @@ def difference(lines: Sequence[Any], first: str, second: str) -> str:
             (old if line.mark == "-" else new).append(line.text)
     flush()
     return (
-        '<div class="show-lines" tabindex="0" role="region" aria-label="Difference"><table class="show-diff">'
+        '<div class="ctl-show-lines" tabindex="0" role="region" aria-label="Difference"><table class="ctl-show-diff">'
         f'<thead><tr><th scope="col">{escape(first)}</th><th scope="col">{escape(second)}</th></tr></thead>'
         f"<tbody>{''.join(rows)}</tbody></table></div>"
     )

@@ -4,40 +4,31 @@ from __future__ import annotations
 
 import asyncio
 import math
-from collections.abc import Callable, Sequence
-from functools import lru_cache, partial
+from collections.abc import Sequence
+from functools import lru_cache
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from nicegui import background_tasks, ui
 
 from ctlabs.files.modelfile import loads
 from ctlabs.reporting.mathml import mathml
 from ctlabs.text import number
-from ctlabs.workbench import commands, figures
-from ctlabs.workbench.pages.cells import POSITIONS, Slider, slider
+from ctlabs.workbench import figures
+from ctlabs.workbench.pages.editing import Editor
+from ctlabs.workbench.pages.model_constants import Constants
 from ctlabs.workbench.pages.showing import Show, matrix, table
 from ctlabs.workbench.understanding import Part, Poles, Understanding, understand
 
 if TYPE_CHECKING:
-    from nicegui.events import GenericEventArguments
-
     from ctlabs.workbench.pages.shell import Shell
     from ctlabs.workbench.session import Session
-    from ctlabs.workbench.sheet import ConstantRow
+
+PAGE = {"place": 2, "title": "Understand", "icon": "insights"}
 
 #: States and pairs that are drawn at first.
 SHOWN = 4
-#: How often a slider that is being moved is followed, in seconds.
-FOLLOW = 0.08
 
-_STYLE = """
-.und-constants { width: 100%; display: grid; grid-template-columns: repeat(auto-fill, minmax(15rem, 1fr)); gap: .5rem 1.25rem; }
-.und-constant { min-width: 0; display: flex; flex-direction: column; }
-.und-summary { margin: 0; padding-left: 1.2rem; list-style: disc; line-height: 1.5; max-width: 60rem; }
-.und-summary li { overflow-wrap: anywhere; }
-"""
 
 
 def page(session: Session, shell: Shell) -> None:
@@ -54,37 +45,34 @@ class _Understand:
         self.states: list[int] | None = None
         self.pairs: list[str] | None = None
         self.found: Understanding | None = None
-        self.wanted: Callable[[], Understanding] | None = None
-        self.tag: tuple[str, float] | None = None
+        self.wanted: str | None = None
         self.computing = self.left = False
-        self.constants: dict[str, _Constant] = {}
+        self.editor = Editor(session, shell, self._changed)
 
     # Drawing ---------------------------------------------------------------------------------------------------------
 
     def draw(self) -> None:
-        ui.html(f"<style>{_STYLE}</style>", sanitize=False).classes("hidden")
         self.shell.name_draft(self.session.title)
         with self.show.card("In short", wide=True, test="summary") as card:
             self.box = card.section
             self.summary = ui.html("<p>Computing…</p>", sanitize=False).props("role=status aria-live=polite")
             self.to_model = ui.button("Go to the model", icon="grid_on", on_click=lambda: self.shell.go("model"))
             self.to_model.props("outline no-caps dense data-test=go-model")
-        with self.show.card("Constants", "model.constants", wide=True, test="constants") as card:
-            self.constants_card = card.section
-            ui.label("Change one and see what follows from it; it is changed in the model, too.").classes("show-hint")
-            self.strip = ui.element("div").classes("und-constants")
-        self._draw_constants()
-        with ui.element("div").classes("show-grid"):
+        with ui.element("div").classes("ctl-und-constants"):
+            self.constants = Constants(self.editor)
+            ui.label("Change one and see what follows from it; it is changed in the model, too.").classes("ctl-show-hint")
+        self.constants.show(self.session.sheet.constants)
+        with ui.element("div").classes("ctl-show-grid"):
             self._draw_observability()
             self._draw_detectability()
             self._draw_poles()
             self._draw_steady()
             self._draw_transient()
             self._draw_filter()
-        self.shell.shortcut("mod+z", "Undo", self._undo, in_fields=False)
-        self.shell.shortcut("mod+shift+z", "Redo", self._redo, in_fields=False)
+        self.shell.shortcut("mod+z", "Undo", self.editor.undo, in_fields=False)
+        self.shell.shortcut("mod+shift+z", "Redo", self.editor.redo, in_fields=False)
         self.shell.on_leave(self._leave)
-        self._want(partial(_understood, self.session.text))
+        self._want()
 
     def _draw_observability(self) -> None:
         with self.show.card("Observability", "understand.observability", test="observability"):
@@ -97,7 +85,7 @@ class _Understand:
     def _draw_poles(self) -> None:
         with self.show.card("Poles", "understand.poles", wide=True, test="poles"):
             self.pole_tables = _Body()
-            with ui.element("div").classes("show-grid"):
+            with ui.element("div").classes("ctl-show-grid"):
                 self.plane_z, self.plane_s = self.show.plot(test="plot-poles-z"), self.show.plot(test="plot-poles-s")
 
     def _draw_steady(self) -> None:
@@ -127,41 +115,15 @@ class _Understand:
             self.choose_pairs.props("outlined dense use-chips data-test=understand-pairs").classes("w-full")
             self.bode = self.show.plot(test="plot-bode", title=False)
 
-    def _draw_constants(self) -> None:
-        rows = self.session.sheet.constants
-        self.constants_card.set_visibility(bool(rows))
-        self.strip.clear()
-        with self.strip:
-            self.constants = {row.name: _Constant(self, row) for row in rows}
-
     # Filling ---------------------------------------------------------------------------------------------------------
 
-    def changed(self, tag: tuple[str, float] | None = None) -> None:
-        """The model has changed; ``tag``, the constant that has been moved and its value."""
-        rows = self.session.sheet.constants
-        if [(row.name, row.min, row.max) for row in rows] == [each.range for each in self.constants.values()]:
-            for row in rows:
-                self.constants[row.name].set(row)
-        else:
-            self._draw_constants()
-        self._want(partial(_understood, self.session.text), tag)
+    def _changed(self, _key: str) -> None:
+        self.constants.show(self.session.sheet.constants)
+        self._want()
 
-    def preview(self, name: str, value: float) -> None:
-        """What another value of a constant would change; nothing is saved."""
-        try:
-            file = self.session.file.replace({name: value})
-        except ValueError:  # something else is wrong with the model, and is said
-            return
-        self._want(partial(understand, file), (name, value))
-
-    def _want(self, work: Callable[[], Understanding], tag: tuple[str, float] | None = None) -> None:
-        """Understand something, in a thread; of several that are wanted meanwhile only the last one.
-
-        ``tag`` : a constant and its value; what has been understood with the same tag just before is not understood again.
-        """
-        if tag is not None and tag == self.tag:
-            return
-        self.wanted, self.tag = work, tag
+    def _want(self) -> None:
+        """Understand the present model, in a thread; of several that are wanted meanwhile only the last one."""
+        self.wanted = self.session.text
         if not self.computing:
             self.computing = True
             background_tasks.create(self._compute(), name="understand")
@@ -169,8 +131,8 @@ class _Understand:
     async def _compute(self) -> None:
         try:
             while self.wanted is not None and not self.left:
-                work, self.wanted = self.wanted, None
-                found = await asyncio.to_thread(work)
+                text, self.wanted = self.wanted, None
+                found = await asyncio.to_thread(_understood, text)
                 if self.wanted is None and not self.left and found is not self.found:
                     self.found = found
                     with self.box:
@@ -181,42 +143,11 @@ class _Understand:
     def _leave(self) -> None:
         self.left = True
 
-    def set_constant(self, name: str, text: str, *, moved: bool = False) -> str:
-        """Put a value into the model, typed or ``moved`` there; why not, if not."""
-        self.shell.saving()
-        try:
-            self.session.do(commands.SetConstant(name, text))
-        except ValueError as why:
-            self.shell.saved()
-            return str(why)
-        except Exception as why:
-            self.shell.not_saved(" ".join(str(why).split()))
-            raise
-        self.shell.saved()
-        self.changed((name, float(text)) if moved else None)
-        return self.session.sheet.shown(("constants", name)).problem or ""
-
-    def _undo(self) -> None:
-        self._moved(self.session.undo)
-
-    def _redo(self) -> None:
-        self._moved(self.session.redo)
-
-    def _moved(self, move: Any) -> None:
-        try:
-            label = move()
-        except ValueError as why:
-            self.shell.tell(str(why))
-            return
-        self.shell.saved()
-        self.shell.tell(f"{move.__name__.capitalize()}: {label}")
-        self.changed()
-
     def _fill(self, found: Understanding) -> None:
         problems = self.session.problems()
         self.to_model.set_visibility(bool(problems))
         lines = found.sentences or (found.discrete.reason,)
-        self.summary.content = f'<ul class="und-summary">{"".join(f"<li>{escape(line)}</li>" for line in lines)}</ul>'
+        self.summary.content = f'<ul class="ctl-und-summary">{"".join(f"<li>{escape(line)}</li>" for line in lines)}</ul>'
         self._fill_observability(found)
         self._fill_poles(found)
         self._fill_steady(found)
@@ -242,7 +173,7 @@ class _Understand:
             names = [f"direction {i + 1}" for i in range(seen.unobservable.shape[1])]
             content.append(matrix("States that no measurement tells", seen.unobservable, found.states, names))
         if loss := found.sampling.found:
-            content.append(f'<p class="show-hint">{escape(_sampling(loss))}</p>')
+            content.append(f'<p class="ctl-show-hint">{escape(_sampling(loss))}</p>')
         self.observability.content("".join(content))
         if seen.detectable:
             words = (
@@ -274,9 +205,9 @@ class _Understand:
             return
         if z.value.filter is None:
             content.append(
-                f'<p class="show-why">No steady filter, so no poles of one: {escape(found.limit.reason)}</p>'
+                f'<p class="ctl-show-why">No steady filter, so no poles of one: {escape(found.limit.reason)}</p>'
             )
-        self.pole_tables.content(f'<div class="show-side">{"".join(content)}</div>')
+        self.pole_tables.content(f'<div class="ctl-show-side">{"".join(content)}</div>')
 
     def _fill_steady(self, found: Understanding) -> None:
         self.copy_steady.set_visibility(bool(found.limit))
@@ -294,16 +225,16 @@ class _Understand:
             if limit.settled is not None
             else "The variances do not come within 1 % of their limits in the steps that were tried."
         )
-        content = [f"<p>{escape(settled)}</p>", '<div class="show-side">']
+        content = [f"<p>{escape(settled)}</p>", '<div class="ctl-show-side">']
         content.append(table(["State", "σ⁻", "σ⁺", "Unit"], rows, "Standard deviations"))
         content += [matrix(name, values, names, columns) for name, values, columns in _matrices(found)]
         content.append("</div>")
         if not found.continuous_limit and found.continuous and found.continuous.value.Rc is not None:
             content.append(
-                f'<p class="show-hint">Of a continuous measurement: {escape(found.continuous_limit.reason)}.</p>'
+                f'<p class="ctl-show-hint">Of a continuous measurement: {escape(found.continuous_limit.reason)}.</p>'
             )
         if bucy := found.continuous_limit.found:
-            content.append('<p>Of the continuous measurement (the Kalman–Bucy filter):</p><div class="show-side">')
+            content.append('<p>Of the continuous measurement (the Kalman–Bucy filter):</p><div class="ctl-show-side">')
             content.append(matrix("P", bucy.P, names, names) + matrix("Gain Kc", bucy.K, names, sensors) + "</div>")
         self.steady.content("".join(content))
 
@@ -349,7 +280,7 @@ class _Understand:
                 for each in found.transfers.value
             ]
             self.transfer.content(
-                "".join(f'<div class="show-equation" tabindex="0">{mathml(line, block=True)}</div>' for line in lines)
+                "".join(f'<div class="ctl-show-equation" tabindex="0">{mathml(line, block=True)}</div>' for line in lines)
             )
         else:
             self.transfer.reason(found.transfers)
@@ -384,7 +315,7 @@ class _Body:
     """What stands in a card: a result, or why there is none."""
 
     def __init__(self) -> None:
-        self._why = ui.label("").classes("show-why").props("data-test=reason")
+        self._why = ui.label("").classes("ctl-show-why").props("data-test=reason")
         self._html = ui.html("", sanitize=False).classes("w-full")
         self._why.set_visibility(False)
 
@@ -400,80 +331,15 @@ class _Body:
         self._html.content = ""
 
 
-class _Constant:
-    """A constant that can be typed, and moved where it has a range."""
-
-    def __init__(self, page: _Understand, row: ConstantRow) -> None:
-        self.page, self.name = page, row.name
-        self._slider: Slider | None = None
-        with ui.element("div").classes("und-constant").props(f"data-test=constant-{row.name}"):
-            label = f"{row.name}, {row.unit}" if row.unit else row.name
-            self.input = ui.input(label, value=row.cell.text).classes("w-full").props("outlined dense")
-            if row.meaning:
-                self.input.props["hint"] = row.meaning
-                self.input.props("hide-hint")
-            self.input.on("blur", self._typed).on("keydown.enter", self._typed)
-            self._slider = slider(row.min, row.max)
-            self.knob: ui.slider | None = None
-            if self._slider is not None:
-                self.knob = ui.slider(min=0, max=POSITIONS, step=1, value=self._slider.position(row.cell.value or 0.0))
-                self.knob.props(f"data-test=slider-{row.name}")
-                self.knob.props["aria-label"] = f"{label}, slider"
-                self.knob.on("update:model-value", self._sliding, throttle=FOLLOW)
-                self.knob.on("change", self._slid)
-        self.set(row)
-
-    def set(self, row: ConstantRow) -> None:
-        """Show what is in the model."""
-        self.range = (row.name, row.min, row.max)
-        self._text = row.cell.text
-        self.input.value = row.cell.text
-        self.complain(row.cell.problem or "")
-        if self.knob is not None and self._slider is not None:
-            movable = row.cell.value is not None and _is_number(row.cell.text)
-            self.knob.set_enabled(movable)
-            if row.cell.value is not None and not math.isnan(row.cell.value):
-                self.knob.value = self._slider.position(row.cell.value)
-
-    def complain(self, line: str) -> None:
-        """What is wrong with it; nothing, if empty."""
-        self.input.error = line or None
-        if line:
-            self.input.props("aria-invalid=true")
-        else:
-            self.input.props(remove="aria-invalid")
-
-    def _typed(self) -> None:
-        text = str(self.input.value or "").strip()
-        if text != self._text:
-            self.complain(self.page.set_constant(self.name, text))
-
-    def _at(self, event: GenericEventArguments) -> str:
-        assert self._slider is not None
-        position = event.args if isinstance(event.args, int | float) else self.knob.value if self.knob else 0
-        return figures.plain(self._slider.at(round(float(position))))
-
-    def _sliding(self, event: GenericEventArguments) -> None:
-        text = self._at(event)
-        if text != self.input.value:
-            self.input.value = text
-            self.page.preview(self.name, float(text))
-
-    def _slid(self, event: GenericEventArguments) -> None:
-        text = self._at(event)
-        if text != self._text:
-            self.page.set_constant(self.name, text, moved=True)
-
-
 # In HTML -------------------------------------------------------------------------------------------------------------
 
 
 def _good(line: str) -> str:
-    return f'<p class="show-good">{escape(line)}</p>'
+    return f'<p class="ctl-show-good">{escape(line)}</p>'
 
 
 def _bad(line: str) -> str:
-    return f'<p class="show-bad">{escape(line)}</p>'
+    return f'<p class="ctl-show-bad">{escape(line)}</p>'
 
 
 def _matrices(found: Understanding) -> list[tuple[str, Any, tuple[str, ...]]]:
@@ -521,10 +387,3 @@ def _letter(name: str) -> str:
     """A name inside an equation."""
     plain = "".join(c for c in name if c.isalnum() or c in " _-").replace("_", r"\_")
     return rf"\text{{{plain}}}" if plain else r"\square"
-
-
-def _is_number(text: str) -> bool:
-    try:
-        return bool(np.isfinite(float(text)))
-    except ValueError:
-        return False
