@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 from nicegui import ui
 
 from ctlabs.files.modelfile import gallery, loads
-from ctlabs.files.modelfile.schema import ALGORITHMS
+from ctlabs.filtering.algorithms.catalogue import FORMS
+from ctlabs.models import Anomaly
 from ctlabs.workbench import applying
 from ctlabs.workbench.bench import said
 from ctlabs.workbench.commands import SetConstant
 from ctlabs.workbench.help import help_for
-from ctlabs.workbench.outcomes import LARGEST, Anomaly
+from ctlabs.workbench.outcomes import LARGEST
 from ctlabs.workbench.pages.keep import export_dialog
 from ctlabs.workbench.pages.results import Results
 from ctlabs.workbench.pages.running import running
@@ -154,7 +155,7 @@ class _Experiment:
         with self.show.card("Algorithms", "experiment.algorithms", test="algorithms"):
             with ui.element("div").classes("exp-algorithms").props('role=group aria-label="Algorithms"'):
                 self.boxes: dict[str, ui.checkbox] = {}
-                for name in ALGORITHMS:
+                for name in FORMS:
                     with ui.element("div").classes("exp-algorithm"):
                         box = ui.checkbox(
                             _title(name), value=name in self.session.plan.algorithms, on_change=self._algorithms

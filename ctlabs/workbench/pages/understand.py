@@ -13,12 +13,13 @@ import numpy as np
 from nicegui import background_tasks, ui
 
 from ctlabs.files.modelfile import loads
+from ctlabs.reporting.drawing import plain
 from ctlabs.reporting.mathml import mathml
+from ctlabs.studies.understanding import Part, Poles, Understanding, compute
 from ctlabs.text import number
 from ctlabs.workbench import commands, figures
 from ctlabs.workbench.pages.cells import POSITIONS, Slider, slider
 from ctlabs.workbench.pages.showing import Show, matrix, table
-from ctlabs.workbench.understanding import Part, Poles, Understanding, understand
 
 if TYPE_CHECKING:
     from nicegui.events import GenericEventArguments
@@ -152,7 +153,7 @@ class _Understand:
             file = self.session.file.replace({name: value})
         except ValueError:  # something else is wrong with the model, and is said
             return
-        self._want(partial(understand, file), (name, value))
+        self._want(partial(compute, file, quick=True), (name, value))
 
     def _want(self, work: Callable[[], Understanding], tag: tuple[str, float] | None = None) -> None:
         """Understand something, in a thread; of several that are wanted meanwhile only the last one.
@@ -266,7 +267,7 @@ class _Understand:
         ):
             if part:
                 content.append(_pole_table(part.value, title, found))
-                plot.show(figures.poles(part.value))
+                plot.show(part.value.drawing)
             else:
                 plot.hide()
         if not z:
@@ -334,7 +335,7 @@ class _Understand:
         options = dict(enumerate(found.states))
         if self.choose_states.options != options or self.choose_states.value != self.states:
             self.choose_states.set_options(options, value=self.states)
-        self.deviations.show(figures.deviations(found, self.states))
+        self.deviations.show(found.deviations(self.states))
 
     def _states_chosen(self) -> None:
         chosen = sorted(self.choose_states.value or [])
@@ -365,7 +366,7 @@ class _Understand:
             self.pairs = names[:SHOWN]
         if self.choose_pairs.options != names or self.choose_pairs.value != self.pairs:
             self.choose_pairs.set_options(names, value=self.pairs)
-        self.bode.show(figures.bode(part.value, self.pairs))
+        self.bode.show(part.value.drawing(self.pairs))
 
     def _pairs_chosen(self) -> None:
         chosen = [name for name in self.choose_pairs.options if name in (self.choose_pairs.value or [])]
@@ -377,7 +378,7 @@ class _Understand:
 @lru_cache(maxsize=32)
 def _understood(text: str) -> Understanding:
     """What can be said of a text; a model that one comes back to is there at once."""
-    return understand(loads(text, "", check=False))
+    return compute(loads(text, "", check=False), quick=True)
 
 
 class _Body:
@@ -451,7 +452,7 @@ class _Constant:
     def _at(self, event: GenericEventArguments) -> str:
         assert self._slider is not None
         position = event.args if isinstance(event.args, int | float) else self.knob.value if self.knob else 0
-        return figures.plain(self._slider.at(round(float(position))))
+        return plain(self._slider.at(round(float(position))))
 
     def _sliding(self, event: GenericEventArguments) -> None:
         text = self._at(event)
