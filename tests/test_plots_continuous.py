@@ -148,7 +148,7 @@ class TestPoles:
         for name in ("filter", "short"):
             assert close(found[name][0], [-den[1]], EXACT)
             assert close(found[f"{name}, zeros"][0], [0.0], EXACT)
-        circle = figure.axes[0].lines[1].get_xydata()
+        circle = figure.axes[0].lines[0].get_xydata()
         assert np.hypot(*circle.T) == pytest.approx(1)
         assert figure.axes[0].get_aspect() == 1
         assert figure.axes[0].get_xlabel().endswith("(ratio per step)")

@@ -35,12 +35,12 @@ def to_matplotlib(drawing: Drawing) -> Figure:
 
     figure, grid = panels(rows, 1, sharex=True, height=drawing.height or (4.2 if rows == 1 else 1.2 + 2.2 * rows))
     for axes, panel in zip(grid[:, 0], drawing.panels, strict=True):
+        for curve in panel.curves:
+            _curve(axes, curve, name)
         for band in panel.bands:
             _band(axes, band, name)
         for level in panel.levels:
             axes.axhline(level.at, color=COLOURS[level.colour], linestyle=LINES[level.style], linewidth=level.width, label=name(level.name))
-        for curve in panel.curves:
-            _curve(axes, curve, name)
         for mark in drawing.marks:
             axes.axvline(mark.at, color=COLOURS[mark.colour], linestyle=LINES[mark.style], linewidth=mark.width, label=name(mark.name))
         _axes(axes, drawing, panel)
@@ -101,4 +101,4 @@ def _band(axes: Axes, band: Band, name: Callable[[str], str | None]) -> None:
             axes.plot(x, edge, color=colour, linestyle="--", linewidth=1.2, label=word)
         return
     thin = slice(None, None, -(-len(x) // DRAWN))
-    axes.fill_between(x[thin], low[thin], high[thin], color=colour, alpha=0.18, linewidth=0, label=label)
+    axes.fill_between(x[thin], low[thin], high[thin], color=colour, alpha=0.12 if band.colour == "grey" else 0.18, linewidth=0, label=label)

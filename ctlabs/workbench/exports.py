@@ -37,7 +37,7 @@ def export(name: str, model: str, plan: Plan, found: Outcome, kind: str, figure:
     ----------
     name, model, plan, found : of the experiment
     kind : one of :data:`KINDS`
-    figure : which picture ("png", "svg"), a name of :func:`ctlabs.workbench.drawings.figures`; the first where not given
+    figure : which picture ("png", "svg"), a name of :func:`ctlabs.workbench.figures.pictures`; the first where not given
 
     Raises
     ------

@@ -280,8 +280,8 @@ _UNDERSTAND = (
         "understand.bode",
         "Bode plot of the filter",
         "How the settled filter passes on a sine of each frequency: its size and its delay.",
-        r"|W(e^{j\omega\Delta t})|\ \text{in dB}, \qquad \angle W(e^{j\omega\Delta t})",
-        unit="dB, degrees, over rad/s",
+        r"|W(e^{j\omega\Delta t})|, \qquad \angle W(e^{j\omega\Delta t})",
+        unit="1, degrees, over rad/s",
         note="A large Q/R makes it wide (quick and noisy), a small one narrow (smooth and late).",
     ),
     Help(
