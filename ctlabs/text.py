@@ -16,6 +16,9 @@ from numpy.typing import ArrayLike
 _ = gettext.translation("ctlabs", localedir=str(Path(__file__).parent / "locale"), fallback=True).gettext
 
 _PLACEHOLDER = re.compile(r"(?<![\\\w^}])\{([a-zA-Z]\w*)\}")
+RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹"
+#: A unit of one letter or word, such as m, °C or %, and its power.
+_SIMPLE = re.compile(rf"([°%‰]?[^\W\d_{RAISED}]*)([{RAISED}]*)")
 
 
 def fill(text: str, /, **values: object) -> str:
@@ -99,3 +102,30 @@ def latex_matrix(value: ArrayLike, digits: int = 5) -> str:
     rows = matrix.reshape(-1, 1) if matrix.ndim == 1 else matrix
     body = r" \\ ".join(" & ".join(latex_number(element, digits) for element in row) for row in rows.tolist())
     return rf"\begin{{bmatrix}} {body} \end{{bmatrix}}"
+
+
+def squared(unit: str) -> str:
+    """The unit of a variance.
+
+    >>> [squared(unit) for unit in ("m", "m/s", "m²", "%", "1", "")]
+    ['m²', '(m/s)²', 'm⁴', '%²', '1', '']
+    """
+    simple = _SIMPLE.fullmatch(unit)
+    if unit in ("", "1"):
+        return unit
+    if simple is None or not simple[1]:
+        return f"({unit})²"
+    power = 2 * int("".join(str(RAISED.index(digit)) for digit in simple[2]) or 1)
+    return simple[1] + "".join(RAISED[int(digit)] for digit in str(power))
+
+
+def per(unit: str, other: str) -> str:
+    """A unit for another one.
+
+    >>> per("m/s", "m"), per("m", "m"), per("", "s"), per("m", "1")
+    ('(m/s)/m', '1', '1/s', 'm')
+    """
+    if unit == other:
+        return "1"
+    top, bottom = (("1" if each in ("", "1") else each if _SIMPLE.fullmatch(each) else f"({each})") for each in (unit, other))
+    return top if bottom == "1" else f"{top}/{bottom}"

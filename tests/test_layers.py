@@ -27,7 +27,7 @@ ROOMS: dict[str, set[str]] = {
     "analysis": {"text", "_front", "linalg", "models", "filtering"},
     "montecarlo": {"text", "linalg", "models", "filtering"},
     "files": {"text", "_front", "linalg", "models", "filtering"},
-    "reporting": {"text", "linalg", "filtering", "montecarlo"},
+    "reporting": {"text", "_front", "linalg", "filtering", "montecarlo"},
     "labs": {"text", "models", "filtering", "montecarlo", "reporting"},
     "studies": {"text", "linalg", "models", "filtering", "analysis", "montecarlo", "files", "reporting", "labs"},
     "workbench": {

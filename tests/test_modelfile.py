@@ -17,8 +17,7 @@ from ctlabs.files.modelfile import ModelFileError, copy, from_model, gallery, lo
 from ctlabs.files.modelfile.checks import SHAPES, TEXTS
 from ctlabs.files.modelfile.errors import Problem, place, shown
 from ctlabs.files.modelfile.expressions import CONSTANTS, DEPTH, DIGITS, FUNCTIONS, LENGTH
-from ctlabs.files.modelfile.schema import ALGORITHMS, LARGEST, SECTIONS, Constant, Data, Document, Settings
-from ctlabs.filtering.algorithms import catalogue
+from ctlabs.files.modelfile.schema import LARGEST, SECTIONS, Constant, Data, Document, Settings
 from ctlabs.models import ContinuousModel, DiscreteModel
 from tests.strategies import continuous_models, discrete_models
 
@@ -129,11 +128,6 @@ def test_a_continuous_file_is_its_models():
     assert np.array_equal(sampled.Phi, [[1, 0.5], [0, 1]])
     assert np.array_equal(sampled.R, [[2]])
     assert np.allclose(sampled.Qd, 0.01 * np.array([[0.5**3 / 3, 0.5**2 / 2], [0.5**2 / 2, 0.5]]), rtol=1e-14)
-
-
-def test_the_algorithms_are_the_forms():
-    """Every form of the filter may be named, and nothing else."""
-    assert tuple(catalogue.FORMS) == ALGORITHMS
 
 
 def test_the_tables_of_keys_agree():

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from ctlabs.filtering import settling
 from ctlabs.filtering.engines import adapter, compiled
@@ -16,6 +17,7 @@ from ctlabs.filtering.problem import Problem
 from ctlabs.labs import catalogue as labs
 from ctlabs.labs.experiment import Experiment
 from ctlabs.reporting import plots
+from ctlabs.reporting.render import drawn
 from ctlabs.reporting.report import Heading, Picture, Report
 
 LABS = labs.catalogue()
@@ -35,7 +37,7 @@ def numbers(lab, **how):
     with pytest.MonkeyPatch.context() as patch:
         for name in plots.__all__:
             if hasattr(getattr(plots, name), "__wrapped__"):  # it draws with the project's style
-                patch.setattr(plots, name, lambda *args, **named: plots.Figure())
+                patch.setattr(plots, name, lambda *args, **named: Figure())
         return run(lab, **how)
 
 
@@ -84,7 +86,7 @@ class TestLab:
         """Every axis says what it shows and in which unit; shared axes need one label."""
         for block in default(name).blocks:
             if isinstance(block, Picture):
-                grid = [axes for axes in block.figure.axes if axes.get_visible() and axes.axison]
+                grid = [axes for axes in drawn(block.figure).axes if axes.get_visible() and axes.axison]
                 labels = [axes.get_xlabel() for axes in grid] + [axes.get_ylabel() for axes in grid]
                 named = [label for label in labels if label]
                 assert any(axes.get_xlabel() for axes in grid) or not grid, block.name

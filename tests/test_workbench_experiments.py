@@ -23,10 +23,10 @@ from ctlabs.analysis import diagnosis, sensitivity
 from ctlabs.files.modelfile import loads, ready
 from ctlabs.filtering import compare, kalman_filter, log_likelihood, smooth, steady
 from ctlabs.labs.experiment import Experiment, covariances
-from ctlabs.models import DiscreteModel
+from ctlabs.models import Anomaly, DiscreteModel, anomalous
 from ctlabs.workbench import commands as c
 from ctlabs.workbench import experiments
-from ctlabs.workbench.outcomes import Anomaly, Data, Outcome, Plan, outcome, packed
+from ctlabs.workbench.outcomes import Data, Outcome, Plan, outcome, packed
 from ctlabs.workbench.packing import pack, unpack
 from ctlabs.workbench.reporting import report
 from ctlabs.workbench.session import Session
@@ -189,7 +189,7 @@ def test_several_algorithms_are_compared_with_50_digits() -> None:
     assert [each.name for each in found.algorithms] == ["joseph", "ud", "steady"]
     assert "constant" in found.algorithms[2].failed
     assert set(found.estimates) == {"joseph", "ud"}
-    model = experiments.anomalous(ready("constant_velocity").discrete(), plan.anomalies, 40)
+    model = anomalous(ready("constant_velocity").discrete(), plan.anomalies, 40)
     wanted = compare(model, found.z[:, :, 0][1:], ["ud"])[0]
     assert (found.algorithms[1].flops, found.algorithms[1].error_P) == (wanted.flops, wanted.error_P)
     np.testing.assert_allclose(found.estimates["ud"], found.estimates["joseph"], rtol=SOLVER)
@@ -545,7 +545,7 @@ def test_the_model_is_exported_as_it_was(kept: tuple[Session, int]) -> None:
 def test_anomalies_of_correlated_measurements_leave_no_correlation_behind() -> None:
     """Row and column of the element are zero at the instant, so that R stays a covariance."""
     model = DiscreteModel([[1]], [[1]], [[1], [1]], [[2, 1], [1, 2]], x0=[0], P0=[[1]])
-    found = experiments.anomalous(model, [Anomaly(1, 0), Anomaly(2, 1, 0.0)], 2)
+    found = anomalous(model, [Anomaly(1, 0), Anomaly(2, 1, 0.0)], 2)
     np.testing.assert_array_equal(found.R[1], [[np.inf, 0], [0, 2]])
     np.testing.assert_array_equal(found.R[2], [[2, 0], [0, 0]])
 

@@ -16,16 +16,16 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 from ctlabs import covariances
 from ctlabs.files.modelfile import gallery, loads, new, ready
 from ctlabs.filtering import bucy, settling, steady
-from ctlabs.models import observability, shaping, spectra
+from ctlabs.models import Anomaly, observability, shaping, spectra
 from ctlabs.models.discretisation import interval
+from ctlabs.studies.understanding import compute
 from ctlabs.workbench import commands as c
 from ctlabs.workbench.blocks import InsertBlock, block, rational
 from ctlabs.workbench.kinds import before_sampling
-from ctlabs.workbench.outcomes import Anomaly, Plan
+from ctlabs.workbench.outcomes import Plan
 from ctlabs.workbench.session import Session
 from ctlabs.workbench.sheet import Sheet
 from ctlabs.workbench.store import Store
-from ctlabs.workbench.understanding import understand
 from tests.reference import EXACT, SOLVER
 
 
@@ -385,7 +385,7 @@ def test_every_ready_model_is_shown_and_understood(entry: Any) -> None:
             np.testing.assert_array_equal(values.reshape(file.matrix(name).shape), file.matrix(name))
         assert not np.isnan(values).any()
     assert not any("square" in line for line in [*sheet.equations(), *sheet.statement()])
-    found = understand(file)
+    found = compute(file)
     assert found.discrete
     assert found.transient
     for part in ("observability", "sampling", "poles", "limit", "transfers", "bode", "continuous_limit"):

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from ctlabs.analysis.errors import actual_errors, error_budget
     from ctlabs.analysis.evidence import observability, reachability
     from ctlabs.analysis.fitting import fit
+    from ctlabs.analysis.naming import stands_for
 
 _HOME = {
     "actual_errors": "errors",
@@ -19,6 +20,7 @@ _HOME = {
     "fit": "fitting",
     "observability": "evidence",
     "reachability": "evidence",
+    "stands_for": "naming",
 }
 
 __all__ = [
@@ -28,6 +30,7 @@ __all__ = [
     "fit",
     "observability",
     "reachability",
+    "stands_for",
 ]
 
 __getattr__ = front(__name__, _HOME)

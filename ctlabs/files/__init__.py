@@ -7,16 +7,19 @@ from typing import TYPE_CHECKING
 from ctlabs._front import front
 
 if TYPE_CHECKING:
+    from ctlabs.files.clock import timed
     from ctlabs.files.reading import read_model, read_record
 
 _HOME = {
     "read_model": "reading",
     "read_record": "reading",
+    "timed": "clock",
 }
 
 __all__ = [
     "read_model",
     "read_record",
+    "timed",
 ]
 
 __getattr__ = front(__name__, _HOME)

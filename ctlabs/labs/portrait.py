@@ -17,7 +17,7 @@ from ctlabs.filtering.results import Covariances
 from ctlabs.labs.experiment import covariances
 from ctlabs.montecarlo import chance
 from ctlabs.reporting import plots
-from ctlabs.text import _, fill
+from ctlabs.text import _, fill, squared
 
 if TYPE_CHECKING:
     from ctlabs.labs.experiment import Experiment
@@ -168,17 +168,6 @@ def largest(report: Report) -> str:
     )
     p = min(1.0, len(chances) * min(chance.adjusted(check.value or 0.0, check.tolerance) for check in chances))
     return fill(text, tests=len(chances), worst=round(abs(worst.value or 0.0), 2), name=worst.name, p=float(f"{p:.2g}"))
-
-
-def squared(unit: str) -> str:
-    """The unit of a variance.
-
-    >>> squared("m"), squared("m/s"), squared("1")
-    ('m²', '(m/s)²', '1')
-    """
-    if unit == "1":
-        return unit
-    return f"({unit})²" if {"/", "·", " "} & set(unit) else f"{unit}²"
 
 
 def _measured_unit(model: DiscreteModel, measurement: int) -> str:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from ctlabs._front import front
 
 if TYPE_CHECKING:
+    from ctlabs.models.anomalies import Anomaly, anomalous
     from ctlabs.models.discretisation import discretise, to_continuous
     from ctlabs.models.interop import from_control, to_control, to_dataframe, to_filterpy
     from ctlabs.models.linear import ContinuousModel, DiscreteModel, at
@@ -14,9 +15,11 @@ if TYPE_CHECKING:
     from ctlabs.models.shaping import augment, augment_measurement
 
 _HOME = {
+    "Anomaly": "anomalies",
     "ContinuousModel": "linear",
     "DiscreteModel": "linear",
     "NonlinearModel": "nonlinear",
+    "anomalous": "anomalies",
     "at": "linear",
     "augment": "shaping",
     "augment_measurement": "shaping",
@@ -29,9 +32,11 @@ _HOME = {
 }
 
 __all__ = [
+    "Anomaly",
     "ContinuousModel",
     "DiscreteModel",
     "NonlinearModel",
+    "anomalous",
     "at",
     "augment",
     "augment_measurement",

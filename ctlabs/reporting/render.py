@@ -19,13 +19,17 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
 import numpy as np
 from jinja2 import Environment, PackageLoader
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from PIL import Image
 
+from ctlabs.reporting.drawing import Drawing
 from ctlabs.reporting.mathml import STYLE, lines, mathml
+from ctlabs.reporting.paper import to_matplotlib
 from ctlabs.reporting.params import plain
 from ctlabs.reporting.report import Check, Heading, Picture, Report, Table, Text, Value
 from ctlabs.text import _, fill, number
@@ -152,8 +156,23 @@ def summary(report: Report, tables: Sequence[str] = ()) -> list[str]:
     return lines + [line for sentence in sentences for line in ("", *textwrap.wrap(sentence, WIDTH))]
 
 
-def png(figure: Figure) -> bytes:
+def drawn(figure: Drawing | Figure) -> Figure:
+    """A figure as matplotlib has it."""
+    return to_matplotlib(figure) if isinstance(figure, Drawing) else figure
+
+
+def svg(figure: Drawing | Figure) -> bytes:
+    """A figure as SVG; the same figure gives the same bytes."""
+    figure, raw = drawn(figure), io.BytesIO()
+    FigureCanvasSVG(figure)
+    with mpl.rc_context({"svg.hashsalt": "ctlabs"}):
+        figure.savefig(raw, format="svg", metadata={"Date": None}, facecolor="white")
+    return raw.getvalue()
+
+
+def png(figure: Drawing | Figure) -> bytes:
     """A figure as a palette PNG; the same figure gives the same bytes."""
+    figure = drawn(figure)
     FigureCanvasAgg(figure)
     raw = io.BytesIO()
     figure.savefig(raw, format="png", facecolor="white", dpi=DPI)

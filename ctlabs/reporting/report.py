@@ -22,6 +22,8 @@ from ctlabs.text import fill, latex_matrix
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from ctlabs.reporting.drawing import Drawing
+
 #: Algebra: the same numbers by two formulas.
 EXACT = 1e-12
 #: A Riccati or Lyapunov solver, an integrator or a limit against a closed form.
@@ -61,7 +63,7 @@ class Picture:
     """A figure and its caption."""
 
     name: str
-    figure: Figure
+    figure: Drawing | Figure
     caption: str
     number: int
 
@@ -189,7 +191,7 @@ class Report:
         writer.writerows([["" if cell is None or cell != cell else cell for cell in row] for row in rows])
         self.files[f"{name}.csv"] = text.getvalue().encode()
 
-    def figure(self, name: str, figure: Figure, caption: str, /, **values: object) -> None:
+    def figure(self, name: str, figure: Drawing | Figure, caption: str, /, **values: object) -> None:
         """A figure and a caption that says what it shows."""
         self._new(Picture, name)
         self.blocks.append(Picture(name, figure, fill(caption, **values), 1 + self._count(Picture)))

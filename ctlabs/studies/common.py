@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ctlabs.analysis.naming import selection, stands_for
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.reporting import plots
@@ -18,6 +19,11 @@ from ctlabs.text import _, fill
 
 if TYPE_CHECKING:
     from ctlabs.files.modelfile import ModelFile
+
+__all__ = [
+    "Settings", "begin", "condition", "cost", "delicacy", "distinct", "label", "measured", "model_name", "selection", "settings", "show",
+    "stands_for", "states_table", "units", "wide",
+]  # fmt: skip
 
 #: Models of more states than this are described by their sizes, not by their matrices.
 LARGE = 12
@@ -82,11 +88,6 @@ def show(report: Report, model: ContinuousModel | DiscreteModel) -> None:
         report.says(_("The model has {n} states and {m} measurements."), n=model.n, m=model.m)
 
 
-def discrete(model: ModelFile, steps: int) -> DiscreteModel:
-    """The model for ``steps`` steps: constant, or varying with time where its elements do."""
-    return model.discrete(steps=steps)
-
-
 def label(name: str, unit: str = "") -> str:
     """A name and its unit for an axis; a dollar sign in it begins no formula."""
     shown = f"{name}, {unit}" if unit and unit != "1" else name
@@ -105,34 +106,6 @@ def measured(model: DiscreteModel, state: int) -> int | None:
         if row[state] == 1 and np.count_nonzero(row) == 1:
             return j
     return None
-
-
-def selection(truth: Sequence[str], design: Sequence[str]) -> Array | None:
-    """E (d, n) with which each state of the design stands for the truth's of that name; where no name is common, of that place.
-
-    None where some names are common and others not, or the numbers differ.
-    """
-    if not set(design) & set(truth) and len(design) == len(truth):
-        return np.eye(len(truth))
-    if not set(design) <= set(truth):
-        return None
-    return np.array([[float(name == other) for other in truth] for name in design])
-
-
-def stands_for(truth: DiscreteModel, design: DiscreteModel) -> Array:
-    """Which of the truth's states each of the design's stands for, (d, n)."""
-    common = set(design.measurements) & set(truth.measurements)
-    if design.m != truth.m or (common and design.measurements != truth.measurements):
-        wanted, found = ", ".join(truth.measurements), ", ".join(design.measurements)
-        order = " in this order" if sorted(design.measurements) == sorted(truth.measurements) else ""
-        msg = f"design: expected the model's measurements ({wanted}){order}, received {found}"
-        raise ValueError(msg)
-    E = selection(truth.states, design.states)
-    if E is None:
-        wanted, found = ", ".join(truth.states), ", ".join(design.states)
-        msg = f"design: expected states among the model's ({wanted}), received {found}"
-        raise ValueError(msg)
-    return E
 
 
 def cost(report: Report, design: DiscreteModel, t: Array, claimed: Array, true: Array, optimal: Array) -> None:

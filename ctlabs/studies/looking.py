@@ -22,6 +22,11 @@ DRAWN = 6
 
 
 def study(content: bytes, source: str, mapping: Mapping, model: ModelFile | None = None) -> Report:
+    """:func:`compute` as a report."""
+    return report(compute(content, source, mapping, model), source, named=model is not None)
+
+
+def compute(content: bytes, source: str, mapping: Mapping, model: ModelFile | None = None) -> Survey:
     """The columns of a table, its sampling, what looks suspicious, and the [data] by which ``model`` would read it.
 
     Raises
@@ -29,19 +34,23 @@ def study(content: bytes, source: str, mapping: Mapping, model: ModelFile | None
     ValueError
         What is no table.
     """
-    found = look.survey(content, source, mapping, () if model is None else model.measurements)
+    return look.survey(content, source, mapping, () if model is None else model.measurements)
+
+
+def report(found: Survey, source: str, *, named: bool) -> Report:
+    """What is in the table, in words and figures; ``named``, whether the measurements of a model were looked for."""
     meta = {
         "name": "look",
         "title": fill(_("{source}: a look"), source=source),
         "source": f"ctlabs look {source}",
         "parts": ["a", "b"],
     }
-    report = Report(meta, common.Settings(()), 0, 0)
-    report.section("a", _("Columns"))
-    _columns(report, found)
-    report.section("b", _("How a model reads it"))
-    _reading(report, found, model)
-    return report
+    made = Report(meta, common.Settings(()), 0, 0)
+    made.section("a", _("Columns"))
+    _columns(made, found)
+    made.section("b", _("How a model reads it"))
+    _reading(made, found, named=named)
+    return made
 
 
 def _columns(report: Report, found: Survey) -> None:
@@ -79,16 +88,16 @@ def _columns(report: Report, found: Survey) -> None:
         report.figure("columns", figure, _("The columns of numbers; gaps are missing values."))
 
 
-def _reading(report: Report, found: Survey, model: ModelFile | None) -> None:
+def _reading(report: Report, found: Survey, *, named: bool) -> None:
     """The table [data] and the options that say the same."""
     if not found.data:
         report.says(_("Nothing has to be told: the columns are named as the model's measurements."))
         report.value("options", "")
         return
     wanted = (
-        _("the names of the model's measurements stand for MEASUREMENT")
-        if model is None
-        else _("COLUMN stands for what could not be found")
+        _("COLUMN stands for what could not be found")
+        if named
+        else _("the names of the model's measurements stand for MEASUREMENT")
     )
     report.says(_("In the model file (where {wanted}):"), wanted=wanted)
     report.says("\n```toml\n{data}\n```\n", data=found.data)

@@ -9,9 +9,9 @@ How the pieces fit, from the inside out:
     made again from the draft at any time. It may have ``close()``, called when its last tab is gone. One object per draft:
     tabs with the same draft share it. It knows no page and is tested without a browser.
     Its parts: ``commands`` (with ``blocks`` and ``kinds``) are what a person can do to a model, each a class that does it, ``sheet``
-    shows a file as grids, constants and equations, ``understanding`` says what its filter will do, ``outcomes`` holds what is
-    asked of an experiment and what comes out, ``experiments`` computes it, ``comparing`` sets two side by side, ``exports``
-    (with ``reporting``, ``drawings`` and ``programs``) makes files of one.
+    shows a file as grids, constants and equations, ``outcomes`` holds what is asked of an experiment and what comes out,
+    ``experiments`` computes it by the studies (:mod:`ctlabs.studies`), ``figures`` says what its pictures show, ``comparing`` sets two
+    side by side, ``exports`` (with ``reporting`` and ``programs``) makes files of one.
 ``store``
     What is kept: drafts with all revisions, experiments with settings, seed and results; one SQLite file.
 ``running``

@@ -37,7 +37,7 @@ def export(name: str, model: str, plan: Plan, found: Outcome, kind: str, figure:
     ----------
     name, model, plan, found : of the experiment
     kind : one of :data:`KINDS`
-    figure : which picture ("png", "svg"), a name of :func:`ctlabs.workbench.drawings.figures`; the first where not given
+    figure : which picture ("png", "svg"), a name of :func:`ctlabs.workbench.figures.pictures`; the first where not given
 
     Raises
     ------
@@ -137,21 +137,11 @@ def _json(value: Any) -> Any:
 
 def _picture(found: Outcome, kind: str, figure: str) -> bytes:
     from ctlabs.reporting import render
-    from ctlabs.workbench.drawings import drawings
+    from ctlabs.workbench.figures import pictures
 
-    drawn_by = drawings(found)
-    figure = figure or next(iter(drawn_by))
-    if figure not in drawn_by:
-        msg = f"figure: expected one of {', '.join(drawn_by)}, received {figure!r}"
+    drawn = pictures(found)
+    figure = figure or next(iter(drawn))
+    if figure not in drawn:
+        msg = f"figure: expected one of {', '.join(drawn)}, received {figure!r}"
         raise ValueError(msg)
-    drawn = drawn_by[figure].draw()
-    if kind == "png":
-        return render.png(drawn)
-    import matplotlib as mpl
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-
-    FigureCanvasSVG(drawn)
-    raw = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "ctlabs"}):
-        drawn.savefig(raw, format="svg", metadata={"Date": None}, facecolor="white")
-    return raw.getvalue()
+    return (render.png if kind == "png" else render.svg)(drawn[figure][0])

@@ -16,39 +16,17 @@ import numpy as np
 
 from ctlabs.files import datafile
 from ctlabs.files.modelfile.errors import meant, shown
-from ctlabs.files.modelfile.schema import ALGORITHMS, RUNS, STEPS
+from ctlabs.files.modelfile.schema import RUNS, STEPS
+from ctlabs.filtering.algorithms.catalogue import FORMS
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import deviations
+from ctlabs.models.anomalies import Anomaly
+from ctlabs.studies.comparison import Judged
 
 #: The name under which :func:`ctlabs.workbench.experiments.run` is in the worker's table.
 REGISTERED = "experiment"
 #: Largest measured record that a plan holds, in characters.
 LARGEST = 20_000_000
-
-
-@dataclass(frozen=True, slots=True)
-class Anomaly:
-    """Another variance of a measurement (index ``measurement``) from instant ``k`` to ``last`` (``k`` alone, if None):
-    ``R`` = inf (it fails, and the filter knows) or 0 (it is exact for once); any other variance is allowed.
-    """
-
-    k: int
-    measurement: int = 0
-    R: float = math.inf
-    last: int | None = None
-
-    def check(self) -> None:
-        """Refuse in one line what no anomaly can be."""
-        for name, value in (("k", self.k), ("last", self.last), ("measurement", self.measurement)):
-            if value is not None and (isinstance(value, bool) or not isinstance(value, int) or value < 0):
-                msg = f"anomaly.{name}: expected a whole number >= 0, received {shown(value)}"
-                raise ValueError(msg)
-        if self.last is not None and self.last < self.k:
-            msg = f"anomaly.last: expected an instant from {self.k} on, received {self.last}"
-            raise ValueError(msg)
-        if not self.R >= 0:
-            msg = f"anomaly.R: expected a variance >= 0 (or inf: not measured), received {self.R!r}"
-            raise ValueError(msg)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,8 +78,8 @@ class Plan:
             msg = "algorithms: expected at least one, received none"
             raise ValueError(msg)
         for name in self.algorithms:
-            if name not in ALGORITHMS:
-                msg = f"algorithms: unknown algorithm {shown(name)}{meant(name, ALGORITHMS, len(ALGORITHMS))}"
+            if name not in FORMS:
+                msg = f"algorithms: unknown algorithm {shown(name)}{meant(name, FORMS, len(FORMS))}"
                 raise ValueError(msg)
         for anomaly in self.anomalies:
             anomaly.check()
@@ -123,24 +101,6 @@ class Plan:
         if given.get("data") is not None:
             given["data"] = Data(**given["data"])
         return cls(**given)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Algorithm:
-    """One form of the filter on the first record.
-
-    ``flops`` and ``seconds`` per step · ``error_P``, ``error_x``: the largest relative error of P⁺ and the largest error of an
-    estimate in units of its σ, against 50 digits (``None`` with one algorithm, or where it refused) · ``rms`` (n,), RMS error of
-    the shown runs' last estimates (simulated runs only) · ``failed``, why it refused or gave up; empty otherwise
-    """
-
-    name: str
-    flops: int | None = None
-    seconds: float | None = None
-    error_P: float | None = None
-    error_x: float | None = None
-    rms: Array | None = None
-    failed: str = ""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -199,7 +159,7 @@ class Outcome:
     state alone, −1 if none · ``algorithm``, the first one that works, and its ``x_minus``, ``x_plus`` (K, n, r) ·
     ``estimates``, x_plus of run 0 by every algorithm · ``P_minus``, ``P_plus`` (K, n, n), as the filter claims ·
     ``K`` (K, n, m) · ``innovation`` (K, m, r), ``innovation_sd`` (K, m) ·
-    ``nis`` (K, r), ``nis_dof`` (K,), ``nis_band`` (2, K) of 95 % · ``smoothed``, ``smoothed_sd``
+    ``nis`` (K, r), ``nis_dof`` (K,) · ``smoothed``, ``smoothed_sd``
     (K, n) of data · ``statistics`` : over all runs, see :class:`Statistics`, or None · ``actual_P``, ``actual_bias`` : the theory of
     the true errors where the design is not the truth · ``verdict`` : tests of the innovations of run 0 ·
     ``algorithms`` · ``summary`` : numbers to copy, name → (value, unit) · ``contradiction`` : why the record is impossible for
@@ -227,8 +187,7 @@ class Outcome:
     innovation_sd: Array
     nis: Array
     nis_dof: Array
-    nis_band: Array
-    algorithms: tuple[Algorithm, ...]
+    algorithms: tuple[Judged, ...]
     verdict: Verdict | None
     summary: dict[str, tuple[Any, str]]
     statistics: Statistics | None = None
@@ -276,7 +235,7 @@ def outcome(result: Mapping[str, Any]) -> Outcome:
     given: dict[str, Any] = {key: value for key, value in result.items() if key in known}
     for key in ("states", "units", "measurements", "measurement_units", "measured", "notes"):
         given[key] = tuple(given.get(key, ()))
-    given["algorithms"] = tuple(Algorithm(**each) for each in given["algorithms"])
+    given["algorithms"] = tuple(Judged(**each) for each in given["algorithms"])
     given["summary"] = {key: (value, unit) for key, (value, unit) in given["summary"].items()}
     for key, kind in (("statistics", Statistics), ("verdict", Verdict)):
         if given.get(key) is not None:

@@ -19,24 +19,12 @@ def python(name: str, model: str, plan: Plan, found: Outcome) -> str:
     lines = [f"MODEL = {_literal(file.dumps())}", "model = loads(MODEL)"]
     if design is not None:
         lines += [f"DESIGN = {_literal(design.dumps())}", "design = loads(DESIGN)  # what the filter believes"]
-    changes = [(a.k, a.k if a.last is None else a.last, a.measurement, a.R) for a in plan.anomalies]
-    if changes:
-        imports.append("import dataclasses")
-        lines += [
-            "",
-            "",
-            "def anomalous(found, steps):",
-            '    """Other variances at some instants: from k to last, of a measurement."""',
-            "    R = np.array(np.broadcast_to(found.R, (steps + 1, found.m, found.m)))",
-            f"    for k, last, i, variance in {pformat(changes, width=100)}:".replace(" inf)", " np.inf)"),
-            "        R[k : last + 1, i, :] = R[k : last + 1, :, i] = 0",
-            "        R[k : last + 1, i, i] = variance",
-            "    return dataclasses.replace(found, R=R)",
-            "",
-            "",
-        ]
+    if plan.anomalies:
+        imports += ["from ctlabs.models import Anomaly, anomalous"]
+        changes = pformat([(a.k, a.measurement, a.R, a.last) for a in plan.anomalies], width=100).replace(" inf,", " np.inf,")
+        lines += [f"anomalies = [Anomaly(*each) for each in {changes}]  # instant, measurement, variance, last instant"]
     more, body = (_simulation if simulated else _record)(
-        plan, found.algorithm, other=design is not None, changed=bool(changes)
+        plan, found.algorithm, other=design is not None, changed=bool(plan.anomalies)
     )
     imports += more
     ordered = [line for line in imports if line.startswith("import ") and "numpy" not in line]
@@ -48,13 +36,13 @@ def python(name: str, model: str, plan: Plan, found: Outcome) -> str:
 
 def _simulation(plan: Plan, algorithm: str, *, other: bool, changed: bool) -> tuple[list[str], list[str]]:
     imports = ["from ctlabs import kalman_filter", "from ctlabs.labs.experiment import Experiment"]
-    build = "anomalous({}.discrete(steps=steps), steps)" if changed else "{}.discrete(steps=steps)"
+    build = "anomalous({}.discrete(steps=steps), anomalies, steps)" if changed else "{}.discrete(steps=steps)"
     lines = [f"steps, first = {plan.steps}, {plan.first}", f"truth = {build.format('model')}"]
     lines += [f"experiment = Experiment(runs={plan.runs}, seed={plan.seed})"]
     lines += ["some = experiment.histories(truth, steps=steps, runs=1, first=first)"]
     design = "wrong" if other else "truth"
     if other:
-        imports += ["from ctlabs.studies.common import stands_for"]
+        imports += ["from ctlabs.analysis import stands_for"]
         lines += [
             f"wrong = {build.format('design')}",
             "E = stands_for(truth, wrong)  # which states of the truth the filter estimates",
@@ -95,14 +83,14 @@ def _simulation(plan: Plan, algorithm: str, *, other: bool, changed: bool) -> tu
 
 def _record(plan: Plan, algorithm: str, *, other: bool, changed: bool) -> tuple[list[str], list[str]]:
     assert plan.data is not None
-    imports = ["from ctlabs import diagnose, kalman_filter", "from ctlabs.files import datafile", "from ctlabs.studies.clock import timed"]
+    imports = ["from ctlabs import diagnose, kalman_filter", "from ctlabs.files import datafile, timed"]
     used = "design" if other else "model"
     lines = [
         f"DATA = {_literal(plan.data.text)}",
         f"first = {plan.first}",
         f"record = datafile.parse(DATA.encode(), {used}.measurements, {plan.data.name!r})",
         f"discrete, z, t = timed({used}, record)",
-        *(["discrete = anomalous(discrete, len(z) - 1)"] if changed else []),
+        *(["discrete = anomalous(discrete, anomalies, len(z) - 1)"] if changed else []),
         f"found = kalman_filter(discrete, z[first:], first=first, algorithm={algorithm!r})",
         'numbers = {"rows": record.rows, "missing": record.missing}',
         'for name, values in (("estimate", found.x_plus[-1]), ("sd", np.sqrt(np.diag(found.P_plus[-1])))):',
@@ -114,7 +102,7 @@ def _record(plan: Plan, algorithm: str, *, other: bool, changed: bool) -> tuple[
         imports.append("from ctlabs.filtering import log_likelihood")
         lines += [
             "truth, z_truth, t = timed(model, datafile.parse(DATA.encode(), model.measurements))",
-            *(["truth = anomalous(truth, len(z) - 1)"] if changed else []),
+            *(["truth = anomalous(truth, anomalies, len(z) - 1)"] if changed else []),
             'numbers["log_likelihood_of_the_other_model"] = log_likelihood(truth, z_truth[first:], first)',
         ]
     lines += [

@@ -7,14 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from ctlabs.files import timed
 from ctlabs.files.modelfile import ModelFile
 from ctlabs.filtering import steady
 from ctlabs.filtering.engines import adapter
 from ctlabs.filtering.filter import kalman_filter
+from ctlabs.models import anomalous
 from ctlabs.reporting.report import Report
-from ctlabs.studies import clock, common, second
-from ctlabs.workbench.drawings import drawings
-from ctlabs.workbench.experiments import anomalous
+from ctlabs.studies import common, comparison, second
+from ctlabs.workbench.figures import pictures
 from ctlabs.workbench.outcomes import Outcome, Plan
 from ctlabs.workbench.programs import files, python
 
@@ -25,18 +26,15 @@ CHECKED = 1000
 def report(name: str, model: str, plan: Plan, found: Outcome) -> Report:
     """The experiment as a report: model, estimates, errors, innovations, algorithms, and the lines that give it again."""
     file, design = files(model, plan)
-    simulated = plan.data is None
-    own: list[tuple[str, Any, str, str]] = [("algorithm", found.algorithm, "", "form of the filter")]
-    own += (
-        [("steps", plan.steps, "1", "steps of each run")]
-        if simulated
-        else [("data", _data_name(plan), "", "the measured record")]
+    steps: tuple[str, Any, str, str] = ("steps", plan.steps, "1", "steps of each run")
+    given = common.settings(
+        file,
+        ("algorithm", found.algorithm, "", "form of the filter"),
+        steps if plan.data is None else ("data", plan.data.name, "", "the measured record"),
+        ("first", plan.first, "1", "index of the first measurement"),
     )
-    own += [("first", plan.first, "1", "index of the first measurement")]
-    given = common.settings(file, *own)
-    made = common.begin(
-        "workbench", name, file, "abcde", given, runs=plan.runs if simulated else 0, seed=plan.seed if simulated else 0
-    )
+    runs, seed = (plan.runs, plan.seed) if plan.data is None else (0, 0)
+    made = common.begin("workbench", name, file, "abcde", given, runs=runs, seed=seed)
     made.meta = {**made.meta, "title": " ".join(name.split()), "source": "ctlabs workbench"}
     made.section("a", "The model")
     _model(made, file)
@@ -45,31 +43,29 @@ def report(name: str, model: str, plan: Plan, found: Outcome) -> Report:
         _model(made, design)
     for anomaly in plan.anomalies:
         where = f"k = {anomaly.k}" + (f" to {anomaly.last}" if anomaly.last is not None else "")
-        made.says(
-            "The variance of {name} is {R} at {where}.",
-            name=found.measurements[anomaly.measurement],
-            R=anomaly.R,
-            where=where,
-        )
-    if found.contradiction:
-        made.says("**{said}**", said=found.contradiction)
-    for note in found.notes:
-        made.says("{note}", note=note)
-    drawn = drawings(found)
-    sections = {"b": ("Estimates", "estimates_", "gain"), "c": ("Errors", "errors_", "nees"),
-                "d": ("Innovations", "innovations", "autocorrelation"), "e": ("Algorithms", "algorithms", "-")}  # fmt: skip
-    for part, (title, opening, other) in sections.items():
-        if part == "c" and not simulated:
-            continue
+        words = {"name": found.measurements[anomaly.measurement], "R": anomaly.R, "where": where}
+        made.says("The variance of {name} is {R} at {where}.", **words)
+    for line in (f"**{found.contradiction}**", *found.notes) if found.contradiction else found.notes:
+        made.says("{line}", line=line)
+    drawn = pictures(found)
+
+    def begin(part: str, title: str, *names: str) -> None:
         made.section(part, title)
-        for key, (draw, caption, words) in drawn.items():
-            if key.startswith((opening, other)):
-                made.figure(key, draw(), caption, **words)
-        {"b": _numbers, "c": _second_route, "d": _tests, "e": _costs}[part](
-            made, file if design is None else design, plan, found
-        )
-    if not simulated:
-        _second_route(made, file if design is None else design, plan, found)
+        for key, (drawing, caption) in drawn.items():
+            if key.startswith(names):
+                made.figure(key, drawing, "{caption}", caption=caption)
+
+    begin("b", "Estimates", "estimates_", "gain")
+    for key, (value, unit) in found.summary.items():
+        known = not isinstance(value, float) or not math.isnan(value)
+        made.value(key, value if known else None, unit or "1", reason="" if known else "there is none")
+    if plan.data is None:
+        begin("c", "Errors", "errors_", "nees")
+    _second_route(made, file if design is None else design, plan, found)
+    begin("d", "Innovations", "innovations", "autocorrelation")
+    _tests(made, found)
+    made.section("e", "Algorithms")
+    comparison.side_by_side(made, found.algorithms)
     made.says("The Python lines that give these numbers again:")
     made.says("{lines}", lines=f"```python\n{python(name, model, plan, found)}```")
     return made
@@ -81,16 +77,6 @@ def _model(made: Report, file: ModelFile) -> None:
         common.show(made, file.continuous())
         made.says("Sampled every {dt} s:", dt=file.dt)
     common.show(made, file.discrete(steps=1))
-
-
-def _data_name(plan: Plan) -> str:
-    return "" if plan.data is None else plan.data.name
-
-
-def _numbers(made: Report, _file: ModelFile, _plan: Plan, found: Outcome) -> None:
-    for key, (value, unit) in found.summary.items():
-        known = not isinstance(value, float) or not math.isnan(value)
-        made.value(key, value if known else None, unit or "1", reason="" if known else "there is none")
 
 
 def _second_route(made: Report, file: ModelFile, plan: Plan, found: Outcome) -> None:
@@ -105,7 +91,7 @@ def _second_route(made: Report, file: ModelFile, plan: Plan, found: Outcome) -> 
         whole = anomalous(file.discrete(steps=plan.steps), plan.anomalies, plan.steps)
         z = np.zeros((steps + 1, whole.m))
     else:
-        whole, z, _t = clock.timed(file, plan.data.record(file.measurements))
+        whole, z, _t = timed(file, plan.data.record(file.measurements))
         whole, z = anomalous(whole, plan.anomalies, len(z) - 1), z[: steps + 1]
     if found.algorithm == "steady":
         again = adapter.update(second.covariance_of_gain(whole, steady.solve(whole)), whole.H, whole.R).P_plus
@@ -120,7 +106,7 @@ def _second_route(made: Report, file: ModelFile, plan: Plan, found: Outcome) -> 
     made.check("error covariances", wanted, other, ("covariance", "square root of it"))
 
 
-def _tests(made: Report, _file: ModelFile, _plan: Plan, found: Outcome) -> None:
+def _tests(made: Report, found: Outcome) -> None:
     own = found.verdict
     if own is None:
         made.says("No element entered the updates, so there are no innovations to test.")
@@ -142,24 +128,3 @@ def _tests(made: Report, _file: ModelFile, _plan: Plan, found: Outcome) -> None:
     )  # fmt: skip
     if own.suggestion:
         made.says("**Verdict:** {suggestion}.", suggestion=own.suggestion.rstrip("."))
-
-
-def _costs(made: Report, _file: ModelFile, _plan: Plan, found: Outcome) -> None:
-    rows = [
-        [
-            each.name,
-            each.flops,
-            None if each.seconds is None else round(1e6 * each.seconds, 1),
-            each.error_P,
-            each.error_x,
-            each.failed,
-        ]
-        for each in found.algorithms
-    ]
-    columns = ["algorithm", "operations a step", "µs a step", "error of P", "error of x, σ", "remark"]
-    made.table(
-        "costs",
-        columns,
-        rows,
-        "The algorithms on the first record; errors against 50 digits, where several were compared.",
-    )

@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 from ctlabs.files.datafile import Record
 from ctlabs.files.modelfile import ModelFile, loads, new
 from ctlabs.files.modelfile.errors import Path
+from ctlabs.studies.understanding import Understanding, compute
 from ctlabs.workbench import commands, comparing
 from ctlabs.workbench.commands import Command
 from ctlabs.workbench.comparing import Difference
@@ -30,7 +31,6 @@ from ctlabs.workbench.outcomes import REGISTERED, Data, Outcome, Plan, outcome, 
 from ctlabs.workbench.running import Running
 from ctlabs.workbench.sheet import Cell, Sheet
 from ctlabs.workbench.store import REVISIONS
-from ctlabs.workbench.understanding import Understanding, understand, warm
 
 if TYPE_CHECKING:
     from ctlabs.workbench.store import Draft, KeptExperiment, Store
@@ -101,7 +101,7 @@ class Session:
 
     def warm(self) -> None:
         """Load what :meth:`understand` needs; takes about a second, once, and is best called in a thread."""
-        warm()
+        compute(new(), quick=True)
 
     def close(self) -> None:
         """Nothing to do: all is saved."""
@@ -233,7 +233,7 @@ class Session:
     def understand(self) -> Understanding:
         """What can be said of the model; computed once for every text."""
         if self._understanding is None:
-            self._understanding = understand(self.file)
+            self._understanding = compute(self.file, quick=True)
         return self._understanding
 
     # Experiments -----------------------------------------------------------------------------------------------------
@@ -374,9 +374,9 @@ class Session:
 
     def figures(self, number: int) -> dict[str, str]:
         """The pictures of a kept experiment, and what each shows."""
-        from ctlabs.workbench import drawings
+        from ctlabs.workbench.figures import pictures
 
-        return drawings.figures(self.outcome(number))
+        return {name: caption for name, (_, caption) in pictures(self.outcome(number)).items()}
 
     def export_name(self, number: int, kind: str) -> str:
         """A name for an exported file."""

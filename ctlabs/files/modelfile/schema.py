@@ -21,13 +21,10 @@ from pydantic import (
 from ctlabs.files.mapping import Mapping
 from ctlabs.files.modelfile.errors import Path, Problem, meant, place, shown
 from ctlabs.files.modelfile.expressions import NAME, RESERVED, VARIABLES, Expression, parse
+from ctlabs.filtering.algorithms.catalogue import FORMS
 
 FORMAT = 1
 KINDS = ("continuous", "discrete")
-#: The forms of the filter that a file may name.
-ALGORITHMS = (
-    "conventional", "joseph", "information", "sequential", "potter", "carlson", "array", "extended_array", "ud", "ld", "srif", "steady",
-)  # fmt: skip
 #: Most states, measurements, noises, known inputs; most constants; the longest name of anything.
 LARGEST, CONSTANTS, LONGEST = 200, 1000, 100
 #: No more problems than these are told.
@@ -92,8 +89,8 @@ def _whole(least: int, most: int) -> Any:
 
 def _algorithm(value: Any) -> str:
     text = _text(value)
-    if text not in ALGORITHMS:
-        raise ValueError(f"unknown algorithm {shown(text)}{meant(text, ALGORITHMS, len(ALGORITHMS))}")
+    if text not in FORMS:
+        raise ValueError(f"unknown algorithm {shown(text)}{meant(text, FORMS, len(FORMS))}")
     return text
 
 

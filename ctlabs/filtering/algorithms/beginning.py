@@ -138,8 +138,9 @@ def _same(one: Beginning, other: Beginning | None) -> bool:
     if other is None or one.rows != other.rows or (one.used != other.used).any():
         return False
     pairs = [(one.x_minus, other.x_minus, one.P_minus, other.P_minus), (one.x_plus, other.x_plus, one.P_plus, other.P_plus)]
-    if one.x is not None and other.x is not None:
-        pairs.append((one.x, other.x, one.P, other.P))
+    ahead = (one.x, other.x, one.P, other.P)
+    if all(part is not None for part in ahead):
+        pairs.append(ahead)  # type: ignore[arg-type]  # just seen
     return all(close(*pair, SAME) for pair in pairs)
 
 

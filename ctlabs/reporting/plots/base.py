@@ -6,14 +6,14 @@ import re
 from collections.abc import Callable, Mapping
 from functools import wraps
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 STYLE = Path(__file__).parent / "style.mplstyle"
 BLACK, BLUE, ORANGE, GREEN, GREY = "#000000", "#0072B2", "#D55E00", "#009E73", "#8A8F96"
@@ -26,6 +26,8 @@ def styled(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
 
     @wraps(draw)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> Drawn:
+        import matplotlib as mpl  # half a second, which pages need not wait for
+
         with mpl.rc_context(fname=STYLE):
             return draw(*args, **kwargs)
 
@@ -34,13 +36,16 @@ def styled(draw: Callable[P, Drawn]) -> Callable[P, Drawn]:
 
 def panels(rows: int = 1, columns: int = 1, *, height: float | None = None, **share: Any) -> tuple[Figure, Any]:
     """A figure of ``rows`` × ``columns`` axes, as wide as the page; the axes as an array."""
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(7.2, height or (1.2 + 2.6 * rows)))
     return figure, figure.subplots(rows, columns, squeeze=False, **share)
 
 
-def legend(figure: Figure, axes: Axes, columns: int = 4) -> None:
+def legend(figure: Figure, *axes: Axes, columns: int = 4) -> None:
     """One legend above the axes, from the labels of ``axes``, in at most as many columns as fit the figure's width."""
-    handles, names = axes.get_legend_handles_labels()
+    found = [each.get_legend_handles_labels() for each in axes]
+    handles, names = [handle for pair in found for handle in pair[0]], [name for pair in found for name in pair[1]]
     if names:
         widest = 0.7 + 0.075 * max(len(re.sub(r"\\[a-z]+|[${}^_]", "", name)) for name in names)  # inches, at 9 points
         fitting = max(1, int(figure.get_figwidth() / widest))
@@ -49,6 +54,8 @@ def legend(figure: Figure, axes: Axes, columns: int = 4) -> None:
 
 def whole(axes: Axes) -> None:
     """Whole numbers on the horizontal axis (it counts steps)."""
+    from matplotlib.ticker import MaxNLocator
+
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
@@ -72,6 +79,8 @@ def lines(
     ``ordered`` colours a family by its order, ``log`` names the logarithmic axes ("x", "y", "xy"),
     ``steps`` puts whole numbers on the horizontal axis.
     """
+    import matplotlib as mpl
+
     figure, ((axes,),) = panels(height=4.2)
     colours = mpl.colormaps["cividis"](np.linspace(0.0, 0.92, len(curves))) if ordered else [None] * len(curves)
     for (name, y), colour in zip(curves.items(), colours, strict=True):

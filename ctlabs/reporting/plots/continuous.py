@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import TYPE_CHECKING
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
 from ctlabs.filtering.results import Covariances
+from ctlabs.reporting.drawing import CYCLE, Curve, Drawing, Mark, Panel
 from ctlabs.reporting.plots.base import BLACK, BLUE, GREEN, GREY, ORANGE, legend, panels, styled
 from ctlabs.reporting.plots.filters import against_theory
 from ctlabs.text import _, fill
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
     from ctlabs.montecarlo import Statistics
 
 #: More measurements than this are drawn as lines, not as points.
 POINTS = 60
 
 
-@styled
 def transient(
     t: ArrayLike,
     curves: Mapping[str, ArrayLike],
@@ -32,7 +34,7 @@ def transient(
     limits: Mapping[str, float] | None = None,
     marks: Mapping[str, float] | None = None,
     log: str = "",
-) -> Figure:
+) -> Drawing:
     """Continuous curves such as P(t), their limits (dashed, in the colour of the curve of that name) and marked times.
 
     Parameters
@@ -47,21 +49,12 @@ def transient(
     if unknown:
         msg = f"limits: expected names among {list(curves)}, received {sorted(unknown)}"
         raise ValueError(msg)
-    figure, ((axes,),) = panels(height=4.2)
-    for i, (name, values) in enumerate(curves.items()):
-        (line,) = axes.plot(t, values, label=name)
-        if limits and name in limits:
-            label = _("limit") if not i else None
-            axes.axhline(limits[name], color=line.get_color(), linestyle="--", linewidth=1.2, label=label)
-    for name, when in (marks or {}).items():
-        axes.axvline(when, color=GREY, linestyle=":", linewidth=1.4, label=name)
-    _scale(axes, log)
-    if "y" not in log and all(np.nanmin(np.asarray(values)) >= 0 for values in curves.values()):
-        axes.set_ylim(bottom=0)
-    axes.set_xlabel(xlabel)
-    axes.set_ylabel(ylabel)
-    legend(figure, axes)
-    return figure
+    lines = [Curve(name, t, values, colour) for (name, values), colour in zip(curves.items(), cycle(CYCLE), strict=False)]
+    levels = (Mark(_("limit"), limits[each.name], each.colour) for each in lines if limits and each.name in limits)
+    positive = all(np.nanmin(np.asarray(each.y)) >= 0 for each in lines)
+    panel = Panel(ylabel, tuple(lines), kind="log" if "y" in log else "count" if positive else "", levels=tuple(levels))
+    times = tuple(Mark(name, at, "grey", "dot", 1.4) for name, at in (marks or {}).items())
+    return Drawing(ylabel, xlabel, (panel,), log="x" in log, marks=times)
 
 
 @styled

@@ -12,24 +12,22 @@ python-control itself is not imported here: an object is only asked for its resp
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import cycle
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.patches import Circle
 from numpy.typing import ArrayLike
 
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
-from ctlabs.reporting.plots.base import BLACK, GREY, legend, panels, styled
+from ctlabs.reporting.drawing import CYCLE, Band, Curve, Drawing, Mark, Panel
 from ctlabs.text import _, fill
 
 #: See the module's docstring.
 System = Any
 ComplexArray = np.ndarray[Any, np.dtype[np.complex128]]
-LINES = ("-", "--", "-.", ":")
-MARKERS = ("x", "+", "1", "2", "3", "4")
+LINES = ("line", "dash", "dashdot", "dot")
+MARKERS = ("cross", "plus", "triangle", "square")
 
 
 def response(system: System, omega: ArrayLike) -> ComplexArray:
@@ -79,10 +77,9 @@ def response(system: System, omega: ArrayLike) -> ComplexArray:
     return np.where(omega * dt <= np.pi, values, np.nan)
 
 
-@styled
 def bode(
     systems: Mapping[str, System], omega: ArrayLike, *, marks: Mapping[str, float] | None = None, unit: str = "1"
-) -> Figure:
+) -> Drawing:
     """Magnitude and phase against frequency; a sampled system ends at its Nyquist frequency (dotted).
 
     Parameters
@@ -93,37 +90,22 @@ def bode(
     unit : of the magnitude
     """
     omega = np.asarray(omega, dtype=np.float64)
-    figure, grid = panels(2, 1, sharex=True, height=5.4)
-    magnitude, phase = grid[:, 0]
+    found = {name: response(system, omega) for name, system in systems.items()}
+    styles = list(zip(found.items(), cycle(CYCLE), cycle(LINES), strict=False))
+    size = tuple(Curve(name, omega, np.abs(values), colour, style, unit) for (name, values), colour, style in styles)
+    phase = tuple(Curve(name, omega, _degrees(values), colour, style, "°") for (name, values), colour, style in styles)
+    some = any(np.nan_to_num(np.abs(values)).any() for values in found.values())
+    lines = [Mark(name, at, "grey", style) for (name, at), style in zip((marks or {}).items(), cycle(LINES[1:]), strict=False)]
     nyquist = sorted({np.pi / dt for dt in map(_period, systems.values()) if dt and np.pi / dt <= omega.max()})
-    for (name, system), style in zip(systems.items(), _cycle(LINES, len(systems)), strict=True):
-        values = response(system, omega)
-        magnitude.plot(omega, np.abs(values), linestyle=style, label=name)
-        phase.plot(omega, _degrees(values), linestyle=style)
-    for (name, frequency), style in zip((marks or {}).items(), _cycle(LINES[1:], len(marks or {})), strict=True):
-        for axes in (magnitude, phase):
-            axes.axvline(
-                frequency, color=GREY, linestyle=style, linewidth=1.2, label=name if axes is magnitude else None
-            )
-    for i, frequency in enumerate(nyquist):
-        for axes in (magnitude, phase):
-            label = _("Nyquist frequency") if axes is magnitude and not i else None
-            axes.axvline(frequency, color=BLACK, linestyle=":", linewidth=1.0, label=label)
-    magnitude.set_xscale("log")
-    if any(
-        line.get_ydata(orig=True)[np.isfinite(line.get_ydata(orig=True))].any()
-        for line in magnitude.lines[: len(systems)]
-    ):
-        magnitude.set_yscale("log")
-    magnitude.set_ylabel(fill(_("magnitude, {unit}"), unit=unit))
-    phase.set_ylabel(_("phase, degrees"))
-    phase.set_xlabel(_("frequency ω, rad/s"))
-    legend(figure, magnitude)
-    return figure
+    lines += [Mark(_("Nyquist frequency"), at, "black", "dot", 1.0) for at in nyquist]
+    panels = (
+        Panel(fill(_("magnitude, {unit}"), unit=unit), size, kind="log" if some else ""),
+        Panel(_("phase, degrees"), phase),
+    )
+    return Drawing(_("Bode plot"), _("frequency ω, rad/s"), panels, log=True, marks=tuple(lines), height=5.4)
 
 
-@styled
-def poles(systems: Mapping[str, System], *, plane: str = "s") -> Figure:
+def poles(systems: Mapping[str, System], *, plane: str = "s") -> Drawing:
     """Poles (crosses) and zeros (circles) in the complex plane with its boundary of stability.
 
     Parameters
@@ -139,51 +121,31 @@ def poles(systems: Mapping[str, System], *, plane: str = "s") -> Figure:
     if plane not in ("s", "z"):
         msg = f"plane: expected 's' or 'z', received {plane!r}"
         raise ValueError(msg)
-    figure, ((axes,),) = panels(height=4.6)
-    found = []
-    for (name, system), marker in zip(systems.items(), _cycle(MARKERS, len(systems)), strict=True):
+    points, found, unit = [], [np.zeros(0, dtype=np.complex128)], "1/s" if plane == "s" else ""
+    for (name, system), colour, style in zip(systems.items(), cycle(CYCLE), cycle(MARKERS), strict=False):
         roots, zeros = _roots(name, system, plane)
-        (line,) = axes.plot(
-            roots.real,
-            roots.imag,
-            linestyle="none",
-            marker=marker,
-            markersize=10,
-            markeredgewidth=2,
-            label=name,
-            zorder=4,
-        )
+        points.append(Curve(name, roots.real + 0.0, roots.imag + 0.0, colour, style, unit, width=2, size=10))
         if zeros.size:
-            axes.plot(
-                zeros.real, zeros.imag, linestyle="none", marker="o", markersize=9, markerfacecolor="none",
-                markeredgecolor=line.get_color(), label=fill(_("{name}, zeros"), name=name), zorder=3,
-            )  # fmt: skip
+            circles = fill(_("{name}, zeros"), name=name)
+            points.append(Curve(circles, zeros.real + 0.0, zeros.imag + 0.0, colour, "open", unit, size=9))
         found += [roots, zeros]
-    _boundary(axes, np.concatenate([*found, np.zeros(0)]), plane)
-    unit = ", 1/s" if plane == "s" else _(" (ratio per step)")
-    axes.set_xlabel(fill(_("real part of {plane}"), plane=plane) + unit)
-    axes.set_ylabel(fill(_("imaginary part of {plane}"), plane=plane) + unit)
-    legend(figure, axes)
-    return figure
-
-
-def _boundary(axes: Axes, points: ComplexArray, plane: str) -> None:
-    """The boundary of stability, and limits that show it together with the points."""
-    axes.axhline(0.0, color=GREY, linewidth=0.8, zorder=1)
-    axes.axvline(0.0, color=BLACK if plane == "s" else GREY, linewidth=1.6 if plane == "s" else 0.8, zorder=1)
+    suffix = ", 1/s" if plane == "s" else _(" (ratio per step)")
+    across, up = (fill(text, plane=plane) + suffix for text in (_("real part of {plane}"), _("imaginary part of {plane}")))
+    axis = Mark("", 0.0, "grey", "line", 0.8)
+    values = np.concatenate(found)
     if plane == "z":
-        axes.add_patch(Circle((0, 0), 1, fill=False, color=BLACK, linewidth=1.6, zorder=1))
-        axes.set_aspect("equal")
-        reach = 1.15 * max(1.0, np.abs(points).max(initial=0.0))
-        axes.set_xlim(-reach, reach)
-        axes.set_ylim(-reach, reach)
-        return
-    size = np.abs(points).max(initial=0.0) or 1.0
-    right = max(points.real.max(initial=0.0), 0.0) + 0.15 * size
-    axes.set_xlim(min(points.real.min(initial=0.0), 0.0) - 0.15 * size, right)
-    height = 1.3 * max(np.abs(points.imag).max(initial=0.0), 0.25 * size)
-    axes.set_ylim(-height, height)
-    axes.axvspan(0.0, right, color=GREY, alpha=0.12, linewidth=0, label=_("unstable"), zorder=0)
+        reach = 1.15 * max(1.0, np.abs(values).max(initial=0.0))
+        angle = np.linspace(0, 2 * np.pi, 181)
+        circle = Curve(_("unit circle"), np.cos(angle), np.sin(angle), "black", quiet=True, width=1.6)
+        panel = Panel(up, (circle, *points), levels=(axis,), reach=(-reach, reach))
+        return Drawing(_("Poles in the plane of z"), across, (panel,), True, marks=(axis,), reach=panel.reach, height=4.6)
+    size = np.abs(values).max(initial=0.0) or 1.0
+    left, right = min(values.real.min(initial=0.0), 0.0) - 0.15 * size, max(values.real.max(initial=0.0), 0.0) + 0.15 * size
+    height = 1.3 * max(np.abs(values.imag).max(initial=0.0), 0.25 * size)
+    unstable = Band(_("unstable"), [0.0, right], [-height] * 2, [height] * 2, "grey")
+    panel = Panel(up, tuple(points), (unstable,), levels=(axis,), reach=(-height, height))
+    edge = Mark("", 0.0, "black", "line", 1.6)
+    return Drawing(_("Poles in the plane of s"), across, (panel,), marks=(edge,), reach=(left, right), height=4.6)
 
 
 def _roots(name: str, system: System, plane: str) -> tuple[ComplexArray, ComplexArray]:
@@ -219,7 +181,3 @@ def _degrees(values: ComplexArray) -> Array:
     known = np.isfinite(values) & (values != 0)
     phase[known] = np.degrees(np.unwrap(np.angle(values[known])))
     return phase
-
-
-def _cycle(items: tuple[str, ...], count: int) -> list[str]:
-    return [items[i % len(items)] for i in range(count)]

@@ -1,27 +1,23 @@
-"""Figures of the studies: estimates over data or truth, the forms of the filter compared."""
+"""Figures of the studies: estimates over data or truth, variances before and after an update, gains, the forms of the filter compared."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Protocol
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import ArrayLike
 
-from ctlabs.reporting.plots.base import BLACK, BLUE, GREEN, GREY, ORANGE, legend, panels, styled
-from ctlabs.text import _, fill
+from ctlabs.linalg.checks import Array
+from ctlabs.reporting.drawing import Band, Curve, Drawing, Mark, Panel, array, finite, labelled, line_styles
+from ctlabs.text import _, fill, per
 
-#: Longer records are drawn by lines and small dots instead of marked points.
-POINTS = 200
-#: More points than this in a curve are not seen: bands and lines are thinned to it.
-DRAWN = 4000
 #: An error of zero in a logarithmic figure.
 FLOOR = 1e-17
+#: Instants above which points are not marked on a line.
+MARKED = 120
 
 
-@styled
 def estimates(
     t: ArrayLike,
     curves: Mapping[str, tuple[ArrayLike, ArrayLike]],
@@ -30,86 +26,119 @@ def estimates(
     truth: ArrayLike | None = None,
     ylabel: str,
     xlabel: str = "t, s",
-) -> Figure:
-    """Estimates with their ±σ bands (each a pair of estimate and σ), over the measurements (and the truth) of the same quantity.
+) -> Drawing:
+    """Estimates with their ±σ bands (each a pair of estimate and σ), over the measurements (and the truth) of the same quantity."""
+    return Drawing(_("Estimates"), xlabel, (estimates_panel(t, curves, ylabel, data=data, truth=truth),))
 
-    The vertical axis follows the estimates and the data, not a band that is wider than both (an estimate at t0).
+
+def estimates_panel(
+    t: ArrayLike,
+    curves: Mapping[str, tuple[ArrayLike, ArrayLike]],
+    label: str,
+    unit: str = "",
+    *,
+    data: ArrayLike | None = None,
+    truth: ArrayLike | None = None,
+    others: Sequence[Curve] = (),
+) -> Panel:
+    """One quantity: the first of ``curves`` is above the others. The axis follows the estimates and the data, not a band that is wider
+    than both (that of an estimate at t0).
     """
-    t, figure, axes = np.asarray(t), *_one()
-    shown = slice(None, None, -(-len(t) // DRAWN))
-    seen = []
-    if data is not None:
-        data = np.asarray(data, dtype=np.float64)
-        marker: dict[str, Any] = (
-            {"marker": "x", "markersize": 4} if len(t) <= POINTS else {"marker": ".", "markersize": 2}
-        )
-        axes.plot(t[shown], data[shown], linestyle="none", color=GREY, label=_("measurement"), **marker)
-        seen.append(data)
-    if truth is not None:
-        truth = np.asarray(truth, dtype=np.float64)
-        axes.plot(t[shown], truth[shown], color=BLACK, label=_("truth"))
-        seen.append(truth)
-    for (name, (estimate, sd)), colour in zip(curves.items(), (BLUE, ORANGE, GREEN), strict=False):
-        x, band = np.asarray(estimate, dtype=np.float64), np.asarray(sd, dtype=np.float64)
-        axes.fill_between(t[shown], (x - band)[shown], (x + band)[shown], color=colour, alpha=0.18, linewidth=0)
-        axes.plot(t[shown], x[shown], color=colour, label=fill(_("{name} ± σ"), name=name))
-        usual = band <= 3 * np.median(band)
-        seen += [x[usual], (x - band)[usual], (x + band)[usual]]
-    values = np.concatenate(seen)
+    below = [] if data is None else [Curve(_("measurement"), t, data, "orange", "cross", unit)]
+    below += [] if truth is None else [Curve(_("truth"), t, truth, "black", unit=unit)]
+    bands, lines, seen = [], [], [array(curve.y) for curve in below]
+    for (name, (estimate, sd)), (colour, style) in zip(curves.items(), (("blue", "line"), ("green", "dash")), strict=False):
+        x, s = array(estimate), finite(sd)
+        bands.append(Band(fill(_("{name} ± σ"), name=name), t, x - s, x + s, colour, unit))
+        lines.append(Curve(name, t, x, colour, style, unit, s))
+        usual = s <= 3 * np.nanmedian(s) if np.isfinite(s).any() else np.zeros(len(s), bool)
+        seen += [x[usual], (x - s)[usual], (x + s)[usual]]
+    return Panel(label, (*below, *reversed(lines), *others), tuple(bands), reach=_reach(seen))
+
+
+def _reach(seen: Sequence[Array]) -> tuple[float, float] | None:
+    """From the least to the greatest value, and a little more; None where there is nothing between them."""
+    values = finite(np.concatenate(seen))
     low, high = np.nanmin(values, initial=np.inf), np.nanmax(values, initial=-np.inf)
-    if low < high:
-        axes.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
-    axes.set_xlabel(xlabel)
-    axes.set_ylabel(ylabel)
-    legend(figure, axes)
-    return figure
+    return (float(low - 0.05 * (high - low)), float(high + 0.05 * (high - low))) if low < high else None
 
 
-@styled
-def accuracy(names: Sequence[str], errors_P: ArrayLike, errors_x: ArrayLike, flops: ArrayLike) -> Figure:
-    """Forms of the filter: relative error of P and error of the estimate (logarithmic), and operations of a step."""
-    figure, grid = panels(1, 2, sharey=True, height=1.4 + 0.3 * len(names))
-    places = np.arange(len(names))[::-1]
-    left, right = grid[0]
-    for values, colour, marker, label in (
-        (errors_P, BLUE, "o", _("covariance, relative")),
-        (errors_x, ORANGE, "x", _("estimate, in units of its σ")),
-    ):
-        known = np.asarray(values, dtype=np.float64)
-        left.plot(
-            np.maximum(known, FLOOR), places, linestyle="none", color=colour, marker=marker, markersize=7, label=label
+def before_after(
+    t: ArrayLike, before: ArrayLike, after: ArrayLike, label: str, unit: str, names: tuple[str, str], limits: Sequence[float] = ()
+) -> Panel:
+    """P0, P1⁻, P1⁺, …: one line through all, and both kinds of points where they can be told apart; ``limits`` of both."""
+    t, pair = array(t), (finite(before), finite(after))
+    marked = ("triangle", "points") if len(t) <= MARKED else ("line", "line")
+    line = Curve(" ".join(names), np.repeat(t, 2), np.column_stack(pair).ravel(), "grey", "line", unit, quiet=True, width=1.0)
+    curves = (Curve(*given, unit) for given in zip(names, (t, t), pair, ("orange", "blue"), marked, strict=True))
+    levels = (
+        Mark(fill(_("limit of {name}"), name=name), limit, colour, "dot")
+        for name, limit, colour in zip(names, limits, ("orange", "blue"), strict=False)
+    )
+    return Panel(label, (line, *curves), (), "size", tuple(levels))
+
+
+def gains(
+    t: ArrayLike,
+    K: ArrayLike,
+    states: Mapping[str, str],
+    measurements: Mapping[str, str],
+) -> Drawing:
+    """The gain (instants, n, m) from every measurement to every estimate; ``states`` and ``measurements``: their units by their names."""
+    K = finite(K)
+    panels = []
+    for i, (state, unit) in enumerate(states.items()):
+        styles = line_styles(K.shape[2])
+        curves = tuple(
+            Curve(fill(_("from {name}"), name=name), t, K[:, i, j], colour, style, per(unit, other))
+            for j, ((name, other), (colour, style)) in enumerate(zip(measurements.items(), styles, strict=True))
         )
-    left.set_xscale("log")
-    left.set_yticks(places, names)
-    left.set_xlabel(_("largest error against 50 digits"))
-    right.barh(places, np.nan_to_num(np.asarray(flops, dtype=np.float64)), color=GREY)
-    right.set_xlabel(_("operations of a step"))
-    legend(figure, left)
-    return figure
+        alike = {curve.unit for curve in curves}
+        panels.append(Panel(labelled(fill(_("gain of {name}"), name=state), alike.pop() if len(alike) == 1 else ""), curves))
+    return Drawing(_("Gain"), "t, s", tuple(panels), verbatim=True)
 
 
-@styled
-def against(values: ArrayLike, curves: Mapping[str, ArrayLike], *, xlabel: str) -> Figure:
+class Judged(Protocol):
+    """A form of the filter with its errors against 50 digits and its cost (None: there is none)."""
+
+    @property
+    def name(self) -> str:
+        """Of the form."""
+
+    @property
+    def error_P(self) -> float | None:
+        """Relative error of P."""
+
+    @property
+    def error_x(self) -> float | None:
+        """Error of the estimate, in units of its σ."""
+
+    @property
+    def flops(self) -> int | None:
+        """Operations of a step."""
+
+
+def algorithms(found: Sequence[Judged]) -> Drawing:
+    """Forms of the filter: relative error of P and error of the estimate (logarithmic), and operations of a step."""
+    places = np.arange(len(found))
+    P, x, flops = (np.array([getattr(each, name) for each in found], dtype=np.float64) for name in ("error_P", "error_x", "flops"))
+    errors = (
+        Curve(_("covariance, relative"), places, np.maximum(P, FLOOR), "blue", "points", size=7),
+        Curve(_("estimate, in units of its σ"), places, np.maximum(x, FLOOR), "orange", "cross", size=7),
+    )
+    cost = Curve(_("operations"), places, np.nan_to_num(flops), "grey", "bars", quiet=True)
+    panels = (Panel(_("largest error against 50 digits"), errors, kind="log"), Panel(_("operations of a step"), (cost,), kind="count"))
+    return Drawing(_("Accuracy and cost"), "", panels, ticks=tuple(each.name for each in found), height=5.8)
+
+
+def against(values: ArrayLike, curves: Mapping[str, ArrayLike], *, xlabel: str) -> Drawing:
     """Relative errors of the forms against a constant of the model, both axes logarithmic; gaps where a form refuses."""
-    figure, axes = _one(4.8)
-    for (name, errors), style in zip(curves.items(), _styles(len(curves)), strict=True):
-        axes.plot(values, np.maximum(np.asarray(errors, dtype=np.float64), FLOOR), label=name, markersize=5, **style)
-    if (np.asarray(values, dtype=np.float64) > 0).all():
-        axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.axhline(1.0, color=BLACK, linestyle=":", linewidth=1.0)
-    axes.set_xlabel(xlabel)
-    axes.set_ylabel(_("largest relative error of P against 50 digits"))
-    legend(figure, axes, columns=6)
-    return figure
-
-
-def _one(height: float = 4.2) -> tuple[Figure, Axes]:
-    figure, ((axes,),) = panels(height=height)
-    return figure, axes
-
-
-def _styles(count: int) -> list[dict[str, Any]]:
-    """Line styles and markers that stay apart where curves lie on one another."""
-    lines, markers = ("-", "--", "-.", ":"), "osD^vx+*<>ph"
-    return [{"linestyle": lines[(i // 8) % 4], "marker": markers[i % len(markers)]} for i in range(count)]
+    drawn = []
+    for i, ((name, errors), (colour, style)) in enumerate(zip(curves.items(), line_styles(len(curves)), strict=True)):
+        y = np.maximum(array(errors), FLOOR)
+        points = ("points", "cross", "square", "triangle", "plus", "open")[i % 6]
+        drawn += [Curve(name, values, y, colour, style), Curve(name, values, y, colour, points, quiet=True, size=5)]
+    panel = Panel(
+        _("largest relative error of P against 50 digits"), tuple(drawn), kind="log", levels=(Mark("", 1.0, "black", "dot", 1.0),)
+    )
+    return Drawing(_("Accuracy"), xlabel, (panel,), log=bool((array(values) > 0).all()), height=4.8)

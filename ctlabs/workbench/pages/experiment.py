@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 from nicegui import ui
 
 from ctlabs.files.modelfile import gallery, loads
-from ctlabs.files.modelfile.schema import ALGORITHMS
+from ctlabs.filtering.algorithms.catalogue import FORMS
+from ctlabs.models import Anomaly
 from ctlabs.workbench import commands
 from ctlabs.workbench.help import help_for
-from ctlabs.workbench.outcomes import LARGEST, Anomaly
+from ctlabs.workbench.outcomes import LARGEST
 from ctlabs.workbench.pages.dialogs import buttons, dialog
 from ctlabs.workbench.pages.keep import export_dialog
 from ctlabs.workbench.pages.results import Results
@@ -122,7 +123,7 @@ class _Experiment:
         with self.show.card("Algorithms", "experiment.algorithms", test="algorithms"):
             with ui.element("div").classes("ctl-exp-algorithms").props('role=group aria-label="Algorithms"'):
                 self.boxes: dict[str, ui.checkbox] = {}
-                for name in ALGORITHMS:
+                for name in FORMS:
                     with ui.element("div").classes("ctl-exp-algorithm"):
                         box = ui.checkbox(
                             _title(name), value=name in self.session.plan.algorithms, on_change=self._algorithms

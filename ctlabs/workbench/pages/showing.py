@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from nicegui import ui
 
+from ctlabs.reporting.screen import to_plotly
 from ctlabs.text import number
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.pages.dialogs import dialog
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from nicegui import Client
     from nicegui.events import GenericEventArguments
 
-    from ctlabs.workbench.figures import Drawing
+    from ctlabs.reporting.drawing import Drawing
     from ctlabs.workbench.pages.shell import Shell
 
 #: Texts in tables that are not broken into lines.
@@ -119,7 +120,7 @@ class Plot:
     def show(self, drawing: Drawing) -> None:
         """Draw this; a legend's choice stays where the curves have the same names."""
         self._drawing = drawing
-        figure = drawing.plotly(dark=self._show.dark)
+        figure = to_plotly(drawing, dark=self._show.dark)
         self._title.content = f"<h3>{escape(drawing.name)}</h3>"
         label = f"Figure: {drawing.name}; its numbers can be copied"
         if self._element is None:
@@ -128,7 +129,7 @@ class Plot:
         else:
             self._element.update_figure(figure)
         self._element.props["aria-label"] = label
-        self._element.style(f"height: {drawing.height}px")
+        self._element.style(f"height: {figure['layout']['height']}px")
         self.box.set_visibility(True)
 
     def hide(self) -> None:

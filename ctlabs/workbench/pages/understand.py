@@ -13,12 +13,12 @@ from nicegui import background_tasks, ui
 
 from ctlabs.files.modelfile import loads
 from ctlabs.reporting.mathml import mathml
+from ctlabs.studies.understanding import Part, Poles, Understanding, compute
 from ctlabs.text import number
 from ctlabs.workbench import figures
 from ctlabs.workbench.pages.editing import Editor
 from ctlabs.workbench.pages.model_constants import Constants
 from ctlabs.workbench.pages.showing import Show, matrix, table
-from ctlabs.workbench.understanding import Part, Poles, Understanding, understand
 
 if TYPE_CHECKING:
     from ctlabs.workbench.pages.shell import Shell
@@ -197,7 +197,7 @@ class _Understand:
         ):
             if part:
                 content.append(_pole_table(part.value, title, found))
-                plot.show(figures.poles(part.value))
+                plot.show(part.value.drawing)
             else:
                 plot.hide()
         if not z:
@@ -265,7 +265,7 @@ class _Understand:
         options = dict(enumerate(found.states))
         if self.choose_states.options != options or self.choose_states.value != self.states:
             self.choose_states.set_options(options, value=self.states)
-        self.deviations.show(figures.deviations(found, self.states))
+        self.deviations.show(found.deviations(self.states))
 
     def _states_chosen(self) -> None:
         chosen = sorted(self.choose_states.value or [])
@@ -296,7 +296,7 @@ class _Understand:
             self.pairs = names[:SHOWN]
         if self.choose_pairs.options != names or self.choose_pairs.value != self.pairs:
             self.choose_pairs.set_options(names, value=self.pairs)
-        self.bode.show(figures.bode(part.value, self.pairs))
+        self.bode.show(part.value.drawing(self.pairs))
 
     def _pairs_chosen(self) -> None:
         chosen = [name for name in self.choose_pairs.options if name in (self.choose_pairs.value or [])]
@@ -308,7 +308,7 @@ class _Understand:
 @lru_cache(maxsize=32)
 def _understood(text: str) -> Understanding:
     """What can be said of a text; a model that one comes back to is there at once."""
-    return understand(loads(text, "", check=False))
+    return compute(loads(text, "", check=False), quick=True)
 
 
 class _Body:
