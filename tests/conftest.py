@@ -3,6 +3,7 @@
 import os
 import sys
 from collections.abc import Iterator
+from importlib import import_module
 
 os.environ["LANGUAGE"] = "en"  # read by gettext when ctlabs.text is imported
 for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -18,13 +19,18 @@ settings.register_profile("ctlabs", deadline=None, derandomize=True, max_example
 settings.load_profile("ctlabs")
 
 
+#: Libraries of others that the tests load in any case.
+HEAVY = ("control", "filterpy.kalman", "matplotlib.figure", "mpmath", "nicegui", "numba.core.dispatcher", "pandas", "scipy.stats", "sympy")
+
+
 @untraced
 def _others() -> None:
     """What costs most of the code of others is loaded, and marked."""
+    for library in HEAVY:
+        import_module(library)
     import matplotlib.figure
     import mpmath
     import numba.core.dispatcher
-    import scipy.stats  # noqa: F401  # most of scipy
     import sympy
     from matplotlib.backend_bases import FigureCanvasBase
 
@@ -41,9 +47,9 @@ def _others() -> None:
             setattr(place, name, untraced(getattr(place, name)))
 
 
-def pytest_configure() -> None:
+def pytest_configure(config: pytest.Config) -> None:
     """Coverage looks away from the code of others that takes long (the pieces of ctlabs that are called back there are tiny)."""
-    if sys.gettrace() is not None:
+    if sys.gettrace() is not None and config.getoption("dist", "no") == "no":  # the process that hands out the tests runs none
         _others()
 
 
