@@ -62,15 +62,16 @@ def pytest_runtest_protocol() -> Iterator[None]:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """How many of hypothesis's examples are run, at most; and how many random models."""
-    parser.addoption("--examples", type=int, help="run at most so many examples of each property (tests/kernels.py)")
+    parser.addoption("--examples", type=int, default=10, help="run at most so many examples of each property")
     parser.addoption("--twins", type=int, default=8, help="random models of each of four seeds (tests/test_twins.py)")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Fewer examples of every property, where the option asks for it."""
+    """Properties are marked, and have as many examples as the option allows and they ask for."""
     limit = config.getoption("--examples")
-    for item in items if limit else ():
+    for item in items:
         test = getattr(getattr(item, "obj", None), "__func__", getattr(item, "obj", None))
         if is_hypothesis_test(test):
             own = test._hypothesis_internal_use_settings
             test._hypothesis_internal_use_settings = settings(own, max_examples=min(limit, own.max_examples))
+            item.add_marker(pytest.mark.property)
