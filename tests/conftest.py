@@ -2,6 +2,8 @@
 
 import os
 import sys
+from collections.abc import Iterator
+from importlib import import_module
 
 os.environ["LANGUAGE"] = "en"  # read by gettext when ctlabs.text is imported
 for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -10,20 +12,25 @@ for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 import pytest  # noqa: E402  # after the environment is set
 from hypothesis import is_hypothesis_test, settings  # noqa: E402
 
-from tests.untraced import untraced  # noqa: E402
+from tests.untraced import untraced, watched_at_first  # noqa: E402
 
 # Derandomised: the same examples on every machine; the seeds of a failing run are those of the next one.
 settings.register_profile("ctlabs", deadline=None, derandomize=True, max_examples=50, print_blob=True)
 settings.load_profile("ctlabs")
 
 
+#: Libraries of others that the tests load in any case.
+HEAVY = ("control", "filterpy.kalman", "matplotlib.figure", "mpmath", "nicegui", "numba.core.dispatcher", "pandas", "scipy.stats", "sympy")
+
+
 @untraced
 def _others() -> None:
     """What costs most of the code of others is loaded, and marked."""
+    for library in HEAVY:
+        import_module(library)
     import matplotlib.figure
     import mpmath
     import numba.core.dispatcher
-    import scipy.stats  # noqa: F401  # most of scipy
     import sympy
     from matplotlib.backend_bases import FigureCanvasBase
 
@@ -40,23 +47,31 @@ def _others() -> None:
             setattr(place, name, untraced(getattr(place, name)))
 
 
-def pytest_configure() -> None:
+def pytest_configure(config: pytest.Config) -> None:
     """Coverage looks away from the code of others that takes long (the pieces of ctlabs that are called back there are tiny)."""
-    if sys.gettrace() is not None:
+    if sys.gettrace() is not None and config.getoption("dist", "no") == "no":  # the process that hands out the tests runs none
         _others()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol() -> Iterator[None]:
+    """Coverage looks at the beginning of each test, which is where a test comes to what others do not reach."""
+    with watched_at_first():
+        return (yield)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """How many of hypothesis's examples are run, at most; and how many random models."""
-    parser.addoption("--examples", type=int, help="run at most so many examples of each property (tests/kernels.py)")
+    parser.addoption("--examples", type=int, default=10, help="run at most so many examples of each property")
     parser.addoption("--twins", type=int, default=8, help="random models of each of four seeds (tests/test_twins.py)")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Fewer examples of every property, where the option asks for it."""
+    """Properties are marked, and have as many examples as the option allows and they ask for."""
     limit = config.getoption("--examples")
-    for item in items if limit else ():
+    for item in items:
         test = getattr(getattr(item, "obj", None), "__func__", getattr(item, "obj", None))
         if is_hypothesis_test(test):
             own = test._hypothesis_internal_use_settings
             test._hypothesis_internal_use_settings = settings(own, max_examples=min(limit, own.max_examples))
+            item.add_marker(pytest.mark.property)

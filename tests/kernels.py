@@ -1,10 +1,11 @@
-"""The numerical tests under each of OpenBLAS's kernels that this processor can run, with one thread and with two.
+"""The numerical tests under each of OpenBLAS's kernels that this processor can run, and under the first with two threads.
 
     python tests/kernels.py [options of pytest]
 
 A kernel decides in which order sums are rounded, so a number that is right under one and wrong under another was never
 right. OpenBLAS takes the one of the processor; ``OPENBLAS_CORETYPE`` names another. A kernel is asked for in a process
-of its own, which an instruction that the processor does not have ends; such kernels are left out, and named.
+of its own, which an instruction that the processor does not have ends; such kernels are left out, and named. Two threads
+share out a large product by one rule for all kernels, so that they are tried with the first of them.
 
 The numerical tests are the files with the line ``pytestmark = pytest.mark.numerical``; of hypothesis's examples the
 first few are run. Files whose numbers come from compiled loops alone (fits, diagnoses) need no mark: no kernel is asked.
@@ -19,8 +20,9 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 KERNELS = ("Haswell", "SkylakeX", "Sandybridge", "Nehalem")
-THREADS = (1, 2)
 EXAMPLES = 3
+#: Processes at a time.
+TOGETHER = 2
 MARK = "pytestmark = pytest.mark.numerical"
 #: Uses products and factors of numpy's and scipy's OpenBLAS, and says which kernels these are.
 PROBE = """
@@ -50,33 +52,36 @@ def hindrance(kernel: str) -> str:
     return "" if took == kernel else f"numpy and scipy took {took or 'no OpenBLAS'} for it"
 
 
-def run(kernel: str, threads: int, options: list[str]) -> tuple[int, str]:
-    """The numerical tests under a kernel: pytest's exit status and what it printed."""
-    files = sorted(str(file) for file in HERE.glob("test_*.py") if MARK in file.read_text(encoding="utf-8"))
+def files() -> list[str]:
+    """Those whose numbers come from OpenBLAS."""
+    return sorted(str(file) for file in HERE.glob("test_*.py") if MARK in file.read_text(encoding="utf-8"))
+
+
+def run(kernel: str, threads: int, options: list[str]) -> bool:
+    """Whether the numerical tests pass under a kernel; what pytest said is printed."""
     command = [sys.executable, "-m", "pytest", "-q", "-n0", "-m", "numerical and not slow", f"--examples={EXAMPLES}"]
     done = subprocess.run(
-        [*command, "-p", "no:cacheprovider", *options, *files],
+        [*command, "-p", "no:cacheprovider", *options, *files()],
         env=environment(kernel, threads), cwd=HERE.parent, capture_output=True, text=True, check=False,
     )  # fmt: skip
-    return done.returncode, done.stdout + done.stderr
+    printed = (done.stdout + done.stderr).strip()
+    print(f"{kernel}, {threads} thread{'s' * (threads > 1)}: {printed.splitlines()[-1]}", flush=True)
+    if done.returncode:
+        print(printed, flush=True)
+    return done.returncode == 0
 
 
 def main(options: list[str]) -> int:
     """Try every kernel; 1 if a test failed, or if no kernel could be tried."""
-    tried, failed = 0, 0
+    tried = []
     for kernel in KERNELS:
         if why := hindrance(kernel):
             print(f"{kernel}: skipped, {why}", flush=True)
-            continue
-        with ThreadPoolExecutor(len(THREADS)) as pool:
-            results = list(pool.map(lambda threads, kernel=kernel: run(kernel, threads, options), THREADS))
-        for threads, (status, printed) in zip(THREADS, results, strict=True):
-            print(f"{kernel}, {threads} thread{'s' * (threads > 1)}: {printed.strip().splitlines()[-1]}", flush=True)
-            if status:
-                failed += 1
-                print(printed, flush=True)
-        tried += 1
-    return int(failed > 0 or not tried)
+        else:
+            tried.append(kernel)
+    with ThreadPoolExecutor(TOGETHER) as pool:
+        passed = pool.map(lambda job: run(*job, options), [*((kernel, 1) for kernel in tried), *((kernel, 2) for kernel in tried[:1])])
+    return int(not tried or not all(passed))
 
 
 if __name__ == "__main__":

@@ -213,7 +213,8 @@ def private(tree: ast.AST) -> list[str]:
     names are public.
     """
     found, known = [], set()
-    for node in ast.walk(tree):
+    nodes = list(ast.walk(tree))
+    for node in nodes:
         if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in OURS:
             known |= {alias.asname or alias.name for alias in node.names}
             found += [
@@ -226,7 +227,7 @@ def private(tree: ast.AST) -> list[str]:
             known |= {
                 alias.asname or alias.name.split(".")[0] for alias in node.names if alias.name.split(".")[0] in OURS
             }
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Attribute) and node.attr.startswith("_") and not node.attr.startswith("__"):
             base: ast.expr = node.value
             while isinstance(base, ast.Attribute):

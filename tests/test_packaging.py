@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tomllib
 import zipfile
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -66,6 +67,7 @@ def test_one_version_everywhere():
     assert PROJECT["tool"]["setuptools"]["dynamic"]["version"]["attr"] == "ctlabs.__version__"
 
 
+@cache
 def imported(folder: str) -> set[str]:
     """Top-level names of everything a folder's modules import, wherever in the file."""
     names = set()
@@ -83,6 +85,12 @@ def distributions(requirements: list[str]) -> set[str]:
     """The names of requirements, in one spelling."""
     plain = [name for line in requirements for name in re.match(r"[\w.\-\[]+", line)[0].split("[")]
     return {re.sub(r"[-_.]+", "-", name).lower() for name in plain}
+
+
+@cache
+def homes() -> dict[str, list[str]]:
+    """The distributions that bring a module: those installed are read once."""
+    return dict(importlib.metadata.packages_distributions())
 
 
 #: Used where they are installed, asked for by no one: tables for those who have pandas, a peer of the benchmarks.
@@ -103,9 +111,8 @@ def test_every_import_is_a_declared_dependency(folder: str, extras: list[str]):
     """What the code imports is what pyproject.toml asks for, with a lower bound."""
     project = PROJECT["project"]
     lines = project["dependencies"] + [line for extra in extras for line in project["optional-dependencies"][extra]]
-    homes = importlib.metadata.packages_distributions()
     for name in imported(folder) - OPTIONAL:
-        declared = distributions(homes.get(name, [name])) & distributions(lines)
+        declared = distributions(homes().get(name, [name])) & distributions(lines)
         assert declared, f"{folder} imports {name}, which no line of pyproject.toml brings"
     assert all(">=" in line for line in lines if not line.startswith("ctlabs["))
 
@@ -192,6 +199,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("wheel")
 def test_the_wheel_holds_every_source_file(wheel: Path):
     """Nothing that works in the repository is missing from an installation."""
     inside = {name for name in zipfile.ZipFile(wheel).namelist() if ".dist-info/" not in name}
@@ -199,6 +207,7 @@ def test_the_wheel_holds_every_source_file(wheel: Path):
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("wheel")
 def test_the_wheel_runs_a_lab_without_the_repository(wheel: Path, tmp_path: Path):
     """``pip install ctlabs-*.whl && ctlabs run 7`` works in an empty folder (the libraries are this environment's)."""
     venv = tmp_path / "venv"

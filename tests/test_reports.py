@@ -94,6 +94,7 @@ def fresh(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("reports")
 @pytest.mark.parametrize("name", COMMITTED)
 def test_a_fresh_run_gives_the_committed_numbers(name: str, fresh: Path):
     """Parameters, values, routes and verdicts are those of the committed results.json, up to rounding."""
@@ -101,6 +102,7 @@ def test_a_fresh_run_gives_the_committed_numbers(name: str, fresh: Path):
 
 
 @pytest.mark.slow
+@pytest.mark.xdist_group("reports")
 @pytest.mark.parametrize("name", COMMITTED)
 def test_a_fresh_run_writes_the_same_files(name: str, fresh: Path):
     """The same figures and tables are made, under the same names."""

@@ -317,7 +317,8 @@ def test_the_constant_gain_formula_of_lab_7(Phi: float, K: float) -> None:
     model = scalar(Phi=Phi, Qd=Q, R=R, P0=1.0)
     expected = ((1 - K) ** 2 * Q / R + K**2) / (1 - (1 - K) ** 2 * Phi**2)
     assert close(sensitivity.steady(model, model, K=[[K]]).P_plus / R, [[expected]], EXACT)
-    late = sensitivity.actual(model, model, 600, gains=sensitivity.fixed_gain(model, [[K]], 600)).P_plus[-1]
+    steps = 2 + int(np.log(1e-14) / np.log(((1 - K) * Phi) ** 2))  # what is left of P0 is below EXACT
+    late = sensitivity.actual(model, model, steps, gains=sensitivity.fixed_gain(model, [[K]], steps)).P_plus[-1]
     assert close(late / R, [[expected]], EXACT)
     assert not close(sensitivity.steady(model, model, K=[[1.05 * K]]).P_plus / R, [[expected]], 1e-6)
 

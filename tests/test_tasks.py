@@ -76,7 +76,7 @@ class TestLab:
         assert sections == set(LABS[name].parts)
         assert {check.part for check in report.checks} == set(LABS[name].parts)
 
-    @pytest.mark.parametrize("seed", [1, 2, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (3, 4))])
+    @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3, 4))])
     def test_all_checks_pass_for_any_seed(self, name, seed):
         """Theory and ensemble agree, whatever the random numbers."""
         report = default(name) if seed == 1 else numbers(LABS[name], seed=seed, runs=25)
