@@ -21,7 +21,7 @@ from ctlabs.files.modelfile.values import Instant, Values
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
-from ctlabs.models.discretisation import interval
+from ctlabs.models.discretisation import interval, intervals
 from ctlabs.text import moment
 
 #: Intervals that differ by less than this fraction are one.
@@ -225,9 +225,8 @@ def _exact(found: Values, instants: Sequence[Instant], gaps: Array, inputs: Arra
     """With constant matrices: every length of an interval once."""
     F, G, Q = found.constant("F"), found.constant("G"), checks.covariance("Q", found.constant("Q"), found.shape("Q"))
     _, first, which = np.unique(np.round(gaps / gaps.mean(), 12), return_index=True, return_inverse=True)
-    parts = [interval(F, G @ Q @ G.T, h) for h in gaps[first]]
-    Phi, Qd, Gamma = (np.array(matrices) for matrices in zip(*parts, strict=True))
-    one = len(parts) == 1
+    Phi, Qd, Gamma = intervals(F, G @ Q @ G.T, gaps[first])
+    one = len(first) == 1
     if not found.given("u") and inputs is None:
         offset = np.zeros(len(F))
     elif one:
