@@ -168,6 +168,11 @@ def log_likelihood(model: DiscreteModel, z: ArrayLike, first: int | None = None)
         return float(_best(problem).log_likelihood_diffuse[0])
 
 
+def solved(problem: Problem) -> Filtered:
+    """The record of a posed problem, by the default algorithm; with an axis of runs."""
+    return _best(problem)
+
+
 def _filtered(problem: Problem, algorithm: str, given: Covariances | None) -> Filtered:
     """The one place where an algorithm is chosen."""
     if given is not None:
