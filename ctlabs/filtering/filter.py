@@ -160,12 +160,18 @@ def log_likelihood(model: DiscreteModel, z: ArrayLike, first: int | None = None)
     if not problem.single:
         msg = f"z: expected one record, (rows, {model.m}), received an ensemble"
         raise ValueError(msg)
+    return density(problem)[0]
+
+
+def density(problem: Problem) -> tuple[float, int]:
+    """:func:`log_likelihood` of a posed problem, and how many elements enter the filter."""
     try:
         return compiled.log_likelihood(problem)
     except FloatingPointError as error:
         if not str(error).startswith("S:"):
             raise
-        return float(_best(problem).log_likelihood_diffuse[0])
+        found = _best(problem)
+        return float(found.log_likelihood_diffuse[0]), int(found.used.sum())
 
 
 def solved(problem: Problem) -> Filtered:
