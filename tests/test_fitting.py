@@ -127,7 +127,7 @@ class TestProfiles:
     def test_a_profile_has_the_other_constant_at_its_best(self):
         """At every point it is the maximum over r that another optimiser finds on the same density."""
         values, likelihood = flow().profiles["q"]
-        for i in (1, 8, 20):
+        for i in (1, 4, 8):
 
             def loss(log_r, q=values[i]):
                 return -log_likelihood(level({"q": q, "r": np.exp(log_r)}), nile.FLOW[:, None], 0)
@@ -354,10 +354,8 @@ class TestRefusals:
         assert "\n" not in str(caught.value)
 
     def test_data_that_do_not_fit_are_refused_with_the_reason(self):
-        """The filter's own message is passed on."""
-        with pytest.raises(
-            ValueError, match=r"start: expected constants .*z: expected shape \(rows, 1\) or \(rows, 1, runs\), received \(50, 2\)"
-        ):
+        """They are what is named, not the start."""
+        with pytest.raises(ValueError, match=r"^z: expected shape \(rows, 1\) or \(rows,\), .*, received \(50, 2\)"):
             fitting.fit(level, np.zeros((50, 2)), {"q": 1.0, "r": 1.0})
 
     def test_a_density_that_is_infinite_at_the_start_is_refused(self):
@@ -393,6 +391,6 @@ def test_the_estimates_alone_are_those_of_the_whole_fit(start):
     whole = flow()
     assert top == pytest.approx(whole.log_likelihood, abs=1e-4)
     assert all(abs(found[name] - whole.estimates[name]) < 0.01 * whole.standard_errors[name] for name in found)
-    z = np.random.default_rng(3).normal(size=(200, 1))[1:]
+    z = np.tile([1.0, -1.0], 50)[:, None]  # a level that moved would not turn back every time
     on_bound, _top = fitting.most_likely(lambda c: level({"q": c["q"], "r": 1.0}), z, {"q": 1.0}, {"q": (0, None)})
-    assert 0.0 <= on_bound["q"] < 1e-6
+    assert on_bound["q"] == 0.0

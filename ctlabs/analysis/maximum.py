@@ -18,14 +18,17 @@ from ctlabs.linalg.checks import Array
 
 #: Half of the 95 % quantile of χ²(1): how far a profile may lie below the top inside the likelihood-ratio interval.
 DROP = 1.920729410347062
-#: Where a profile is drawn on each side of the top, in lengths of the interval's half.
-DRAWN = (0.25, 0.5, 0.75, 1.25)
+#: Where a profile is drawn, beside the points that the search for its ends meets, in lengths of the interval's half (logarithms of
+#: a positive constant).
+DRAWN = (0.5, 1.2)
 #: The gain in f that a Newton step may still promise at a maximum, unless f itself is rougher.
 CONVERGED = 1e-8
 #: The gain that a point of a profile may leave to its model, which adds it.
 PROFILED = 1e-5
 #: The step of the differences of slopes that give a Hessian, in standard deviations.
 STEP = 0.02
+#: How near to the end of an interval (in standard deviations) a last step of Newton's finds it to 1e-6.
+NEAR = 2.5e-3
 #: Standard deviations after which a profile that does not fall is taken for one that never does.
 FAR = 1e5
 
@@ -284,19 +287,15 @@ def profile(
 ) -> tuple[tuple[float, float], Profile, Array]:
     """How f falls along argument i with the others at their best: interval of f ≥ top − 1.92, profile, best point met."""
     path = _Path(Surface(f, box, slope), top, i)
-    at, top_value = float(top.at[i]), top.value
-    ends, drawn = [], {at: top_value}
-    for side in (-1, 1):
-        end = _end(path, side)
-        ends.append(end)
-        reach = abs(end - at) if np.isfinite(end) else 8 * path.width
+    ends = _end(path, -1), _end(path, 1)
+    for side, end in zip((-1, 1), ends, strict=True):
         for part in DRAWN:
-            value = float(np.clip(at + side * part * reach, box.lower[i], box.upper[i]))
-            drawn[value] = path(value)
-        if np.isfinite(end):
-            drawn[end] = path(end) if end in (box.lower[i], box.upper[i]) else top_value - DROP
-    known = sorted((v, value) for v, value in drawn.items() if np.isfinite(value))
-    return (ends[0], ends[1]), Profile(*(np.array(column) for column in zip(*known, strict=True))), path.best
+            path(path.between(end, side, part))
+        if np.isfinite(end) and end not in path.values:
+            path.values[end] = top.value - DROP
+    first, last = (path.between(end, side, 2.0) for side, end in zip((-1, 1), ends, strict=True))  # far beyond nothing is drawn
+    known = sorted((v, value) for v, value in path.values.items() if np.isfinite(value) and first <= v <= last)
+    return ends, Profile(*(np.array(column) for column in zip(*known, strict=True))), path.best
 
 
 class _Path:
@@ -308,6 +307,7 @@ class _Path:
         self.known: dict[float, Array] = {float(top.at[i]): top.at}
         self.values: dict[float, float] = {float(top.at[i]): top.value}
         self.bends: dict[float, Array] = {}
+        self.log = self.box.log & (top.at > 0)
         self.tangent = self._tangent()
         self.width = self._width()
 
@@ -322,9 +322,24 @@ class _Path:
             self.known[value], self.values[value] = self._highest(x) if self.others.any() else (x, self.f(x))
         return self.values[value]
 
+    def ahead(self, value: float, step: float) -> float:
+        """A step along the axis, by its logarithm where that is straighter."""
+        return float(value * np.exp(np.clip(step / value, -3, 3)) if self.log[self.i] and value > 0 else value + step)
+
     def fall(self, value: float) -> float:
         """The slope of the profile."""
         return float(self.f.slope(self.known[value])[self.i])
+
+    def between(self, end: float, side: int, part: float) -> float:
+        """A point between the top and the end of the interval, or beyond it."""
+        at = float(self.top.at[self.i])
+        if not np.isfinite(end):
+            value = at + side * part * 8 * self.width
+        elif self.log[self.i] and end > 0:
+            value = at * (end / at) ** part
+        else:
+            value = at + part * (end - at)
+        return float(np.clip(value, self.box.lower[self.i], self.box.upper[self.i]))
 
     def _tangent(self) -> Array:
         """How the others move with argument i at the top."""
@@ -344,24 +359,33 @@ class _Path:
         most = float(self.top.width[self.i])
         if bend > 0 and np.isfinite(bend):
             return float(min(bend**-0.5, FAR * most))
-        slope = abs(float(self.top.gradient[self.i]))
-        return 0.5 / slope if slope > 0 else most
+        return width(self.f, self.box, self.top.at, self.i, min(most, float(self.box.size[self.i])))
 
     def _predicted(self, value: float) -> Array:
-        """Where the others would be: on the curve through the nearest known points, and the tangent at the top."""
-        at = float(self.top.at[self.i])
-        near = sorted((v for v in self.known if v != at and (v - at) * (value - at) > 0), key=lambda v: abs(v - value))[:2]
-        d = value - at
-        if not near:
-            return np.asarray(np.clip(self.top.at + d * self.tangent, self.box.lower, self.box.upper))
-        nodes = np.array([v - at for v in near])
-        beyond = np.array([self.known[v] - self.top.at - (v - at) * self.tangent for v in near])
-        powers = np.arange(2, 2 + len(near))
-        weights = np.linalg.solve(nodes[:, None] ** powers / nodes[:, None] ** 2, beyond / nodes[:, None] ** 2)
-        found = self.top.at + d * self.tangent + (d**powers / 1.0) @ weights
-        close = self.known[near[0]]
-        found = np.where(self.box.log & (found <= 0) & (close > 0), close, found)
-        return np.asarray(np.clip(found, self.box.lower, self.box.upper))
+        """Where the others would be: on the curve through the nearest known points, and the tangent at the top.
+
+        In the logarithms of positive arguments the path is straighter.
+        """
+        at, unit = self.top.at, np.where(self.log, self.top.at, 1.0)
+
+        def straight(x: Array) -> Array:
+            with np.errstate(divide="ignore"):
+                return np.asarray(np.where(self.log, np.log(np.maximum(x / unit, 1e-300)), x - at))
+
+        def along(v: float) -> float:
+            return float(straight(moved(at, self.i, v))[self.i])
+
+        start, side = float(at[self.i]), np.sign(value - at[self.i])
+        near = sorted((v for v in self.known if side * (v - start) > 0), key=lambda v: abs(along(v) - along(value)))[:2]
+        d, tangent = along(value), self.tangent * unit[self.i] / unit
+        found = d * tangent
+        if near:
+            nodes = np.array([along(v) for v in near])
+            rest = np.array([straight(self.known[v]) - node * tangent for v, node in zip(near, nodes, strict=True)])
+            powers = np.arange(len(near))
+            found = found + d * d * d**powers @ np.linalg.solve(nodes[:, None] ** powers, rest / nodes[:, None] ** 2)
+        x = np.where(self.log, at * np.exp(np.clip(found, -700, 700)), at + found)
+        return np.asarray(np.clip(x, self.box.lower, self.box.upper))
 
     def _highest(self, x: Array) -> tuple[Array, float]:
         """The others at their best, and f there with what the model of the last step still promises."""
@@ -384,7 +408,7 @@ def _end(path: _Path, side: int) -> float:
     at, top, i = float(path.top.at[path.i]), path.top.value, path.i
     bound, target = float((path.box.lower if side < 0 else path.box.upper)[i]), float(np.sqrt(2 * DROP))
     inner, outer, d = at, side * np.inf, target * path.width
-    if path.box.log[i] and at > 0:  # the logarithm is nearer to normal
+    if path.log[i]:  # the logarithm is nearer to normal
         d = abs(at * np.expm1(side * min(d / at, 3.0)))
     value = at + side * d
     for _again in range(60):
@@ -395,8 +419,8 @@ def _end(path: _Path, side: int) -> float:
             return bound
         inner, outer = (value, outer) if score < target else (inner, value)
         steep = -side * path.fall(value) / score if 0 < score < 30 else 0.0
-        newton = value + side * (target - score) / steep if steep > 0 else side * np.inf
-        if abs(score - target) < 1e-3 and steep > 0 and np.isfinite(newton):
+        newton = path.ahead(value, side * (target - score) / steep) if steep > 0 else side * np.inf
+        if abs(score - target) < NEAR and steep > 0 and np.isfinite(newton):
             return float(np.clip(newton, min(inner, outer), max(inner, outer)))
         if abs(value - at) > FAR * max(path.width, float(path.top.width[i])):
             return side * np.inf

@@ -99,7 +99,8 @@ def _away(box: Box, places: Iterable[int]) -> Array:
 
 def _vector(matrices: Callable[[Array], Array], x: Array) -> Array | None:
     try:
-        return matrices(x)
+        with np.errstate(all="ignore"):  # far off anything may overflow
+            return matrices(x)
     except (ValueError, ArithmeticError):
         return None
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ctlabs.files.modelfile.errors import ModelFileError, Problem
-from ctlabs.files.modelfile.values import Instant, Values
+from ctlabs.files.modelfile.values import Instant, Instants, Values
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
@@ -125,13 +125,13 @@ def _told(found: Values, error: ValueError) -> ModelFileError:
     return found.error(("model",), str(error))
 
 
-def _grid(found: Values, steps: int | None, times: ArrayLike | None) -> tuple[list[Instant], Array]:
+def _grid(found: Values, steps: int | None, times: ArrayLike | None) -> tuple[Instants, Array]:
     """The instants and the intervals between them; intervals that are equal up to rounding are made equal."""
     if not 0 < found.dt < math.inf:
         raise found.error(("model", "dt"), f"expected a period > 0, s, received {found.dt:g}")
     if times is None:
         count = found.document.experiment.steps if steps is None else checks.count("steps", steps)
-        return [Instant(k, found.t0 + k * found.dt) for k in range(count + 1)], np.full(count, found.dt)
+        return Instants(found.t0 + np.arange(count + 1) * found.dt), np.full(count, found.dt)
     t = checks.shaped("times", times, ("steps+1",))
     if len(t) < 2 or (steps is not None and len(t) != steps + 1):
         raise ValueError(
@@ -146,7 +146,7 @@ def _grid(found: Values, steps: int | None, times: ArrayLike | None) -> tuple[li
     mean = (t[-1] - t[0]) / len(gaps)
     if (np.abs(gaps - mean) <= UNIFORM * mean + 4 * np.spacing(np.abs(t).max())).all():
         gaps = np.full(len(gaps), mean)
-    return [Instant(k, float(time)) for k, time in enumerate(t)], gaps
+    return Instants(t), gaps
 
 
 def _on_grid(found: Values, t: Array) -> None:
