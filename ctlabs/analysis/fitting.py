@@ -260,7 +260,9 @@ class _Search:
         f, inner, slope = self._free()
         surface = Surface(f, inner, slope)
         climbed = maximum.best(surface, starts)
-        self._found(self._near(climbed.at, climbed.value))
+        nothing = np.full(len(climbed.at), np.nan)
+        bends = np.full((len(climbed.at),) * 2, np.nan)
+        self._found(Top(climbed.at, climbed.value, nothing, bends, nothing, np.zeros(len(climbed.at), dtype=bool), converged=False))
         self._says("accuracy")
         top = maximum.finished(surface, climbed)
         self._found(top)
@@ -298,10 +300,6 @@ class _Search:
         """A point of which only the likelihood is known."""
         p, nan = len(at), np.full(len(at), np.nan)
         return Top(at, self.likelihood(at), nan, np.full((p, p), np.nan), nan, np.zeros(p, dtype=bool), converged=False)
-
-    def _near(self, at: Array, value: float) -> Top:
-        p, nan = len(at), np.full(len(at), np.nan)
-        return Top(at, value, nan, np.full((p, p), np.nan), nan, np.zeros(p, dtype=bool), converged=False)
 
     def _fold(self) -> None:
         """Signs and turns that no record tells."""
@@ -350,7 +348,8 @@ class _Search:
             box = inner
             if i in self.turns:  # half a turn either way
                 half = 0.5 * self.turns[i]
-                ends = (np.maximum(box.lower, moved(box.lower, j, top.at[j] - half)), np.minimum(box.upper, moved(box.upper, j, top.at[j] + half)))
+                low, high = moved(box.lower, j, top.at[j] - half), moved(box.upper, j, top.at[j] + half)
+                ends = np.maximum(box.lower, low), np.minimum(box.upper, high)
                 box = Box(box.start, *ends)
             self.followed[i] = maximum.profile(f, box, top, j, slope)
             best = self.followed[i][2]

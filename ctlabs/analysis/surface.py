@@ -75,6 +75,7 @@ class Surface:
         self.lengths = np.array(box.size)  # of the differences
 
     def __call__(self, x: Array) -> float:
+        """f."""
         return self.f(x)
 
     def slope(self, x: Array) -> Array:

@@ -1,7 +1,10 @@
 r"""The derivatives of a record's log-likelihood by the matrices of its model, exact, from one pass forward and one back.
 
-With them the derivative by any constant θ is a sum over matrices, :math:`\partial\ell/\partial\theta = \sum_M\langle\partial\ell/\partial M,
-\partial M/\partial\theta\rangle` (:mod:`ctlabs.filtering.engines.adjoint`). The first instants of a record whose start is vague
+With them the derivative by any constant θ is a sum over matrices (:mod:`ctlabs.filtering.engines.adjoint`),
+
+.. math:: \frac{\partial\ell}{\partial\theta} = \sum_M\left\langle\frac{\partial\ell}{\partial M}, \frac{\partial M}{\partial\theta}\right\rangle
+
+The first instants of a record whose start is vague
 (:mod:`ctlabs.filtering.algorithms.vague`) have no such recursion: what they leave, their own likelihood and the x̂, P with which an
 ordinary filter goes on, is a function of the matrices (:func:`beginning`) that a caller differentiates.
 """
@@ -22,6 +25,8 @@ from ctlabs.linalg.checks import Array
 from ctlabs.linalg.correlated import regression
 from ctlabs.models.linear import DiscreteModel, at
 
+#: A P0 so many times as large as the noises, as measurements see it, leaves half of a slope's digits.
+WIDE = 1e8
 #: The matrices of a posed problem.
 MATRICES = ("Phi", "Qd", "offset", "H", "R", "N", "x0", "P0")
 
@@ -70,11 +75,11 @@ def slopes(problem: Problem) -> Slopes | None:
     """
     from ctlabs.filtering.engines import adjoint  # numba costs 0.3 s to import
 
-    found, model, used = solved(problem), problem.model, None
+    found, model = solved(problem), problem.model
     if not np.isfinite(found.log_likelihood_diffuse[0]):
         return None
     used, rows = found.used, len(problem.z)
-    begun = _begun(found)
+    begun = 0 if _moderate(model) else _begun(found)
     Phi, M = _motions(model, used) if model.N is not None else (_stack(model.Phi), None)
     if Phi is None:
         return None
@@ -106,7 +111,8 @@ def beginning(problem: Problem, begun: int) -> Begun:
     However soon another model's start is known, the number of instants is the one asked for: what is left behind them is a smooth
     function of the matrices. NaN where something is not known by then.
     """
-    used = ~problem.absent & np.isfinite(np.diagonal(np.broadcast_to(problem.model.R, (len(problem.z), *problem.model.R.shape[-2:])), 0, 1, 2))
+    variances = np.diagonal(_stack(problem.model.R)[: len(problem.z)], axis1=1, axis2=2)
+    used = ~problem.absent & np.isfinite(variances)
     record = Record(problem.model, problem.z, float, used)
     state, total = vague.start(problem.model, problem.model.P0), 0.0
     for k in range(begun):
@@ -121,6 +127,11 @@ def beginning(problem: Problem, begun: int) -> Begun:
     elif state.lost.any():
         return Begun(total, np.zeros(problem.model.n), np.zeros(problem.model.P0.shape))
     return Begun(total, vague.mean(state)[:, 0], vague.covariance(state))
+
+
+def _moderate(model: DiscreteModel) -> bool:
+    """Whether the pass back may go through to t0, from a P0 that is large but leaves half of the digits."""
+    return bool(np.isfinite(model.P0).all() and (np.abs(vague.sight(model)) @ np.sqrt(model.P0.diagonal())).max(initial=0.0) ** 2 <= WIDE)
 
 
 def _begun(found: Filtered) -> int:
