@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,7 +64,7 @@ def pieces(build: Build | Sequence[Build], z: ArrayLike | Sequence[ArrayLike], f
     return tuple(Piece(own, _rows(each), start) for own, each, start in zip(builds, records, firsts, strict=True))
 
 
-def _rows(z: ArrayLike) -> Array:
+def _rows(z: Any) -> Array:
     data = np.array(z, dtype=np.float64)
     return data[:, None] if data.ndim == 1 else data
 
@@ -83,7 +84,7 @@ class Likelihood:
         self.used = [0] * len(records)  # elements that enter the filter at the start
         self.best, self.top = box.start, -math.inf
         self.inexact = False  # whether a slope had to be taken from differences of ℓ
-        self._scores = [Score(lambda values, piece=piece: piece.problem(names, values), box) for piece in records]
+        self._scores = [Score(partial(piece.problem, names), box) for piece in records]
 
     @property
     def evaluations(self) -> int:

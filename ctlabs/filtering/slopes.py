@@ -2,7 +2,8 @@ r"""The derivatives of a record's log-likelihood by the matrices of its model, e
 
 With them the derivative by any constant θ is a sum over matrices (:mod:`ctlabs.filtering.engines.adjoint`),
 
-.. math:: \frac{\partial\ell}{\partial\theta} = \sum_M\left\langle\frac{\partial\ell}{\partial M}, \frac{\partial M}{\partial\theta}\right\rangle
+.. math:: \frac{\partial\ell}{\partial\theta} = \sum_M\left\langle\frac{\partial\ell}{\partial M},
+          \frac{\partial M}{\partial\theta}\right\rangle
 
 The first instants of a record whose start is vague
 (:mod:`ctlabs.filtering.algorithms.vague`) have no such recursion: what they leave, their own likelihood and the x̂, P with which an

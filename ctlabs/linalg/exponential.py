@@ -28,6 +28,10 @@ LAST = np.finfo(float).eps / 4
 WIDEST = 2.0**400
 
 
+#: Short intervals that differ by less than this factor are sums of the same terms.
+SHORT = 256.0
+
+
 class Interval(NamedTuple):
     r"""What a linear system does over one interval h.
 
@@ -92,7 +96,8 @@ def interval(F: ArrayLike, W: ArrayLike, h: float) -> Interval:
 def intervals(F: ArrayLike, W: ArrayLike, h: ArrayLike) -> Interval:
     r"""Many intervals of one system: :func:`interval` of each, in stacks.
 
-    Intervals within a factor of 2 share their units, their doublings and the terms of the series: with ρ = h/h_max,
+    Intervals within a factor of 2 share their units, their doublings and the terms of the series (short ones, which need no doubling,
+    within a factor :data:`SHORT`): with ρ = h/h_max,
 
     .. math:: \Phi = \sum_j\rho^jP_j, \qquad Q_d = h\sum_m\frac{\rho^mD_m}{m+1}, \qquad
               D_m = \frac1m\left(AD_{m-1} + D_{m-1}A^T\right),\ D_0 = W
@@ -121,12 +126,15 @@ def intervals(F: ArrayLike, W: ArrayLike, h: ArrayLike) -> Interval:
     if not (lengths > 0).all():
         checks.positive("dt", float(lengths[~(lengths > 0)][0]))
     found = Interval(*(np.empty((len(lengths), *F.shape)) for _part in Interval._fields))
-    octaves = np.frexp(lengths)[1]
+    left = lengths.copy()
     with np.errstate(over="ignore", invalid="ignore"):
-        for octave in np.unique(octaves):
-            alike = octaves == octave
-            for whole, part in zip(found, _alike(F, W, lengths[alike]), strict=True):
+        while left.any():
+            most = float(left.max())
+            scaling = _scaling(F, W, most) if np.isfinite(F * most).all() else None
+            alike = left > most / (SHORT if scaling is not None and scaling[-1] == 0 else 2)
+            for whole, part in zip(found, _alike(F, W, lengths[alike], scaling), strict=True):
                 whole[alike] = part
+            left[alike] = 0.0
     good = np.all([np.isfinite(part).all(axis=(1, 2)) for part in found], axis=0)
     if not good.all():
         _beyond(float(lengths[int(np.argmin(good))]))
@@ -165,12 +173,11 @@ def _doubled(change: Array, Qd: Array, Gamma: Array, doublings: int) -> tuple[Ar
     return Phi, Qd, Gamma
 
 
-def _alike(F: Array, W: Array, h: Array) -> Interval:
-    """:func:`intervals` that lie within a factor of 2; what overflows is not finite."""
-    most = float(h.max())
-    if not np.isfinite(F * most).all():
+def _alike(F: Array, W: Array, h: Array, scaling: tuple[Array, Array, float, int] | None) -> Interval:
+    """:func:`intervals` near each other; what overflows is not finite."""
+    if scaling is None:
         return Interval(*(np.full((len(h), *F.shape), np.nan) for _part in Interval._fields))
-    ratio, product, size, doublings = _scaling(F, W, most)
+    (ratio, product, size, doublings), most = scaling, float(h.max())
     A = np.ldexp(F * most / ratio, -doublings)
     P, D = _powers(A), [W / size / product]
     for m in range(1, 2 * len(P) - 1):
