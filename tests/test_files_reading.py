@@ -11,10 +11,9 @@ import pandas as pd
 import pytest
 
 from ctlabs import DiscreteModel, kalman_filter, read_model, read_record
-from ctlabs.files import datafile, modelfile
+from ctlabs.files import clock, datafile, modelfile
 from ctlabs.files.mapping import Mapping
 from ctlabs.reporting import render
-from ctlabs.studies import clock
 from tests.test_cli import Console
 
 MODEL = """format = 1

@@ -8,17 +8,21 @@ determined exactly.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ctlabs.analysis import maximum
 from ctlabs.analysis.maximum import Box
+from ctlabs.analysis.score import Score, gathered
 from ctlabs.filtering import contradictions
-from ctlabs.filtering.filter import kalman_filter, log_likelihood
-from ctlabs.filtering.measured import begins
-from ctlabs.filtering.results import Filtered
+from ctlabs.filtering.filter import density, kalman_filter
+from ctlabs.filtering.measured import begins, perfect
+from ctlabs.filtering.problem import Problem, pose
+from ctlabs.filtering.results import Contradiction
 from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
 from ctlabs.text import _, fill, number
@@ -29,20 +33,62 @@ Build = Callable[[dict[str, float]], DiscreteModel]
 ASIDE = 1e-6
 
 
-class Likelihood:
-    """ℓ as a function of the constants' values, −∞ where they make no model; every value is computed once."""
+class Piece(NamedTuple):
+    """One record: ``build``, from constants to its model; its data ``z`` (rows, m); ``first``, as for :func:`ctlabs.fit`."""
 
-    def __init__(self, build: Build, z: ArrayLike, names: tuple[str, ...], first: int | None) -> None:
-        self.build, self.z, self.names, self.first = build, np.array(z, dtype=np.float64), names, first
-        self.z = self.z[:, None] if self.z.ndim == 1 else self.z
+    build: Build
+    z: Array
+    first: int | None
+
+    def problem(self, names: tuple[str, ...], values: Array) -> Problem:
+        """Model and data at the values of the constants."""
+        return pose(self.build(named(names, values)), self.z, first=self.first)
+
+    @property
+    def size(self) -> Array:
+        """The size of each measurement, (m,): their innovations are added up in these units."""
+        with np.errstate(all="ignore"):
+            size = np.sqrt(np.nanmean(np.where(np.isnan(self.z).all(axis=0), 0.0, self.z) ** 2, axis=0))
+        return np.where(size > 0, size, 1.0)
+
+
+def pieces(build: Build | Sequence[Build], z: ArrayLike | Sequence[ArrayLike], first: Any = None) -> tuple[Piece, ...]:
+    """The records of a fit: one, or as many as there are builds."""
+    if callable(build):
+        return (Piece(build, _rows(z), first),)
+    builds, records = list(build), list(z)  # type: ignore[arg-type]
+    if not builds or len(builds) != len(records):
+        msg = f"z: expected {len(builds)} records, one for each build, received {len(records)}"
+        raise ValueError(msg)
+    firsts = list(first) if isinstance(first, Sequence) else [first] * len(builds)
+    return tuple(Piece(own, _rows(each), start) for own, each, start in zip(builds, records, firsts, strict=True))
+
+
+def _rows(z: Any) -> Array:
+    data = np.array(z, dtype=np.float64)
+    return data[:, None] if data.ndim == 1 else data
+
+
+class Likelihood:
+    """ℓ as a function of the constants' values, of one record or the sum over several; −∞ where they make no model.
+
+    Every value is computed once; the best of them is kept. ``watch``, called after each with this object.
+    """
+
+    def __init__(
+        self, records: tuple[Piece, ...], names: tuple[str, ...], box: Box, watch: Callable[[Likelihood], object] | None = None
+    ) -> None:
+        self.records, self.names, self.box, self.watch = records, names, box, watch
         self.known: dict[bytes, float] = {}
-        self.used = 0  # elements that enter the filter at the start
-        size = np.sqrt(np.nanmean(np.where(np.isnan(self.z).all(axis=0), 0.0, self.z) ** 2, axis=0)) if self.z.size else 1.0
-        self.size = np.where(size > 0, size, 1.0)  # of each measurement: their innovations are added up in these units
+        self.slopes: dict[bytes, Array | None] = {}
+        self.used = [0] * len(records)  # elements that enter the filter at the start
+        self.best, self.top = box.start, -math.inf
+        self.inexact = False  # whether a slope had to be taken from differences of ℓ
+        self._scores = [Score(partial(piece.problem, names), box) for piece in records]
 
     @property
     def evaluations(self) -> int:
-        """How many values were computed."""
+        """At how many values something was computed."""
         return len(self.known)
 
     def __call__(self, values: Array) -> float:
@@ -53,55 +99,94 @@ class Likelihood:
                 self.known[key] = self._value(values)
             except (ValueError, ArithmeticError):
                 self.known[key] = -math.inf
+            if self.known[key] > self.top:
+                self.best, self.top = np.array(values), self.known[key]
+            if self.watch is not None:
+                self.watch(self)
         return self.known[key]
+
+    def score(self, values: Array) -> Array | None:
+        """∂ℓ by the constants, (p,), exact; ``None`` where ℓ has no such derivative."""
+        key = values.tobytes()
+        if key not in self.slopes:
+            self(values)
+            with np.errstate(all="ignore"):
+                try:
+                    found = [score(values) for score in self._scores]
+                except (ValueError, ArithmeticError):
+                    found = [None]
+            parts = [each[1] for each in found if each is not None]
+            whole = np.sum(parts, axis=0) if len(parts) == len(self.records) else None
+            self.slopes[key] = whole if whole is not None and np.isfinite(whole).all() else None
+            self.inexact |= self.slopes[key] is None
+        return self.slopes[key]
+
+    def matrices(self, values: Array) -> Array:
+        """All the numbers of the models with these values."""
+        return np.concatenate([gathered(piece.problem(self.names, values)) for piece in self.records])
 
     def extra(self, values: Array) -> float:
         """What the measurements that determine something unknown contribute."""
-        model = self.build(named(self.names, values))
-        if np.isfinite(model.P0).all():
-            return 0.0
-        found = kalman_filter(model, self.z, first=self.first)
-        ordinary, diffuse = float(found.log_likelihood), float(found.log_likelihood_diffuse)
-        return diffuse - ordinary if math.isfinite(ordinary) else 0.0
+        total = 0.0
+        for piece in self.records:
+            model = piece.build(named(self.names, values))
+            if not np.isfinite(model.P0).all():
+                found = kalman_filter(model, piece.z, first=piece.first)
+                ordinary = float(found.log_likelihood)
+                total += float(found.log_likelihood_diffuse) - ordinary if math.isfinite(ordinary) else 0.0
+        return total
 
     def at_start(self, values: Array, *, possible: bool = False) -> None:
         """Refuse a record without measurements, and a start at which nothing can be computed (or ``possible``), with the reason."""
         given = ", ".join(f"{name} = {value:g}" for name, value in named(self.names, values).items())
-        excluded = False
-        try:
-            found = self.filtered(values)
-            excluded, self.used = bool(found.contradictions), int(found.used.sum())
-            value, why = self._value(values), "a log-likelihood that is not finite"
-        except KeyError as error:
-            value, why = math.nan, f"no value for {error}"
-        except (ValueError, ArithmeticError) as error:
-            value, why = math.nan, " ".join(str(error).split())
-        if not (math.isfinite(value) or (excluded and not possible)):
-            msg = f"start: expected constants at which the likelihood can be evaluated, received {given}: {why}"
-            raise ValueError(msg)
-        if not (self.used or self._seen(values, found)):
+        for i, piece in enumerate(self.records):
+            excluded, why = False, "a log-likelihood that is not finite"
+            try:
+                model = piece.build(named(self.names, values))
+                _fits(piece.z, model.m, "" if len(self.records) == 1 else f"[{i}]")
+                value, self.used[i] = self._one(piece, values)
+                if not math.isfinite(value):
+                    excluded = bool(kalman_filter(model, piece.z, first=piece.first).contradictions)
+            except KeyError as error:
+                value, why = math.nan, f"no value for {error}"
+            except (ValueError, ArithmeticError) as error:
+                if str(error).startswith("z"):
+                    raise
+                value, why = math.nan, " ".join(str(error).split())
+            if not (math.isfinite(value) or (excluded and not possible)):
+                msg = f"start: expected constants at which the likelihood can be evaluated, received {given}: {why}"
+                raise ValueError(msg)
+        if not (any(self.used) or any(self._seen(values, piece) for piece in self.records)):
             msg = "no observations: expected a record with at least one element measured, received one without"
             raise ValueError(msg)
 
-    def _seen(self, values: Array, found: Filtered) -> bool:
+    def _seen(self, values: Array, piece: Piece) -> bool:
         """Whether something is measured, though known already."""
-        model = self.build(named(self.names, values))
-        return bool(contradictions.known(model, found.z, found.used, begins(model, self.first)).any())
+        model = piece.build(named(self.names, values))
+        found = kalman_filter(model, piece.z, first=piece.first)
+        return bool(contradictions.known(model, found.z, found.used, begins(model, piece.first)).any())
 
-    def filtered(self, values: Array) -> Filtered:
-        """The record filtered with these values."""
-        return kalman_filter(self.build(named(self.names, values)), self.z, first=self.first)
+    def contradictions(self, values: Array) -> tuple[Contradiction, ...]:
+        """Those of the records filtered with these values."""
+        found = [kalman_filter(piece.build(named(self.names, values)), piece.z, first=piece.first) for piece in self.records]
+        return tuple(each for own in found for each in own.contradictions)
 
     def residuals(self, values: Array) -> Array:
         """The innovations of what is known already, in units of their measurements; of what is not, 0."""
-        model = self.build(named(self.names, values))
-        with np.errstate(all="ignore"):
-            found = kalman_filter(model, self.z, first=self.first)
-            e, _allowed = contradictions.innovations(model, found.z[:, :, None], found, begins(model, self.first))
-        return np.asarray(np.nan_to_num(e[:, :, 0] / self.size)).ravel()
+        parts = []
+        for piece in self.records:
+            model = piece.build(named(self.names, values))
+            with np.errstate(all="ignore"):
+                found = kalman_filter(model, piece.z, first=piece.first)
+                e, _allowed = contradictions.innovations(model, found.z[:, :, None], found, begins(model, piece.first))
+            parts.append(np.nan_to_num(e[:, :, 0] / piece.size).ravel())
+        return np.concatenate(parts)
 
     def determined(self, values: Array, box: Box) -> NDArray[np.bool_]:
         """Which constants have no other value beside this one that the record does not contradict."""
+        model = (piece.build(named(self.names, values)) for piece in self.records)
+        if not any(perfect(R).any() for own in model for R in (own.R if own.R.ndim == 3 else own.R[None])):
+            return np.zeros(len(values), dtype=bool)  # noises of their own contradict nothing
         return np.array([self._single(values, box, i) for i in range(len(values))])
 
     def _single(self, values: Array, box: Box, i: int) -> bool:
@@ -113,19 +198,33 @@ class Likelihood:
 
     def _contradicts(self, values: Array) -> bool:
         try:
-            return bool(self.filtered(values).contradictions)
+            return bool(self.contradictions(values))
         except (ValueError, ArithmeticError):
             return False
 
     def _value(self, values: Array) -> float:
-        model = self.build(named(self.names, values))
+        """The sum over the records.
+
+        A filter passes over perfect measurements of what it knows: densities of fewer elements than at the start do not compare.
+        """
+        total = 0.0
+        for piece, used in zip(self.records, self.used, strict=True):
+            value, entered = self._one(piece, values)
+            total += value if math.isfinite(value) and entered >= used else -math.inf
+        return total
+
+    def _one(self, piece: Piece, values: Array) -> tuple[float, int]:
+        """ℓ of one record, and how many elements enter the filter."""
         with np.errstate(all="ignore"):  # far from the data anything may overflow; the result says so
-            if np.diagonal(model.R, axis1=-2, axis2=-1).all():
-                value = log_likelihood(model, self.z, self.first)
-            else:  # the filter passes over perfect measurements of what it knows: densities of fewer elements do not compare
-                found = kalman_filter(model, self.z, first=self.first)
-                value = float(found.log_likelihood_diffuse) if found.used.sum() >= self.used else -math.inf
-        return value if math.isfinite(value) else -math.inf
+            return density(piece.problem(self.names, values))
+
+
+def _fits(z: Array, m: int, which: str) -> None:
+    """Refuse data of a wrong shape."""
+    if z.ndim != 2 or z.shape[1] != m or not len(z):
+        either = f"(rows, {m})" + (" or (rows,)" if m == 1 else "")
+        msg = f"z{which}: expected shape {either}, as the model has {m} measurement{'' if m == 1 else 's'}, received {z.shape}"
+        raise ValueError(msg)
 
 
 def named(names: tuple[str, ...], values: Array) -> dict[str, float]:
@@ -137,7 +236,7 @@ def possible(likelihood: Likelihood, box: Box, starts: int) -> tuple[Array, str]
     """The start, or where the sum of squares of its contradicting innovations is least; and what was done, in words."""
     if math.isfinite(likelihood(box.start)):
         return box.start, ""
-    first = likelihood.filtered(box.start).contradictions[0]
+    first = likelihood.contradictions(box.start)[0]
 
     def rank(x: Array) -> tuple[float, float]:
         return likelihood(x), -_squares(likelihood, x)

@@ -1,60 +1,36 @@
 r"""The maximum of a smooth function in a box: where it is, how sharp, and its profiles.
 
-Written for log-likelihoods, whose unit is the natural one: two points that differ by ½ are one standard deviation apart.
-Lengths on each axis are therefore taken from the function itself (:func:`width`), and nothing depends on the units of the
-arguments. A function returns −∞ where it is not defined.
+Written for log-likelihoods, whose unit is the natural one (:mod:`ctlabs.analysis.surface`). A function returns −∞ where it is not defined.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ctlabs.analysis.surface import Box as Box
+from ctlabs.analysis.surface import Climbed, Function, Slope, Surface, climb, moved
+from ctlabs.analysis.surface import width as width
 from ctlabs.linalg.checks import Array
-
-Function = Callable[[Array], float]
 
 #: Half of the 95 % quantile of χ²(1): how far a profile may lie below the top inside the likelihood-ratio interval.
 DROP = 1.920729410347062
-#: Points of a profile on each side of the top, and how far they go beyond the interval.
-POINTS, BEYOND = 12, 1.25
-#: The gain in f that a Newton step may still promise at a maximum.
+#: Where a profile is drawn, beside the points that the search for its ends meets, in lengths of the interval's half (logarithms of
+#: a positive constant).
+DRAWN = (0.5, 1.2)
+#: The gain in f that a Newton step may still promise at a maximum, unless f itself is rougher.
 CONVERGED = 1e-8
-#: Step of differences in a climb, and the slope at which it ends (Newton's method goes on), in standard deviations.
-STEP, LEVEL = 1e-4, 1e-3
+#: The gain that a point of a profile may leave to its model, which adds it.
+PROFILED = 1e-5
+#: The step of the differences of slopes that give a Hessian, in standard deviations.
+STEP = 0.02
+#: How near to the end of an interval (in standard deviations) a last step of Newton's finds it to 1e-6.
+NEAR = 2.5e-3
 #: Standard deviations after which a profile that does not fall is taken for one that never does.
 FAR = 1e5
-#: How far from its start a positive argument without other bounds is searched, in logarithms.
-DEPTH = 46.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Box:
-    """``start``, ``lower``, ``upper`` (p,), the bounds possibly infinite."""
-
-    start: Array
-    lower: Array
-    upper: Array
-
-    @property
-    def log(self) -> NDArray[np.bool_]:
-        """Which arguments are positive, declared so by a bound, and therefore searched by their logarithms."""
-        return (self.lower >= 0) & (self.start > 0)
-
-    @property
-    def size(self) -> Array:
-        """A first guess of the lengths: a quarter of a finite range, else the start itself."""
-        own = np.where(self.start != 0, np.abs(self.start), 1.0)
-        span = self.upper - self.lower
-        return np.where(np.isfinite(span), 0.25 * span, own)
-
-    def without(self, i: int) -> Box:
-        """The box of the other arguments."""
-        return Box(*(np.delete(side, i) for side in (self.start, self.lower, self.upper)))
 
 
 class Top(NamedTuple):
@@ -80,168 +56,81 @@ class Profile(NamedTuple):
     log_likelihood: Array
 
 
-def search(f: Function, box: Box, starts: int = 2) -> Top:
-    """The highest maximum found from the start and from the best of some other points.
+def search(f: Function, box: Box, starts: int = 2, slope: Slope | None = None) -> Top:
+    """The highest maximum found from the start, and from the best of some other points.
 
     >>> box = Box(np.array([1.0]), np.array([0.0]), np.array([np.inf]))
     >>> search(lambda x: float(3 * np.log(x[0]) - x[0]), box).at.round(9)
     array([3.])
     """
-    size = np.array([1.0 if box.log[i] else width(f, box, box.start, i, box.size[i]) for i in range(len(box.start))])
-    found = [_climb(f, box, x, size, box.log) for x in [box.start, *others(f, box, size, starts)]]
-    return finish(f, box, max(found, key=f))
+    surface = Surface(f, box, slope)
+    return finished(surface, best(surface, starts))
 
 
-def nearest(f: Function, box: Box) -> Array:
+def best(surface: Surface, starts: int = 0) -> Climbed:
+    """The highest end of the climbs from the start and from ``starts`` other points; of some more, where those do not end on a maximum."""
+    box = surface.box
+    found = _climbed(surface, box.start)
+    for x in others(surface, box, box.size, starts):
+        found = max(found, _climbed(surface, x), key=lambda each: each.value)
+    if found.promised > 1e-2:
+        for x in others(surface, box, box.size, 2 if not starts else 0):
+            found = max(found, _climbed(surface, x), key=lambda each: each.value)
+    return found
+
+
+def nearest(f: Function, box: Box, slope: Slope | None = None) -> Array:
     """The maximum next to the start, without its derivatives: the value to far less than 1, for ratios of likelihoods.
 
     >>> nearest(lambda x: float(3 * np.log(x[0]) - x[0]), Box(np.array([1.0]), np.array([0.0]), np.array([np.inf]))).round(2)
     array([3.])
     """
-    size = np.array([1.0 if box.log[i] else width(f, box, box.start, i, box.size[i]) for i in range(len(box.start))])
-    return _on_bounds(f, box, _climb(f, box, box.start, size, box.log))
+    return climb(Surface(f, box, slope), box.start, box.log, left=1e-6).at
 
 
-def finish(f: Function, box: Box, x: Array) -> Top:
+def finish(f: Function, box: Box, x: Array, slope: Slope | None = None) -> Top:
     """The maximum next to x, to the last digits, on a bound if it is there."""
-    x = _on_bounds(f, box, x)
-    lengths = _widths(f, box, x, box.size)
-    x = _climb(f, box, x, lengths, np.zeros(len(x), dtype=bool))
-    lengths = _widths(f, box, x, lengths)
-    for _ in range(4):
-        top = _measured(f, box, x, lengths)
-        step = _newton(box, top)
-        gain = float(top.gradient @ step)
-        better = np.clip(x + step, box.lower, box.upper)
-        if not 1e-13 < gain < 1.0 or f(better) < top.value - 1e-12 * abs(top.value):
+    surface = Surface(f, box, slope)
+    return finished(surface, _climbed(surface, x))
+
+
+def finished(surface: Surface, found: Climbed) -> Top:
+    """The end of a climb, measured; where its arguments themselves promise more than their logarithms did, it goes on."""
+    top = measured(surface, found)
+    for _again in range(3):
+        if top.converged or not np.isfinite(top.value):
             break
-        x = better
+        linear = climb(surface, top.at, np.zeros(len(top.at), dtype=bool), np.nan_to_num(top.hessian))
+        if not linear.value > top.value + CONVERGED:
+            break
+        top = measured(surface, climb(surface, linear.at, surface.box.log))
     return top
 
 
-def width(f: Function, box: Box, x: Array, i: int, guess: float) -> float:
-    """The distance from x along axis i, inside the box, at which f has changed by about ½."""
-    here, d = f(x), guess
-    for _ in range(60):
-        inside = [x[i] + s * d for s in (1, -1) if box.lower[i] <= x[i] + s * d <= box.upper[i]]
-        changes = [c for c in (abs(f(_moved(x, i, v)) - here) for v in inside) if np.isfinite(c)]
-        change = max(changes, default=np.inf)
-        if 0.25 < change < 1.0 or (change <= 0.25 and d > 1e9 * guess):
-            break
-        d *= np.clip(np.sqrt(0.5 / max(change, 1e-300)), 1 / 16, 16) if changes else 0.25
-    return float(d)
-
-
-def profile(f: Function, box: Box, top: Top, i: int) -> tuple[tuple[float, float], Profile, Array]:
-    """How f falls along argument i with the others at their best: interval of f ≥ top − 1.92, profile, best point met."""
-    path = _Path(f, box, top, i)
-    ends = [_end(path, side) for side in (-1, 1)]
-    values: list[float] = [float(top.at[i])]
-    for side, end in zip((-1, 1), ends, strict=True):
-        reach = BEYOND * abs(end - top.at[i]) if np.isfinite(end) else 10 * top.width[i]
-        last = float(np.clip(top.at[i] + side * reach, box.lower[i], box.upper[i]))
-        values += np.linspace(top.at[i], last, POINTS + 1)[1:].tolist()
-    known = sorted((v, path(v)) for v in set(values))
-    drawn = [(v, value) for v, value in known if np.isfinite(value)]
-    found = Profile(*(np.array(column) for column in zip(*drawn, strict=True)))
-    return (ends[0], ends[1]), found, path.best
-
-
-class _Path:
-    """The profile along argument i: f at its best over the others, each point started from the nearest known one."""
-
-    def __init__(self, f: Function, box: Box, top: Top, i: int) -> None:
-        self.f, self.box, self.top, self.i = f, box, top, i
-        self.known: dict[float, Array] = {float(top.at[i]): top.at}
-        self.others = np.arange(len(top.at)) != i
-
-    @property
-    def best(self) -> Array:
-        """The highest point met."""
-        return max(self.known.values(), key=self.f)
-
-    def __call__(self, value: float) -> float:
-        if value not in self.known:
-            x = _moved(self.known[min(self.known, key=lambda v: abs(v - value))], self.i, value)
-            self.known[value] = self._highest(x) if self.others.any() else x
-        return self.f(self.known[value])
-
-    def _highest(self, x: Array) -> Array:
-        start = max((x, self._predicted(float(x[self.i]))), key=self.f)
-
-        def along(rest: Array) -> float:
-            full = np.array(start)
-            full[self.others] = rest
-            return self.f(full)
-
-        found = np.array(start)
-        linear = np.zeros(int(self.others.sum()), dtype=bool)
-        found[self.others] = _climb(
-            along, self.box.without(self.i), start[self.others], self.top.width[self.others], linear
-        )
-        return found
-
-    def _predicted(self, value: float) -> Array:
-        """Where the others would be if f were quadratic."""
-        free, x = self.top.free & self.others, _moved(self.top.at, self.i, value)
-        if self.top.free[self.i] and free.any():
-            A = self.top.hessian[np.ix_(free, free)]
-            slope = np.linalg.lstsq(A, self.top.hessian[free, self.i])[0] if np.isfinite(A).all() else 0.0
-            x[free] -= slope * (value - self.top.at[self.i])
-        return np.clip(x, self.box.lower, self.box.upper)
-
-
-def _end(path: _Path, side: int) -> float:
-    """Where the profile has fallen by 1.92 on one side: a bound if it has not fallen so far there, ±∞ if it never does."""
-    from scipy.optimize import brentq
-
-    at, top = float(path.top.at[path.i]), path.top.value
-    bound = float((path.box.lower if side < 0 else path.box.upper)[path.i])
-    inner, d = at, 2.0 * float(path.top.width[path.i])
-
-    def score(value: float) -> float:  # the signed root is nearly straight
-        return min(np.sqrt(2 * max(top - path(value), 0.0)), 30.0) - np.sqrt(2 * DROP)
-
-    while True:
-        outer = max(at - d, bound) if side < 0 else min(at + d, bound)
-        if score(outer) > 0:
-            return float(brentq(score, inner, outer, xtol=1e-6 * float(path.top.width[path.i]), rtol=1e-12))
-        if outer == bound or d > FAR * path.top.width[path.i]:
-            return bound if outer == bound else side * np.inf
-        inner, d = outer, 1.7 * d
-
-
-def _climb(f: Function, box: Box, x: Array, size: Array, log: NDArray[np.bool_]) -> Array:
-    """A local maximum by L-BFGS-B over x/size, or over the logarithms of x; Nelder and Mead help where it is stuck."""
+def _climbed(surface: Surface, x: Array) -> Climbed:
+    """A climb; where it is stuck, as on an edge, Nelder and Mead's simplex helps."""
     from scipy.optimize import minimize
 
+    box = surface.box
+    found = climb(surface, x, box.log)
+    if found.promised <= 1e-2 or not np.isfinite(found.value):
+        return found
+    log = box.log & (found.at > 0)
+    unit = np.where(log, found.at, np.where(found.at != 0, np.abs(found.at), box.size))
+
     def point(u: Array) -> Array:
-        return np.clip(np.where(log, np.exp(np.where(log, u, 0.0)), u * size), box.lower, box.upper)
-
-    def coordinates(x: Array) -> Array:
-        return np.where(log, np.log(np.where(log & (x > 0), x, 1.0)), x / size)
-
-    centre = np.log(np.where(log, x, 1.0))
-    low = np.where(log & (box.lower <= 0), centre - DEPTH, coordinates(box.lower))
-    high = np.where(log & np.isinf(box.upper), centre + DEPTH, coordinates(box.upper))
-    bounds = list(zip(low, high, strict=True))
-    nowhere = abs(f(x)) + 1e4
+        whole = np.where(log, found.at * np.exp(np.clip(u, -700, 700)), found.at + unit * u)
+        return np.asarray(np.clip(whole, box.lower, box.upper))
 
     def descent(u: Array) -> float:
-        value = f(point(u))
-        return -value if np.isfinite(value) else nowhere
+        value = surface(point(u))
+        return -value if np.isfinite(value) else 1e300
 
-    def slope(u: Array) -> Array:
-        return -_gradient(lambda v: f(point(v)), u, np.full(len(u), STEP), low, high)
-
-    u = np.clip(coordinates(x), low, high)
-    settings = {"maxiter": 300, "ftol": 1e-14, "gtol": LEVEL, "maxls": 30}
-    found = minimize(descent, u, jac=slope, method="L-BFGS-B", bounds=bounds, options=settings)
-    inward = np.where(found.x <= low, found.jac < 0, np.where(found.x >= high, found.jac > 0, True))
-    if np.abs(found.jac[inward]).max(initial=0.0) > 1e-2:
-        rough = minimize(descent, found.x, method="Nelder-Mead", bounds=bounds, options={"maxfev": 200 * len(u)})
-        found = minimize(descent, rough.x, jac=slope, method="L-BFGS-B", bounds=bounds, options=settings)
-    return max((x, point(found.x)), key=f)
+    rough = minimize(descent, np.zeros(len(x)), method="Nelder-Mead", options={"maxfev": 200 * len(x)})
+    if not -rough.fun > found.value:
+        return found
+    again = climb(surface, point(rough.x), box.log)
+    return again if again.value >= found.value else found
 
 
 def others(f: Function, box: Box, size: Array, starts: int) -> list[Array]:
@@ -256,49 +145,297 @@ def others(f: Function, box: Box, size: Array, starts: int) -> list[Array]:
     with np.errstate(invalid="ignore"):  # infinite ranges are not chosen
         span, middle = box.upper - box.lower, 0.5 * (box.upper + box.lower)
         uniform = np.where(np.isfinite(span), middle + 0.49 * span * share, box.start + 30 * size * share)
-    points = np.where(box.log, np.where(box.log, box.start, 1.0) * 10 ** (3 * share), uniform)
+    positive = np.where(box.start > 0, box.start, size)
+    points = np.where(box.log & ~np.isfinite(span), positive * 10 ** (3 * share), uniform)
     return sorted(np.clip(points, box.lower, box.upper), key=f, reverse=True)[:starts]
 
 
-def _measured(f: Function, box: Box, x: Array, lengths: Array) -> Top:
-    """Gradient, Hessian and the verdict on x."""
-    free = (x > box.lower) & (x < box.upper)
-    g = _gradient(f, x, 2e-3 * lengths, box.lower, box.upper)
-    half = _gradient(f, x, 1e-3 * lengths, box.lower, box.upper)
-    g = (4 * half - g) / 3
-    inside = np.where(free, np.minimum(x - box.lower, box.upper - x), np.inf)
-    H = hessian(f, x, np.minimum(0.1 * lengths, 0.5 * inside), free)
-    top = Top(x, f(x), g, H, lengths, free, converged=False)
-    step, scaled = _newton(box, top), (g * lengths)[free]
-    promise = float(g @ step) if step[free].any() else float(g @ step + scaled @ scaled)
-    return top._replace(converged=promise <= CONVERGED)
+def measured(surface: Surface, found: Climbed) -> Top:
+    """Gradient, Hessian and the verdict on the end of a climb, with last steps of Newton's."""
+    top = _bent(surface, found.at, found.value, found.slope, found.curvature)
+    for _again in range(3):
+        step = _newton(top)
+        gain = float(top.gradient @ step)
+        if not 1e-16 < gain < 0.1:
+            break
+        better = np.clip(top.at + step, surface.box.lower, surface.box.upper)
+        value = surface(better)
+        slope = surface.slope(better) if value > top.value - 1e-4 else top.gradient
+        if not abs(float(slope @ step)) < 0.5 * gain:
+            break
+        if gain < 1e-10:
+            top = top._replace(at=better, value=value, gradient=slope)
+            break
+        top = _bent(surface, better, value, slope, top.hessian)
+    return top._replace(converged=_converged(surface, top))
 
 
-def _newton(box: Box, top: Top) -> Array:
-    """Newton's step over the free arguments (zero where the Hessian is not negative definite), and off bounds that hold up."""
-    free = top.free
-    inward = np.where(top.at <= box.lower, top.gradient, np.where(top.at >= box.upper, -top.gradient, 0.0))
-    step = np.where(~free & (inward > 0), top.gradient * top.width**2, 0.0)
+def _bent(surface: Surface, x: Array, value: float, slope: Array, guess: Array) -> Top:
+    """The Hessian at x, with steps in lengths that it gives itself."""
+    box, free = surface.box, (x > surface.box.lower) & (x < surface.box.upper)
+    if not np.isfinite(value):
+        nan = np.full((len(x), len(x)), np.nan)
+        return Top(x, value, slope, nan, nan.diagonal(), np.zeros(len(x), dtype=bool), converged=False)
+    H, lengths = guess, _lengths(guess, box, x)
+    for _again in range(3):
+        before, H = lengths, _curvature(surface, x, lengths, free)
+        lengths = np.where(np.isfinite(H.diagonal()), _lengths(H, box, x), before)
+        if not (free & ~((lengths < 8 * before) & (before < 8 * lengths))).any():
+            break
+    return Top(x, value, slope, H, lengths, free, converged=False)
+
+
+def _converged(surface: Surface, top: Top) -> bool:
+    """Whether no step promises more than :data:`CONVERGED`, or than the roughness of f where that is more."""
+    box = surface.box
+    inward = np.where(top.at <= box.lower, top.gradient, np.where(top.at >= box.upper, -top.gradient, -np.inf))
+    scaled = (top.gradient * top.width)[top.free]
+    leaves = float(np.maximum(inward[~top.free] * top.width[~top.free], 0.0).sum())
+    A = -top.hessian[np.ix_(top.free, top.free)] * np.outer(top.width[top.free], top.width[top.free])
+    if not np.isfinite(A).all() or not np.isfinite(scaled).all():
+        return False
+    if not surface.exact and not all(_parabolic(surface, top, int(i)) for i in np.flatnonzero(top.free)):
+        return False
+    promise = leaves
+    if A.size:
+        values, vectors = np.linalg.eigh(A)
+        along, bent = vectors.T @ scaled, values > 1e-7
+        if values[0] < -1e-4:
+            return False
+        promise += float((0.5 * along[bent] ** 2 / values[bent]).sum() + (along[~bent] ** 2).sum())
+    return promise <= CONVERGED or (promise < 1e-3 and promise <= roughness(surface, top))
+
+
+def _parabolic(surface: Surface, top: Top, i: int) -> bool:
+    """Whether f falls on either side as its Hessian says, a tenth of a standard deviation away; a kink does not."""
+    fall = -0.5 * float(top.hessian[i, i]) * (0.1 * top.width[i]) ** 2
+    both = [surface(moved(top.at, i, top.at[i] + side * 0.1 * top.width[i])) for side in (1, -1)]
+    mean = top.value - 0.5 * sum(value for value in both if np.isfinite(value))
+    return not np.isfinite(both).all() or abs(mean - fall) <= 0.5 * abs(fall) + 1e-6
+
+
+def roughness(f: Callable[[Array], float], top: Top) -> float:
+    """How far rounding moves f: the spread of its values over steps of 1e-6 standard deviations, which change it by 1e-12.
+
+    >>> top = Top(np.ones(1), 0.0, np.zeros(1), -np.eye(1), np.ones(1), np.ones(1, dtype=bool), converged=True)
+    >>> roughness(lambda x: float(np.round(1e9 * np.sin(1e9 * x[0]))) / 1e15, top) < 4e-6
+    True
+    """
+    direction = np.where(top.free, top.width, 0.0)
+    values = [f(top.at + 1e-6 * part * direction) for part in (-3, -2, -1, 0, 1, 2, 3)]
+    rough = np.array([value for value in values if np.isfinite(value)])
+    return float(np.ptp(rough)) if len(rough) > 2 else 0.0
+
+
+def _lengths(H: Array, box: Box, x: Array) -> Array:
+    """The distances at which f has changed by about ½, at most far beyond the arguments' sizes."""
+    size = np.maximum(np.abs(x), box.size)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        own = 1 / np.sqrt(np.abs(H.diagonal()))
+    return np.where(np.isfinite(own), np.minimum(own, FAR * size), FAR * size)
+
+
+def _curvature(surface: Surface, x: Array, lengths: Array, free: NDArray[np.bool_]) -> Array:
+    """The Hessian: differences of exact slopes, or of f."""
+    if not surface.exact:
+        inside = np.where(free, np.minimum(x - surface.box.lower, surface.box.upper - x), np.inf)
+        return hessian(surface, x, np.minimum(0.1 * lengths, 0.5 * inside), free)
+    return bent(surface, x, np.minimum(STEP * lengths, 0.25 * (surface.box.upper - surface.box.lower)), free)
+
+
+def bent(surface: Surface, x: Array, h: Array, free: NDArray[np.bool_]) -> Array:
+    r"""Second derivatives by central differences of slopes at steps h and h/2, extrapolated to order h⁴.
+
+    >>> box = Box(np.zeros(2), np.full(2, -np.inf), np.full(2, np.inf))
+    >>> def slope(x): return np.exp(x[0]) * np.array([np.sin(x[1]), np.cos(x[1])])
+    >>> f = Surface(lambda x: float(np.exp(x[0]) * np.sin(x[1])), box, slope)
+    >>> bent(f, np.array([0.3, 0.5]), np.array([0.01, 0.01]), np.array([True, True])) / np.exp(0.3)
+    array([[ 0.47942554,  0.87758256],
+           [ 0.87758256, -0.47942554]])
+    """
+    H, here = np.full((len(x), len(x)), np.nan), surface.slope(x)
+    for i in np.flatnonzero(free).tolist():
+        inside = min(x[i] - surface.box.lower[i], surface.box.upper[i] - x[i])
+        side = 1 if x[i] + 2 * h[i] <= surface.box.upper[i] else -1
+        rows = []
+        for part in (1.0, 0.5):
+            places = (1, -1) if inside > h[i] else (side, 2 * side)  # beside a bound, to the other side
+            near = [moved(x, i, x[i] + place * part * h[i]) for place in places]
+            if not all(np.isfinite(surface(each)) for each in near):
+                return np.full(H.shape, np.nan)
+            one, other = (surface.slope(each) for each in near)
+            step = near[0][i] - x[i]
+            rows.append((one - other) / (2 * step) if inside > h[i] else (4 * one - 3 * here - other) / (2 * step))
+        H[i, free] = ((4 * rows[1] - rows[0]) / 3)[free]
+    return np.asarray(0.5 * (H + H.T))
+
+
+def _newton(top: Top) -> Array:
+    """Newton's step over the free arguments; zero where the Hessian is not negative definite."""
+    free, step = top.free, np.zeros(len(top.at))
     A = -top.hessian[np.ix_(free, free)] * np.outer(top.width[free], top.width[free])
     if A.size and np.isfinite(A).all() and np.linalg.eigvalsh(A).min() > 1e-7:
         step[free] = top.width[free] * np.linalg.solve(A, (top.gradient * top.width)[free])
     return step
 
 
-def _gradient(f: Function, x: Array, h: Array, low: Array, high: Array) -> Array:
-    """Central differences; one-sided of second order where the other side is outside or not defined."""
-    here, g = f(x), np.zeros(len(x))
-    for i in range(len(x)):
-        up = f(_moved(x, i, x[i] + h[i])) if x[i] + h[i] <= high[i] else -np.inf
-        down = f(_moved(x, i, x[i] - h[i])) if x[i] - h[i] >= low[i] else -np.inf
-        if np.isfinite(up) and np.isfinite(down):
-            g[i] = (up - down) / (2 * h[i])
-        elif np.isfinite(up) or np.isfinite(down):
-            side, near = (1, up) if np.isfinite(up) else (-1, down)
-            away = x[i] + 2 * side * h[i]
-            far = f(_moved(x, i, away)) if low[i] <= away <= high[i] else -np.inf
-            g[i] = side * ((4 * near - 3 * here - far) / (2 * h[i]) if np.isfinite(far) else (near - here) / h[i])
-    return g
+# Profiles -------------------------------------------------------------------------------------------------------------
+
+
+def profile(
+    f: Function, box: Box, top: Top, i: int, slope: Slope | None = None
+) -> tuple[tuple[float, float], Profile, Array]:
+    """How f falls along argument i with the others at their best: interval of f ≥ top − 1.92, profile, best point met."""
+    path = _Path(Surface(f, box, slope), top, i)
+    ends = _end(path, -1), _end(path, 1)
+    for side, end in zip((-1, 1), ends, strict=True):
+        for part in DRAWN:
+            path(path.between(end, side, part))
+        if np.isfinite(end) and end not in path.values:
+            path.values[end] = top.value - DROP
+    first, last = (path.between(end, side, 2.0) for side, end in zip((-1, 1), ends, strict=True))  # far beyond nothing is drawn
+    known = sorted((v, value) for v, value in path.values.items() if np.isfinite(value) and first <= v <= last)
+    return ends, Profile(*(np.array(column) for column in zip(*known, strict=True))), path.best
+
+
+class _Path:
+    """The profile along argument i: f at its best over the others, each point started from those known."""
+
+    def __init__(self, surface: Surface, top: Top, i: int) -> None:
+        self.f, self.box, self.top, self.i = surface, surface.box, top, i
+        self.others = np.arange(len(top.at)) != i
+        self.known: dict[float, Array] = {float(top.at[i]): top.at}
+        self.values: dict[float, float] = {float(top.at[i]): top.value}
+        self.bends: dict[float, Array] = {}
+        self.log = self.box.log & (top.at > 0)
+        self.tangent = self._tangent()
+        self.width = self._width()
+
+    @property
+    def best(self) -> Array:
+        """The highest point met."""
+        return max(self.known.values(), key=self.f)
+
+    def __call__(self, value: float) -> float:
+        if value not in self.known:
+            x = moved(self._predicted(value), self.i, value)
+            self.known[value], self.values[value] = self._highest(x) if self.others.any() else (x, self.f(x))
+        return self.values[value]
+
+    def ahead(self, value: float, step: float) -> float:
+        """A step along the axis, by its logarithm where that is straighter."""
+        return float(value * np.exp(np.clip(step / value, -3, 3)) if self.log[self.i] and value > 0 else value + step)
+
+    def fall(self, value: float) -> float:
+        """The slope of the profile."""
+        return float(self.f.slope(self.known[value])[self.i])
+
+    def between(self, end: float, side: int, part: float) -> float:
+        """A point between the top and the end of the interval, or beyond it."""
+        at = float(self.top.at[self.i])
+        if not np.isfinite(end):
+            value = at + side * part * 8 * self.width
+        elif self.log[self.i] and end > 0:
+            value = at * (end / at) ** part
+        else:
+            value = at + part * (end - at)
+        return float(np.clip(value, self.box.lower[self.i], self.box.upper[self.i]))
+
+    def _tangent(self) -> Array:
+        """How the others move with argument i at the top."""
+        free, found = self.top.free & self.others, np.zeros(len(self.top.at))
+        found[self.i] = 1.0
+        A = self.top.hessian[np.ix_(free, free)]
+        if self.top.free[self.i] and free.any() and np.isfinite(A).all():
+            own = self.top.width[free]
+            scaled = np.linalg.lstsq(A * np.outer(own, own), self.top.hessian[free, self.i] * own, rcond=1e-9)[0]
+            found[free] = -scaled * own
+        return found
+
+    def _width(self) -> float:
+        """The distance along the profile at which f has fallen by ½, as far as its curvature at the top tells."""
+        free, t = self.top.free, self.tangent
+        bend = float(-t[free] @ self.top.hessian[np.ix_(free, free)] @ t[free]) if free[self.i] else 0.0
+        most = float(self.top.width[self.i])
+        if bend > 0 and np.isfinite(bend):
+            return float(min(bend**-0.5, FAR * most))
+        return width(self.f, self.box, self.top.at, self.i, min(most, float(self.box.size[self.i])))
+
+    def _predicted(self, value: float) -> Array:
+        """Where the others would be: on the curve through the nearest known points, and the tangent at the top.
+
+        In the logarithms of positive arguments the path is straighter.
+        """
+        at, unit = self.top.at, np.where(self.log, self.top.at, 1.0)
+
+        def straight(x: Array) -> Array:
+            with np.errstate(divide="ignore"):
+                return np.asarray(np.where(self.log, np.log(np.maximum(x / unit, 1e-300)), x - at))
+
+        def along(v: float) -> float:
+            return float(straight(moved(at, self.i, v))[self.i])
+
+        start, side = float(at[self.i]), np.sign(value - at[self.i])
+        near = sorted((v for v in self.known if side * (v - start) > 0), key=lambda v: abs(along(v) - along(value)))[:2]
+        d, tangent = along(value), self.tangent * unit[self.i] / unit
+        found = d * tangent
+        if near:
+            nodes = np.array([along(v) for v in near])
+            rest = np.array([straight(self.known[v]) - node * tangent for v, node in zip(near, nodes, strict=True)])
+            powers = np.arange(len(near))
+            found = found + d * d * d**powers @ np.linalg.solve(nodes[:, None] ** powers, rest / nodes[:, None] ** 2)
+        x = np.where(self.log, at * np.exp(np.clip(found, -700, 700)), at + found)
+        return np.asarray(np.clip(x, self.box.lower, self.box.upper))
+
+    def _highest(self, x: Array) -> tuple[Array, float]:
+        """The others at their best, and f there with what the model of the last step still promises."""
+        known = self.bends[min(self.bends, key=lambda v: abs(v - x[self.i]))] if self.bends else None
+        if known is None and np.isfinite(own := self.top.hessian[np.ix_(self.others, self.others)]).all():
+            known = own
+        rest = self.f.without(x, self.i)
+        found = climb(rest, x[self.others], rest.box.log, known, left=PROFILED)
+        if not np.isfinite(found.value):
+            found = climb(rest, self.top.at[self.others], rest.box.log, None, left=PROFILED)
+        if np.isfinite(found.curvature).all():
+            self.bends[float(x[self.i])] = found.curvature
+        full = np.array(x)
+        full[self.others] = found.at
+        return full, found.value + (found.promised if found.promised <= PROFILED else 0.0)
+
+
+def _end(path: _Path, side: int) -> float:
+    """Where the profile has fallen by 1.92 on one side: a bound if it has not fallen so far there, ±∞ if it never does."""
+    at, top, i = float(path.top.at[path.i]), path.top.value, path.i
+    bound, target = float((path.box.lower if side < 0 else path.box.upper)[i]), float(np.sqrt(2 * DROP))
+    inner, outer, d = at, side * np.inf, target * path.width
+    if path.log[i]:  # the logarithm is nearer to normal
+        d = abs(at * np.expm1(side * min(d / at, 3.0)))
+    value = at + side * d
+    for _again in range(60):
+        value = max(value, bound) if side < 0 else min(value, bound)
+        height = path(value)
+        score = min(float(np.sqrt(2 * max(top - height, 0.0))), 30.0)  # nearly straight
+        if value == bound and score < target:
+            return bound
+        inner, outer = (value, outer) if score < target else (inner, value)
+        steep = -side * path.fall(value) / score if 0 < score < 30 else 0.0
+        newton = path.ahead(value, side * (target - score) / steep) if steep > 0 else side * np.inf
+        if abs(score - target) < NEAR and steep > 0 and np.isfinite(newton):
+            return float(np.clip(newton, min(inner, outer), max(inner, outer)))
+        if abs(value - at) > FAR * max(path.width, float(path.top.width[i])):
+            return side * np.inf
+        if np.isfinite(outer):
+            inside = min(inner, outer) < newton < max(inner, outer)
+            value = newton if inside else 0.5 * (inner + outer)
+            if abs(outer - inner) < 1e-9 * path.width:
+                return float(value)
+        else:
+            farthest = at + side * max(4 * abs(value - at), path.width)
+            value = side * min(side * newton, side * farthest)
+    return float(value)
+
+
+# Second derivatives of a function without a slope ------------------------------------------------------------------------
 
 
 def hessian(f: Function, x: Array, h: Array, free: NDArray[np.bool_]) -> Array:
@@ -319,35 +456,13 @@ def hessian(f: Function, x: Array, h: Array, free: NDArray[np.bool_]) -> Array:
 
 def _second(f: Function, x: Array, here: float, h: Array, i: int, j: int) -> float:
     def at(s: float, t: float) -> float:
-        moved = np.array(x)
-        moved[i] += s * h[i]
-        moved[j] += t * h[j]
-        return f(moved)
+        near = np.array(x)
+        near[i] += s * h[i]
+        near[j] += t * h[j]
+        return f(near)
 
     if i == j:
         values = (at(1, 0), -2 * here, at(-1, 0))
         return float(sum(values) / h[i] ** 2) if np.isfinite(values).all() else np.nan
     values4 = (at(1, 1), -at(1, -1), -at(-1, 1), at(-1, -1))
     return float(sum(values4) / (4 * h[i] * h[j])) if np.isfinite(values4).all() else np.nan
-
-
-def _on_bounds(f: Function, box: Box, x: Array) -> Array:
-    """x, or the point beside it on a bound where f is larger.
-
-    A bound may be costly (a perfect measurement): it is tried only if the way there does not lead down.
-    """
-    for i in range(len(x)):
-        for bound in (box.lower[i], box.upper[i]):
-            if np.isfinite(bound) and f(_moved(x, i, bound + 1e-6 * (x[i] - bound))) > f(x) - 0.01:
-                x = max((_moved(x, i, bound), x), key=f)
-    return x
-
-
-def _widths(f: Function, box: Box, x: Array, guess: Array) -> Array:
-    return np.array([width(f, box, x, i, guess[i]) for i in range(len(x))])
-
-
-def _moved(x: Array, i: int, value: float) -> Array:
-    moved = np.array(x)
-    moved[i] = value
-    return moved

@@ -21,7 +21,10 @@ if TYPE_CHECKING:
     from ctlabs.files.mapping import Mapping
     from ctlabs.files.modelfile import ModelFile
     from ctlabs.reporting.report import Report
+    from ctlabs.studies.fitting import Progress
 
+#: Seconds between two lines on a terminal that say how far a search is.
+PAUSE = 0.2
 #: What ctlabs writes at the top of a result's folder; with anything else in it a folder is somebody's and is left alone.
 OURS = {
     "report.md",
@@ -265,18 +268,22 @@ def compare(
 @click.option(
     "--free", required=True, metavar="a,b", help="The constants to estimate; their values are where the search starts."
 )
+@click.option(
+    "--starts", metavar="N", default=0, callback=whole(0), help="Search from N more starts, chosen around the first."
+)
 def fit(
-    model: str, data: str, mapping: Mapping, free: str, pairs: tuple[str, ...], out: Path | None, as_json: bool
+    model: str, data: str, mapping: Mapping, free: str, starts: int, pairs: tuple[str, ...], out: Path | None, as_json: bool
 ) -> int:
     """Estimate a model's constants from a record.
 
-    By maximum likelihood, with standard errors and profiles.
+    By maximum likelihood, with standard errors and profiles. Ctrl-C ends the search with the best so far.
 
     MODEL is a model file, a name of the gallery (`ctlabs models`) or - (standard input); DATA.csv as for `filter`.
 
     \b
     ctlabs fit nile.toml flow.csv --free q,r
     ctlabs fit track.toml gps.csv --free tau --set tau=10     start from another value
+    ctlabs fit track.toml gps.csv --free tau,q --starts 8     and from eight others
     """
     from ctlabs.studies import fitting
 
@@ -284,7 +291,28 @@ def fit(
     chosen = _model(model, pairs)
     folder = _folder(model, out, data)
     record = _record(data, chosen, mapping)
-    return _deliver(fitting.study(chosen, record, free.split(",")), folder, as_json, "estimates")
+    report = fitting.study(chosen, record, free.split(","), starts, _searching())
+    if report.values.get("interrupted"):
+        click.echo("ctlabs: interrupted; the best constants so far are in the report", err=True)
+    return _deliver(report, folder, as_json, "estimates")
+
+
+def _searching() -> Callable[[Progress], None] | None:
+    """A line on a terminal that says how far a fit is, and about how long it will take; nothing elsewhere."""
+    if not sys.stderr.isatty():
+        return None
+    shown = -1.0
+
+    def show(now: Progress) -> None:
+        nonlocal shown
+        if now.seconds - shown < PAUSE:
+            return
+        shown = now.seconds
+        left = f"about {now.left:.0f} s left" if now.seconds > 1 else ""
+        text = f"{now.stage}: likelihood {now.done} of about {now.expected}, greatest {now.best:.6g}  {left}"
+        click.echo(f"\r{text:<100}\r", nl=False, err=True)
+
+    return show
 
 
 @click.command()

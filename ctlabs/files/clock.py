@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -50,6 +51,23 @@ def timed(model: ModelFile, record: Record) -> tuple[DiscreteModel, Array, Array
     t = np.concatenate([[t0][:first], record.t])
     _begins(record, t0, first)
     return model.discrete(times=t, inputs=inputs), z, t
+
+
+def building(model: ModelFile, record: Record) -> tuple[Callable[[dict[str, float]], DiscreteModel], Array]:
+    """From values of constants to the model over the record's instants, again and again; and the data z of :func:`timed`."""
+    first, t0 = model.experiment.first, float(model.experiment.t0)
+    _model, z, t = timed(model, record)
+    inputs = _inputs(model, record, first)
+
+    def build(values: dict[str, float]) -> DiscreteModel:
+        changed = model.replace(values)
+        if (changed.dt, float(changed.experiment.t0)) != (model.dt, t0):  # another clock, which has to fit the record
+            return timed(changed, record)[0]
+        if record.t is None:
+            return changed.discrete(steps=len(z) - 1, inputs=inputs)
+        return changed.discrete(times=t, inputs=inputs)
+
+    return build, z
 
 
 def _inputs(model: ModelFile, record: Record, first: int) -> Array | None:

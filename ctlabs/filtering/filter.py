@@ -167,10 +167,21 @@ def log_likelihood(model: DiscreteModel, z: ArrayLike, first: int | None = None)
     if not problem.single:
         msg = f"z: expected one record, (rows, {model.m}), received an ensemble"
         raise ValueError(msg)
+    return density(problem)[0]
+
+
+def density(problem: Problem) -> tuple[float, int]:
+    """:func:`log_likelihood` of a posed problem, and how many elements enter the filter."""
     try:
         return compiled.log_likelihood(problem)
     except compiled.LostDigits as lost:
-        return float(_rescued(problem, lost).log_likelihood_diffuse[0])
+        found = _rescued(problem, lost)
+        return float(found.log_likelihood_diffuse[0]), int(found.used.sum())
+
+
+def solved(problem: Problem) -> Filtered:
+    """The record of a posed problem, by the default algorithm; with an axis of runs."""
+    return _best(problem)
 
 
 def _filtered(problem: Problem, algorithm: str, given: Covariances | None) -> Filtered:

@@ -13,7 +13,7 @@ from ctlabs.filtering import measured
 from ctlabs.filtering.results import Mask
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
-from ctlabs.linalg.exponential import interval
+from ctlabs.linalg.exponential import intervals
 from ctlabs.models.linear import ContinuousModel, DiscreteModel, at
 from ctlabs.text import moment
 
@@ -271,15 +271,13 @@ def _intervals(model: ContinuousModel, h: Array, inputs: Array) -> tuple[Array, 
     """Φ, Qd and c of each interval; equal ones are discretised once. Without an interval: of no time."""
     W = model.G @ model.Q @ model.G.T
     lengths, which = _alike(h)
-    parts = [interval(model.F, W, each) for each in lengths]
-    if not parts:
+    if not len(lengths):
         return np.eye(model.n), np.zeros((model.n, model.n)), None
-    Phi, Qd = np.array([part.Phi for part in parts]), np.array([part.Qd for part in parts])
+    Phi, Qd, Gamma = intervals(model.F, W, lengths)
     offset = None
     if model.B is not None:
-        moved = np.array([part.Gamma @ model.B for part in parts])[which]
-        offset = np.einsum("kij,kj->ki", moved, inputs[: len(h)])
-    return (Phi[0], Qd[0], offset) if len(parts) == 1 else (Phi[which], Qd[which], offset)
+        offset = np.einsum("kij,kj->ki", (Gamma @ model.B)[which], inputs[: len(h)])
+    return (Phi[0], Qd[0], offset) if len(lengths) == 1 else (Phi[which], Qd[which], offset)
 
 
 def _alike(h: Array) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ changes, serves for a short step, and doubling leads from there to h.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,6 +26,10 @@ BEYOND = 15
 LAST = np.finfo(float).eps / 4
 #: Units are kept within this factor of the user's, lest their products leave double precision.
 WIDEST = 2.0**400
+
+
+#: Short intervals that differ by less than this factor are sums of the same terms.
+SHORT = 256.0
 
 
 class Interval(NamedTuple):
@@ -85,26 +89,111 @@ def interval(F: ArrayLike, W: ArrayLike, h: float) -> Interval:
     with np.errstate(over="ignore", invalid="ignore"):  # what is beyond double precision is reported below
         found = _interval(F, W, h) if np.isfinite(F * h).all() else None
     if found is None or not all(np.isfinite(part).all() for part in found):
-        msg = f"dt: expected an interval over which the model stays within double precision, received {h:g} s"
-        raise ValueError(msg)
+        _beyond(h)
     return found
+
+
+def intervals(F: ArrayLike, W: ArrayLike, h: ArrayLike) -> Interval:
+    r"""Many intervals of one system: :func:`interval` of each, in stacks.
+
+    Intervals within a factor of 2 share their units, their doublings and the terms of the series (short ones, which need no doubling,
+    within a factor :data:`SHORT`): with ρ = h/h_max,
+
+    .. math:: \Phi = \sum_j\rho^jP_j, \qquad Q_d = h\sum_m\frac{\rho^mD_m}{m+1}, \qquad
+              D_m = \frac1m\left(AD_{m-1} + D_{m-1}A^T\right),\ D_0 = W
+
+    where A = F h_max and :math:`D_m = \sum_{a+b=m}P_aWP_b^T`. The terms are those of :func:`interval`, and so is the accuracy.
+
+    Parameters
+    ----------
+    F, W : (n, n), as for :func:`interval`
+    h : (k,), s, > 0
+
+    Returns
+    -------
+    Interval of Phi, Qd, Gamma, (k, n, n) each
+
+    Raises
+    ------
+    ValueError
+        As :func:`interval`, with the first interval over which the model leaves double precision.
+
+    >>> intervals([[0, 1], [0, 0]], [[0, 0], [0, 1]], [1.0, 2.0]).Qd[:, 0, 0]
+    array([0.33333333, 2.66666667])
+    """
+    F, W = checks.shaped("F", F, ("n", "n")), checks.shaped("GQG'", W, ("n", "n"))
+    lengths = checks.shaped("dt", h, ("k",))
+    if not (lengths > 0).all():
+        checks.positive("dt", float(lengths[~(lengths > 0)][0]))
+    found = Interval(*(np.empty((len(lengths), *F.shape)) for _part in Interval._fields))
+    left = lengths.copy()
+    with np.errstate(over="ignore", invalid="ignore"):
+        while left.any():
+            most = float(left.max())
+            scaling = _scaling(F, W, most) if np.isfinite(F * most).all() else None
+            alike = left > most / (SHORT if scaling is not None and scaling[-1] == 0 else 2)
+            for whole, part in zip(found, _alike(F, W, lengths[alike], scaling), strict=True):
+                whole[alike] = part
+            left[alike] = 0.0
+    good = np.all([np.isfinite(part).all(axis=(1, 2)) for part in found], axis=0)
+    if not good.all():
+        _beyond(float(lengths[int(np.argmin(good))]))
+    return found
+
+
+def _beyond(h: float) -> NoReturn:
+    msg = f"dt: expected an interval over which the model stays within double precision, received {h:g} s"
+    raise ValueError(msg)
 
 
 def _interval(F: Array, W: Array, h: float) -> Interval:
     """:func:`interval` of checked matrices; what overflows is not finite."""
+    ratio, product, size, doublings = _scaling(F, W, h)
+    change, Qd, Gamma = _series(np.ldexp(F * h / ratio, -doublings), W / size / product)
+    step = math.ldexp(h, -doublings)
+    Phi, Qd, Gamma = _doubled(change, step * Qd, step * Gamma, doublings)
+    return Interval(Phi * ratio, size * product * (0.5 * (Qd + Qd.T)), Gamma * ratio)
+
+
+def _scaling(F: Array, W: Array, h: float) -> tuple[Array, Array, float, int]:
+    """The units of Φ and of Qd in the user's, the size of W, and how often h is halved."""
     unit = balanced(F * h, continuous=False).states.clip(1 / WIDEST, WIDEST)
     ratio, product = unit[:, None] / unit, unit[:, None] * unit
-    A = F * h / ratio
-    rows = float(np.abs(A).sum(axis=1).max(initial=0.0))
+    rows = float(np.abs(F * h / ratio).sum(axis=1).max(initial=0.0))
     doublings = max(0, math.ceil(math.log2(2 * rows))) if 0 < rows < np.inf else 0
-    size = np.abs(W).max(initial=0.0) or 1.0  # Qd is linear in W, whatever its units
-    change, Qd, Gamma = _series(np.ldexp(A, -doublings), W / size / product)
-    step = math.ldexp(h, -doublings)
-    Phi, slow, Qd, Gamma = np.eye(len(F)) + change, np.diag(change), step * Qd, step * Gamma
+    return ratio, product, float(np.abs(W).max(initial=0.0)) or 1.0, doublings  # Qd is linear in W, whatever its units
+
+
+def _doubled(change: Array, Qd: Array, Gamma: Array, doublings: int) -> tuple[Array, Array, Array]:
+    """Φ, Qd and Γ of an interval, or of a stack, from Φ − I, Qd and Γ of its 2^doublings-th part."""
+    Phi, slow = np.eye(change.shape[-1]) + change, np.diagonal(change, axis1=-2, axis2=-1)
     for _ in range(doublings):
-        Qd, Gamma = Qd + Phi @ Qd @ Phi.T, Gamma + Phi @ Gamma
+        Qd, Gamma = Qd + Phi @ Qd @ Phi.swapaxes(-1, -2), Gamma + Phi @ Gamma
         Phi, slow = _squared(Phi, slow)
-    return Interval(Phi * ratio, size * product * (0.5 * (Qd + Qd.T)), Gamma * ratio)
+    return Phi, Qd, Gamma
+
+
+def _alike(F: Array, W: Array, h: Array, scaling: tuple[Array, Array, float, int] | None) -> Interval:
+    """:func:`intervals` near each other; what overflows is not finite."""
+    if scaling is None:
+        return Interval(*(np.full((len(h), *F.shape), np.nan) for _part in Interval._fields))
+    (ratio, product, size, doublings), most = scaling, float(h.max())
+    A = np.ldexp(F * most / ratio, -doublings)
+    P, D = _powers(A), [W / size / product]
+    for m in range(1, 2 * len(P) - 1):
+        moved = A @ D[-1]
+        D.append((moved + moved.T) / m)
+    index, step = np.arange(len(D)), np.ldexp(h, -doublings)[:, None, None]
+    weights = (h / most)[:, None] ** index
+
+    def summed(terms: Array, divided: Array) -> Array:
+        own = weights[:, : len(terms)] / divided[: len(terms)]
+        return np.asarray(np.tensordot(own, terms, axes=1))
+
+    first = weights[:, 1 : len(P)] @ P[1:].reshape(len(P) - 1, -1)
+    change = first.reshape(len(h), *F.shape)
+    Phi, Qd, Gamma = _doubled(change, step * summed(np.array(D), index + 1.0), step * summed(P, index + 1.0), doublings)
+    return Interval(Phi * ratio, size * product * (0.5 * (Qd + Qd.swapaxes(-1, -2))), Gamma * ratio)
 
 
 def _series(A: Array, W: Array) -> tuple[Array, Array, Array]:
@@ -140,10 +229,11 @@ def _powers(A: Array) -> Array:
 
 def _squared(Phi: Array, slow: Array) -> tuple[Array, Array]:
     """Φ² and its diagonal − 1, from Φ and its diagonal − 1: of a slow mode the second is accurate, of a fast one the first."""
-    square, others = Phi @ Phi, Phi * Phi.T
-    diagonal = slice(None, None, len(Phi) + 1)
-    others.reshape(-1)[diagonal] = 0.0
-    slow = slow * (2 + slow) + others.sum(axis=1)
-    near, squares = slow > -0.5, square.reshape(-1)[diagonal]
-    np.copyto(squares, 1 + slow, where=near)
+    square, others, n = Phi @ Phi, Phi * Phi.swapaxes(-1, -2), Phi.shape[-1]
+    own = np.arange(n)
+    others[..., own, own] = 0.0
+    slow = slow * (2 + slow) + others.sum(axis=-1)
+    squares = square[..., own, own]
+    near = slow > -0.5
+    square[..., own, own] = np.where(near, 1 + slow, squares)
     return square, np.where(near, slow, squares - 1)

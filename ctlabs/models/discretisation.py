@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.exponential import interval as interval
+from ctlabs.linalg.exponential import intervals as intervals
 from ctlabs.linalg.logarithm import logarithm, strength
 from ctlabs.models import ContinuousModel, DiscreteModel
 

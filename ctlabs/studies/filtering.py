@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 import numpy as np
 
 from ctlabs.analysis import diagnosis, sensitivity
+from ctlabs.files import clock
 from ctlabs.filtering import contradictions, steady
 from ctlabs.filtering.filter import covariances, kalman_filter
 from ctlabs.filtering.smoothing import Smoothed
@@ -20,7 +21,7 @@ from ctlabs.models import DiscreteModel
 from ctlabs.reporting.plots import records as pictures
 from ctlabs.reporting.plots.studies import estimates
 from ctlabs.reporting.report import SOLVER, Report
-from ctlabs.studies import clock, common, second
+from ctlabs.studies import common, second
 from ctlabs.text import _, fill
 
 if TYPE_CHECKING:

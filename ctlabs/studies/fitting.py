@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ctlabs.analysis import fitting
 from ctlabs.analysis.fitting import Fit
+from ctlabs.analysis.fitting import Progress as Progress
+from ctlabs.files import clock
 from ctlabs.filtering.filter import kalman_filter
 from ctlabs.linalg.checks import Array
-from ctlabs.models import DiscreteModel
 from ctlabs.reporting.plots import records as pictures
 from ctlabs.reporting.report import SOLVER, Report
-from ctlabs.studies import clock, common, filtering
+from ctlabs.studies import common, filtering
 from ctlabs.text import _
 
 if TYPE_CHECKING:
@@ -26,8 +27,16 @@ if TYPE_CHECKING:
 CHECKED = 20_000
 
 
-def study(model: ModelFile, record: Record, free: Sequence[str]) -> Report:
+def study(
+    model: ModelFile,
+    record: Record,
+    free: Sequence[str],
+    starts: int = 0,
+    progress: Callable[[Progress], object] | None = None,
+) -> Report:
     """Estimates of the constants ``free`` from their values in the model file on, and the record filtered with them.
+
+    ``starts`` : from so many other starts too · ``progress`` : is told how far the search is; Ctrl-C ends it with the best so far
 
     Raises
     ------
@@ -37,13 +46,10 @@ def study(model: ModelFile, record: Record, free: Sequence[str]) -> Report:
     names = _free(free, model)
     if record.missing == record.z.size:
         raise ValueError(f"{record.source}: no observations: expected one measurement at least, received none: every element is missing")
-    first, z = model.experiment.first, clock.timed(model, record)[1]
-
-    def build(values: dict[str, float]) -> DiscreteModel:
-        return clock.timed(model.replace(values), record)[0]
-
+    first = model.experiment.first
+    build, z = clock.building(model, record)
     start = {name: model.constants[name] for name in names}
-    found = fitting.fit(build, z[first:], start, _bounds(model, names), first)
+    found = fitting.fit(build, z[first:], start, _bounds(model, names), first, starts=starts, progress=progress)
     given = common.settings(
         model, ("free", list(names), "", _("constants that are estimated; above, where the search began"))
     )
@@ -123,6 +129,8 @@ def _estimates(report: Report, model: ModelFile, found: Fit) -> None:
     for name, number in more.items():
         if name not in report.values:
             report.value(name, number)
+    if found.interrupted:
+        report.value("interrupted", True)
     if found.remark:
         report.value("remark", found.remark)
         report.says("**{remark}**", remark=found.remark)
@@ -135,7 +143,7 @@ def _estimates(report: Report, model: ModelFile, found: Fit) -> None:
         )
     for name, reason in found.reasons.items():
         report.says(_("No standard error of {name}: {reason}."), name=f"`{name}`", reason=reason)
-    if not found.converged and np.isfinite(found.log_likelihood):
+    if not (found.converged or found.interrupted) and np.isfinite(found.log_likelihood):
         report.says(
             _("**The search has not converged**: the likelihood may still rise. Start from other values (`--set`).")
         )

@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ctlabs.files import clock
 from ctlabs.filtering.filter import kalman_filter
 from ctlabs.filtering.forecasting import Forecast, forecast
 from ctlabs.linalg.covariance import deviations
 from ctlabs.reporting.plots.studies import estimates
 from ctlabs.reporting.report import SOLVER, Report
-from ctlabs.studies import clock, common
+from ctlabs.studies import common
 from ctlabs.text import _, fill
 
 if TYPE_CHECKING:

@@ -17,11 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ctlabs.files.modelfile.errors import ModelFileError, Problem
-from ctlabs.files.modelfile.values import Instant, Values
+from ctlabs.files.modelfile.values import Instant, Instants, Values
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
-from ctlabs.models.discretisation import interval
+from ctlabs.models.discretisation import interval, intervals
 from ctlabs.text import moment
 
 #: Intervals that differ by less than this fraction are one.
@@ -125,13 +125,13 @@ def _told(found: Values, error: ValueError) -> ModelFileError:
     return found.error(("model",), str(error))
 
 
-def _grid(found: Values, steps: int | None, times: ArrayLike | None) -> tuple[list[Instant], Array]:
+def _grid(found: Values, steps: int | None, times: ArrayLike | None) -> tuple[Instants, Array]:
     """The instants and the intervals between them; intervals that are equal up to rounding are made equal."""
     if not 0 < found.dt < math.inf:
         raise found.error(("model", "dt"), f"expected a period > 0, s, received {found.dt:g}")
     if times is None:
         count = found.document.experiment.steps if steps is None else checks.count("steps", steps)
-        return [Instant(k, found.t0 + k * found.dt) for k in range(count + 1)], np.full(count, found.dt)
+        return Instants(found.t0 + np.arange(count + 1) * found.dt), np.full(count, found.dt)
     t = checks.shaped("times", times, ("steps+1",))
     if len(t) < 2 or (steps is not None and len(t) != steps + 1):
         raise ValueError(
@@ -146,7 +146,7 @@ def _grid(found: Values, steps: int | None, times: ArrayLike | None) -> tuple[li
     mean = (t[-1] - t[0]) / len(gaps)
     if (np.abs(gaps - mean) <= UNIFORM * mean + 4 * np.spacing(np.abs(t).max())).all():
         gaps = np.full(len(gaps), mean)
-    return [Instant(k, float(time)) for k, time in enumerate(t)], gaps
+    return Instants(t), gaps
 
 
 def _on_grid(found: Values, t: Array) -> None:
@@ -225,9 +225,8 @@ def _exact(found: Values, instants: Sequence[Instant], gaps: Array, inputs: Arra
     """With constant matrices: every length of an interval once."""
     F, G, Q = found.constant("F"), found.constant("G"), checks.covariance("Q", found.constant("Q"), found.shape("Q"))
     _, first, which = np.unique(np.round(gaps / gaps.mean(), 12), return_index=True, return_inverse=True)
-    parts = [interval(F, G @ Q @ G.T, h) for h in gaps[first]]
-    Phi, Qd, Gamma = (np.array(matrices) for matrices in zip(*parts, strict=True))
-    one = len(parts) == 1
+    Phi, Qd, Gamma = intervals(F, G @ Q @ G.T, gaps[first])
+    one = len(first) == 1
     if not found.given("u") and inputs is None:
         offset = np.zeros(len(F))
     elif one:

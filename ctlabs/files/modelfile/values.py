@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 
@@ -39,6 +39,29 @@ class Instant(NamedTuple):
 
     def __str__(self) -> str:
         return f"at k = {self.k}, t = {moment(self.t)} s"
+
+
+@dataclass(frozen=True, eq=False)
+class Instants(Sequence[Instant]):
+    """Instants that are made when they are asked for: ``t`` (instants,), s, the first with the index ``begin``."""
+
+    t: Array
+    begin: int = 0
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @overload
+    def __getitem__(self, index: int) -> Instant: ...
+    @overload
+    def __getitem__(self, index: slice) -> Instants: ...
+    def __getitem__(self, index: int | slice) -> Instant | Instants:
+        """One, or those of a slice without a step."""
+        if isinstance(index, slice):
+            start, stop, _step = index.indices(len(self))
+            return Instants(self.t[start:stop], self.begin + start)
+        k = range(len(self))[index]
+        return Instant(self.begin + k, float(self.t[k]))
 
 
 class Sizes(NamedTuple):

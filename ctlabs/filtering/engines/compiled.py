@@ -70,19 +70,23 @@ def record(problem: Problem) -> Filtered:
     return contradictions.judged(model, found, problem.first)
 
 
-def log_likelihood(problem: Problem) -> float:
-    """``log_likelihood_diffuse`` of :func:`record`, without histories: for fitting."""
+def log_likelihood(problem: Problem) -> tuple[float, int]:
+    """``log_likelihood_diffuse`` of :func:`record`, without histories, and how many elements enter the filter: for fitting."""
     model, rows = problem.model, len(problem.z)
     used = _entering(problem)
     begun = _begin(problem, used)
     if begun is not None and np.isfinite(begun.start.excess).any():  # a perfect measurement of what was known: is it true?
-        return float(record(problem).log_likelihood_diffuse[0])
+        return _counted(record(problem))
     if begun is not None and begun.rows == rows:
-        return float(begun.diffuse[0])
+        return float(begun.diffuse[0]), int(used.sum())
     done = _forward(problem, used, _histories(0, model.n, model.m), begun)
     if done is None:
-        return float(_perfect(problem).log_likelihood_diffuse[0])
-    return done[0] if begun is None else done[0] + float(begun.diffuse[0])
+        return _counted(_perfect(problem))
+    return done[0] if begun is None else done[0] + float(begun.diffuse[0]), int(used.sum())
+
+
+def _counted(found: Filtered) -> tuple[float, int]:
+    return float(found.log_likelihood_diffuse[0]), int(found.used.sum())
 
 
 def system(model: DiscreteModel) -> System:

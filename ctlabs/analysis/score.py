@@ -1,0 +1,122 @@
+r"""The score: the derivatives of a record's log-likelihood by the constants of a model.
+
+.. math:: \frac{\partial\ell}{\partial\theta_i} = \sum_M\left\langle\frac{\partial\ell}{\partial M},
+          \frac{\partial M}{\partial\theta_i}\right\rangle
+
+The first factors are exact (:mod:`ctlabs.filtering.slopes`). The second are derivatives of smooth expressions, of which no record and no
+sum of many terms enters: differences of fourth order, whose step follows from the matrices themselves, have ten digits and more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ctlabs.analysis.surface import Box, moved
+from ctlabs.filtering.problem import Problem
+from ctlabs.filtering.slopes import MATRICES, Slopes, beginning, slopes
+from ctlabs.linalg.checks import Array
+
+Posed = Callable[[Array], Problem]
+
+#: The first step of a difference, as a part of the constant.
+STEP = 1e-3
+#: Differences of second order at steps h and 2h agree so far that those of fourth order have ten digits.
+SMOOTH = 1e-5
+#: What rounding may leave of a derivative before a longer step is tried.
+ROUGH = 1e-10
+#: Weights of the derivative at steps of h; the second row is of an order less, to compare with.
+CENTRAL = (np.array([-2, -1, 1, 2]), np.array([[1, -8, 8, -1], [0, -6, 6, 0]]) / 12)
+FORWARD = (np.array([0, 1, 2, 3, 4]), np.array([[-25, 48, -36, 16, -3], [-18, 24, -6, 0, 0]]) / 12)
+
+
+class Score:
+    """∂ℓ/∂θ of one record at the values of the constants; steps are kept from one call to the next.
+
+    ``posed``, from values (p,) to the problem; may raise ValueError where they make no model · ``box``, of the values
+    """
+
+    def __init__(self, posed: Posed, box: Box) -> None:
+        self.posed, self.box = posed, box
+        self.part = np.full(len(box.start), STEP)  # of the size, each constant's step
+        self.size = np.where(box.log, 0.0, np.where(box.start != 0, np.abs(box.start), box.size))
+
+    def __call__(self, values: Array) -> tuple[float, Array] | None:
+        """ℓ and its derivatives (p,); ``None`` where it has none, or a model has no neighbours."""
+        own = slopes(self.posed(values))
+        if own is None:
+            return None
+        self.size = np.maximum(np.abs(values), np.where(self.box.log, 0.0, 1e-2 * self.size))
+        weights = _along(own)
+        found = [self._derivative(values, i, own, weights) for i in range(len(values))]
+        if any(each is None for each in found):
+            return None
+        return float(own.found.log_likelihood_diffuse[0]), np.array(found, dtype=np.float64)
+
+    def _derivative(self, values: Array, i: int, own: Slopes, weights: Array) -> float | None:
+        """∂ℓ/∂θ_i, at the first step at which neither curvature nor rounding counts."""
+        best, lowest, size = None, np.inf, self.size[i] or self.box.size[i]
+        for _again in range(24):
+            stencil = self._stencil(values, i, self.part[i] * size, own)
+            if stencil is None:
+                self.part[i] /= 8
+                continue
+            change, other, level = stencil
+            total = float(np.abs(weights) @ np.abs(change))
+            if total == 0:  # no matrix that the likelihood knows depends on it, or the step is below their last digits
+                if self.part[i] >= STEP:
+                    return 0.0
+                self.part[i] *= 64
+                continue
+            curved = float(np.abs(weights) @ np.abs(change - other)) / total
+            rounded = float(np.abs(weights) @ level) / total
+            error = curved**2 + rounded
+            if error < lowest:
+                best, lowest = float(weights @ change), error
+            if curved > max(SMOOTH, 20 * rounded):
+                self.part[i] /= 8
+            elif rounded > ROUGH and curved < max(SMOOTH / 64, 20 * rounded) and self.part[i] < 1e12:
+                self.part[i] *= 8
+            else:
+                return float(weights @ change)
+        return best
+
+    def _stencil(self, values: Array, i: int, h: float, own: Slopes) -> tuple[Array, Array, Array] | None:
+        """The change of the matrices with θ_i by fourth and by second order, and its rounding; ``None`` where neighbours are missing."""
+        low, high = self.box.lower[i], self.box.upper[i]
+        for side, (places, rows) in ((1, CENTRAL), (1, FORWARD), (-1, FORWARD)):
+            points = values[i] + side * h * places
+            if (points < low).any() or (points > high).any():
+                continue
+            try:
+                found = np.array([gathered(self.posed(moved(values, i, point)), own.begun) for point in points])
+            except (ValueError, ArithmeticError):
+                continue
+            if not np.isfinite(found).all():
+                continue
+            step = (points[-1] - points[0]) / (side * (places[-1] - places[0]))  # as the points came out in doubles
+            change, other = side * rows @ (found - found[0]) / step
+            level = np.finfo(float).eps * np.abs(found).max(axis=0) * (found != found[0]).any(axis=0) / abs(step)
+            return change, other, level
+        return None
+
+
+def _along(own: Slopes) -> Array:
+    """∂ℓ by everything that :func:`gathered` gathers."""
+    parts = [getattr(own, name) for name in MATRICES]
+    return np.concatenate([part.ravel() for part in parts if part is not None] + [own.z.ravel()] + ([np.ones(1)] if own.begun else []))
+
+
+def gathered(problem: Problem, begun: int = 0) -> Array:
+    """All that the likelihood depends on; after the ``begun`` instants of a vague start, what they leave."""
+    model, last = problem.model, []
+    x0, P0 = model.x0, np.where(np.isfinite(model.P0), model.P0, 0.0)
+    if begun:
+        left = beginning(problem, begun)
+        x0, P0, last = left.x, left.P, [np.array([left.log_likelihood])]
+    matrices = [getattr(model, name) for name in MATRICES[:-2]] + [x0, P0]
+    z = np.where(np.isnan(problem.z[:, :, 0]), 0.0, problem.z[:, :, 0])
+    found = [np.where(np.isinf(part), 0.0, part).ravel() for part in matrices if part is not None]
+    return np.concatenate([*found, z.ravel(), *last])
+
