@@ -37,11 +37,6 @@ LATER: dict[str, str] = {
     "ll_sd-level-0": "the sign of a standard deviation",
     "ll_sd-const-0": "a standard deviation that is 0",
     "far_start-0": "a start that is far in units of σ",
-    "cvstart-0": "the initial estimate among the causes",
-    "outlier-0": "the value of an outlying row",
-    "outlier-1": "--gate",
-    "stuck-0": "a stuck sensor in the verdict of a filter",
-    "known_exactly-0": "the value that contradicts",
     "ou-0": "a fit with 600 different intervals in less than minutes",
 }
 
@@ -114,7 +109,8 @@ def compare(right, results, estimates):
     """The numbers of a filtered record."""
     rows = list(csv.DictReader(estimates.read_text(encoding="utf-8").splitlines()))
     assert len(rows) == right["rows"]
-    assert results["values"]["missing"]["value"] == right["missing"]
+    if "missing" in right:
+        assert results["values"]["missing"]["value"] == right["missing"]
     if "log_likelihood" in right:
         np.testing.assert_allclose(
             results["values"]["log_likelihood"]["value"], right["log_likelihood"], rtol=right["tolerance"]

@@ -66,6 +66,22 @@ def estimates(
 
 
 @styled
+def paths(t: ArrayLike, x: ArrayLike, smoothed: tuple[ArrayLike, ArrayLike], *, ylabel: str, xlabel: str = "t, s") -> Figure:
+    """Histories x (rows, number) as thin lines over a smoothed estimate and its ±2σ band."""
+    t, x, figure, axes = np.asarray(t), np.asarray(x), *_one()
+    shown = slice(None, None, -(-len(t) // DRAWN))
+    estimate, sd = (np.asarray(part, dtype=np.float64) for part in smoothed)
+    axes.fill_between(t[shown], (estimate - 2 * sd)[shown], (estimate + 2 * sd)[shown], color=BLUE, alpha=0.18, linewidth=0)
+    lines = axes.plot(t[shown], x[shown], color=GREY, linewidth=0.6)
+    lines[0].set_label(_("draws"))
+    axes.plot(t[shown], estimate[shown], color=BLUE, label=_("smoothed ± 2σ"))
+    axes.set_xlabel(xlabel)
+    axes.set_ylabel(ylabel)
+    legend(figure, axes)
+    return figure
+
+
+@styled
 def accuracy(names: Sequence[str], errors_P: ArrayLike, errors_x: ArrayLike, flops: ArrayLike) -> Figure:
     """Forms of the filter: relative error of P and error of the estimate (logarithmic), and operations of a step."""
     figure, grid = panels(1, 2, sharey=True, height=1.4 + 0.3 * len(names))
