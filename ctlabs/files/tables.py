@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
+import csv
 import io
+from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -39,6 +42,17 @@ def parquet(table: bytes) -> bytes:
     """
     import pandas as pd
 
-    made = io.BytesIO()
-    pd.read_csv(io.BytesIO(table), float_precision="round_trip").to_parquet(made, engine="pyarrow", index=False)
+    made, (names, *rows) = io.BytesIO(), csv.reader(io.StringIO(table.decode()))
+    columns = zip(*rows, strict=True) if rows else [()] * len(names)
+    frame = pd.DataFrame({name: _numbers(cells) for name, cells in zip(names, columns, strict=True)})
+    frame.to_parquet(made, engine="pyarrow", index=False)
     return made.getvalue()
+
+
+def _numbers(cells: Sequence[str]) -> list[int] | list[float] | list[str]:
+    """The cells of a column as whole numbers, as numbers with NaN for an empty one, or as they are."""
+    with contextlib.suppress(ValueError):
+        return [int(cell) for cell in cells]
+    with contextlib.suppress(ValueError):
+        return [float(cell or "nan") for cell in cells]
+    return list(cells)
