@@ -34,11 +34,6 @@ LATER: dict[str, str] = {
     "S4_regressor-0": "elements of H that name a column",
     "tvp-0": "elements of H that name a column",
     "78_int64_big-0": "σ after a prior of 1e28 beside R = 0.25: 3.6e-6 off",
-    "cvstart-0": "the initial estimate among the causes",
-    "outlier-0": "the value of an outlying row",
-    "outlier-1": "--gate",
-    "stuck-0": "a stuck sensor in the verdict of a filter",
-    "known_exactly-0": "the value that contradicts",
 }
 
 
@@ -110,7 +105,8 @@ def compare(right, results, estimates):
     """The numbers of a filtered record."""
     rows = list(csv.DictReader(estimates.read_text(encoding="utf-8").splitlines()))
     assert len(rows) == right["rows"]
-    assert results["values"]["missing"]["value"] == right["missing"]
+    if "missing" in right:
+        assert results["values"]["missing"]["value"] == right["missing"]
     if "log_likelihood" in right:
         np.testing.assert_allclose(
             results["values"]["log_likelihood"]["value"], right["log_likelihood"], rtol=right["tolerance"]

@@ -260,7 +260,7 @@ class TestSteadyGain:
             found = solve(model)
             return dataclasses.replace(found, K=1.05 * found.K) if off[0] else found
 
-        run = filtering.filtered_run(*nile(), "steady", smooth=False)
+        run = filtering.compute(*nile(), "steady")
         off[0] = True
         monkeypatch.setattr(steady, "solve", torn)
         report = common.begin("filter", "", *nile()[:1], "b", common.settings(nile()[0]))

@@ -5,6 +5,7 @@ import pytest
 
 from ctlabs import forecast, kalman_filter
 from ctlabs.files import datafile, modelfile
+from ctlabs.files.mapping import Mapping
 from ctlabs.studies import forecasting
 from tests.nile import FLOW
 
@@ -59,3 +60,13 @@ def test_a_known_input_of_the_record_has_no_future():
     record = datafile.parse(b"t,reading,push\n0,0.1,1\n1,0.2,1\n2,0.5,1\n", ["reading"], mapping=driven.mapping)
     with pytest.raises(ValueError, match="without a known input from the record"):
         forecasting.study(driven, record, 2)
+
+
+def test_times_to_come_are_written_as_those_of_the_record():
+    """Dates go on with their zone, past midnight; beside them the seconds of the model's clock."""
+    clock = modelfile.loads(DRIFT.replace("first = 1", "first = 0"))
+    table = b"at,reading\n2024-05-31T23:59:57+02:00,0.1\n2024-05-31T23:59:58+02:00,0.2\n2024-05-31T23:59:59+02:00,0.5\n"
+    record = datafile.parse(table, ["reading"], mapping=Mapping(time="at", unit="iso", t0="first"))
+    head, *rows = forecasting.study(clock, record, 2).files["forecast.csv"].decode().splitlines()
+    assert head.startswith("k,at,t,")
+    assert [row.split(",")[:3] for row in rows] == [["3", "2024-06-01T00:00:00+02:00", "3.0"], ["4", "2024-06-01T00:00:01+02:00", "4.0"]]

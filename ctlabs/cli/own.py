@@ -31,6 +31,8 @@ OURS = {
     "report.html",
     "results.json",
     "estimates.csv",
+    "estimates.parquet",
+    "draws.csv",
     "forecast.csv",
     "runs.csv",
     "data.csv",
@@ -79,6 +81,11 @@ def _seed() -> Callable[[Callable[..., int]], Callable[..., int]]:
 @click.option("--algorithm", metavar="NAME", help="A form of the filter: joseph, ud, srif, … (default: the model's).")
 @click.option("--smooth", is_flag=True, help="Estimates from the whole record too, forwards and backwards in time.")
 @click.option("--design", metavar="MODEL2", help="Filter with this model, and say what it costs if MODEL is the truth.")
+@click.option("--gate", type=float, metavar="SIGMAS", help="Leave out and list measurements farther than this from their prediction.")
+@click.option("--draws", metavar="N", callback=whole(1), help="Draw N histories of the state given the record: draws.csv.")
+@click.option("--reach", multiple=True, metavar="STATE=VALUE", help="First passage of a value, of each draw. Repeatable.")
+@_seed()
+@click.option("--table", metavar="parquet|FILE", help="The estimates as parquet beside the report, or in FILE.parquet or FILE.csv.")
 @click.option(
     "--export",
     type=click.Path(path_type=Path),
@@ -92,6 +99,11 @@ def filter_(
     algorithm: str | None,
     smooth: bool,
     design: str | None,
+    gate: float | None,
+    draws: int | None,
+    reach: tuple[str, ...],
+    seed: int | None,
+    table: str | None,
     export: Path | None,
     pairs: tuple[str, ...],
     out: Path | None,
@@ -109,9 +121,12 @@ def filter_(
     ctlabs filter nile.toml flow.csv --smooth --set q=500
     ctlabs filter track.toml gps.csv --algorithm ud --export gains.h
     ctlabs filter truth.toml gps.csv --design simple.toml
+    ctlabs filter nile.toml flow.csv --gate 5 --table estimates.parquet
+    ctlabs filter nile.toml flow.csv --draws 1000 --reach level=900
     ctlabs filter track.toml log.csv --column position="alt [m]" --time stamp:unix_ms --t0 first --missing -9999
     cat flow.csv | ctlabs filter nile.toml - --json | jq .values.log_likelihood.value
     """
+    from ctlabs.files import tables
     from ctlabs.studies import filtering
 
     _one_stdin(model, data, design)
@@ -119,10 +134,21 @@ def filter_(
     folder = _folder(model, out, data, design)
     if export is not None:
         filtering.exportable(export)
-        _outside(export, folder)
+        _outside("--export", export, folder)
+    written = None if table is None else tables.wanted(table)
+    if written is not None:
+        _outside("--table", written, folder)
     record = _record(data, other or chosen, mapping)
-    report = filtering.study(chosen, record, algorithm=algorithm, smooth=smooth, design=other)
+    report = filtering.study(
+        chosen, record, algorithm=algorithm, smooth=smooth, design=other, gate=gate, draws=draws or 0, seed=seed, reach=reach
+    )
+    if table == "parquet":
+        report.files["estimates.parquet"] = tables.parquet(report.files["estimates.csv"])
     code = _deliver(report, folder, as_json, "last")
+    if written is not None and table != "parquet":
+        content = report.files["estimates.csv"]
+        written.write_bytes(content if written.suffix == ".csv" else tables.parquet(content))
+        click.echo(str(written), err=as_json)
     if export is not None:
         filtering.export_gains(other or chosen, record, export)
         click.echo(str(export), err=as_json)
@@ -461,10 +487,10 @@ def _folder(word: str, out: Path | None, *read: str | None) -> Path:
     return folder
 
 
-def _outside(export: Path, folder: Path) -> None:
+def _outside(option: str, path: Path, folder: Path) -> None:
     """Refuse a file in the folder that is to be replaced."""
-    if folder.resolve() in export.resolve().parents:
-        msg = f"--export {export}: expected a file outside the folder of the results, {folder}, received one in it"
+    if folder.resolve() in path.resolve().parents:
+        msg = f"{option} {path}: expected a file outside the folder of the results, {folder}, received one in it"
         raise ValueError(msg)
 
 

@@ -35,7 +35,8 @@ class Record:
     ``t`` (rows,), s, increasing, or None where the file has no times · ``z`` (rows, m) in the model's order, NaN
     where nothing was measured · ``lines`` (rows,), the line of the file each row stands in · ``source``, the file's name ·
     ``u`` (rows, r), the known inputs, or None · ``ignored``, columns that were not wanted · ``notes``, what looks suspicious ·
-    ``mapping``, as it was read · ``clock``, the column of times · ``start``, the first time as it is written
+    ``mapping``, as it was read · ``clock``, the column of times · ``start``, the first time as it is written ·
+    ``stamps`` (rows,), all times as they are written
     """
 
     t: Array | None
@@ -48,6 +49,12 @@ class Record:
     mapping: Mapping = PLAIN
     clock: str = ""
     start: str = ""
+    stamps: Sequence[str] = ()
+
+    @property
+    def clocked(self) -> bool:
+        """Whether the times are written otherwise than as the model's seconds: as dates, or in another unit or from another start."""
+        return bool(self.stamps) and (self.mapping.unit not in ("", "s") or self.mapping.t0 == "first")
 
     @property
     def rows(self) -> int:
@@ -143,7 +150,7 @@ def _record(
     clock = "" if found.time is None else layout.header[found.time] or str(found.time + 1)
     u = _scaled(np.column_stack([values[place] for place in found.u]), mapping.inputs, mapping) if found.u else None
     z = _scaled(z, measurements, mapping)
-    return Record(t, z, np.asarray(lines), source, u, found.ignored, tuple(notes), mapping, clock, start)
+    return Record(t, z, np.asarray(lines), source, u, found.ignored, tuple(notes), mapping, clock, start, stamps)
 
 
 def _rows(

@@ -108,7 +108,7 @@ def innovations(model: DiscreteModel, z: Array, history: Filtered | _From, first
         P_minus, P_plus, used = _own(history.P_minus), _own(history.P_plus), _own(history.used)
         rows = Passed(data, x_minus, x_plus, P_minus, P_plus, used, asked, _own(history.K))
         size = np.sqrt(np.where(np.isfinite(model.P0.diagonal()), model.P0.diagonal(), 0.0))
-        bounds(*_system(model, history.used), given(model.x0), size, 0, rows, e, allowed)
+        bounds(*corrected(model, history.used), given(model.x0), size, 0, rows, e, allowed)
     return e, allowed
 
 
@@ -152,7 +152,7 @@ def given(x: Array) -> Rounding:
     return Rounding(np.sqrt(len(x)) * EPS * np.where(np.isfinite(x), np.abs(x), 0.0), np.eye(len(x)), np.ones(1))
 
 
-def _system(model: DiscreteModel, used: Mask) -> tuple[System, Array]:
+def corrected(model: DiscreteModel, used: Mask) -> tuple[System, Array]:
     """The arrays of a model, with Φ − NR⁺H for Φ where w and v correlate; and NR⁺ (steps, n, m), or nothing."""
     from ctlabs.filtering.engines.common import System
 

@@ -13,8 +13,9 @@ from ctlabs.filtering.algorithms import beginning, catalogue
 from ctlabs.filtering.algorithms.vague import needed
 from ctlabs.filtering.engines import adapter, compiled, driver, gains
 from ctlabs.filtering.engines.record import Record
-from ctlabs.filtering.problem import Problem, pose
-from ctlabs.filtering.results import Covariances, Filtered, Mask, without_runs
+from ctlabs.filtering.gate import gated
+from ctlabs.filtering.problem import Problem, pose, rows_of
+from ctlabs.filtering.results import Covariances, Filtered, LeftOut, Mask, without_runs
 from ctlabs.linalg.checks import Array
 from ctlabs.models.linear import ContinuousModel, DiscreteModel
 
@@ -35,6 +36,7 @@ def kalman_filter(
     algorithm: str = "auto",
     gains: Covariances | None = None,
     P0: ArrayLike | None = None,
+    gate: float | None = None,
 ) -> Filtered:
     r"""The optimal estimates of a record, or of an ensemble of records.
 
@@ -60,6 +62,8 @@ def kalman_filter(
         differ by rounding; the result says which was used
     gains : apply these gains (of :func:`covariances`, or another filter's) instead of the optimal ones
     P0 : (n, n), in place of the model's; ``inf`` on its diagonal means that nothing is known of that state
+    gate : leave out the elements whose innovation is beyond so many standard deviations, of one record of a linear model; the result
+        lists them (``left_out``) (:mod:`ctlabs.filtering.gate`)
 
     Returns
     -------
@@ -81,13 +85,24 @@ def kalman_filter(
     >>> found = kalman_filter(walk, [5, 5, 5])
     >>> found.x_plus[1:, 0].round(4), found.algorithm
     (array([4.5833, 4.8571, 4.9462]), 'joseph')
+    >>> kalman_filter(walk, [5, 5, 50, 5], gate=5).left_out[0][:3]
+    (2, 0, 50.0)
     """
     if not isinstance(model, DiscreteModel) and callable(getattr(model, "f", None)):
         from ctlabs.filtering import extended
 
+        if gate is not None:
+            msg = "gate: expected none with a nonlinear model, received one"
+            raise ValueError(msg)
         return extended.filtered(model, z, first=first, R=R, H=H, t=t, u=u, u0=u0, algorithm=algorithm, gains=gains, P0=P0)
     problem = pose(model, z, first=first, t=t, H=H, R=R, u=u, u0=u0, P0=P0)
-    found = _filtered(problem, algorithm, gains)
+    left: tuple[LeftOut, ...] = ()
+    if gate is not None:
+        if gains is not None:
+            msg = "gate: expected none beside given gains, which hold for data that are all there; received one"
+            raise ValueError(msg)
+        problem, left = gated(problem, rows_of(z, problem.model.m)[0], gate, _best)
+    found = replace(_filtered(problem, algorithm, gains), left_out=left)
     return without_runs(found) if problem.single else found
 
 

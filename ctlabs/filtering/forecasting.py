@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -101,11 +101,12 @@ def draws(model: Any, filtered: Filtered, number: int, seed: int) -> Array:
     """Histories of the state given the data, (steps+1, n, number): samples of the smoother's joint distribution.
 
     A simulated history and its own smoothed estimate differ by an error of the right distribution, which is added to the
-    smoothed estimate of the data (Durbin & Koopman, Biometrika 89, 2002).
+    smoothed estimate of the data (Durbin & Koopman, Biometrika 89, 2002). That error does not depend on where a state begins of which
+    nothing is known: such a one is simulated from x0. A state that the record leaves unknown is NaN.
 
     Parameters
     ----------
-    model : discrete, with a finite P0
+    model : the filter's
     filtered : one record · number : how many · seed : whole number
 
     >>> from ctlabs import kalman_filter
@@ -119,7 +120,9 @@ def draws(model: Any, filtered: Filtered, number: int, seed: int) -> Array:
         msg = f"filtered: expected one record of a linear model, received shape {filtered.z.shape} of a {type(own).__name__}"
         raise ValueError(msg)
     steps, number = len(filtered.t) - 1, checks.count("number", number)
-    truth, random = truth_arrays(own, steps), np.random.default_rng(checks.count("seed", seed, least=0))
+    unknown = np.isinf(own.P0.diagonal())
+    begun = replace(own, P0=np.where(unknown[:, None] | unknown, 0.0, own.P0)) if unknown.any() else own
+    truth, random = truth_arrays(begun, steps), np.random.default_rng(checks.count("seed", seed, least=0))
     x, z = histories(truth, normals(random, shape(truth, steps, first=0), number), first=0)
     z[np.isnan(filtered.z)] = np.nan
     return np.asarray(smooth(model, filtered).x[:, :, None] + x - smooth(own, z, first=0).x)

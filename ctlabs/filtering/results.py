@@ -63,6 +63,16 @@ class Contradiction(NamedTuple):
     run: int = 0
 
 
+class LeftOut(NamedTuple):
+    """A measurement z[row, element] beyond the gate: its ``value``, its ``innovation``, and that in standard deviations, ``sigmas``."""
+
+    row: int
+    element: int
+    value: float
+    innovation: float
+    sigmas: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
     """What a smoother needs of the first instants: x = x̂ + e + Aδ after each update, and how it came about.
@@ -99,7 +109,8 @@ class Filtered(Covariances):
     disagree with what is known exactly (:mod:`ctlabs.filtering.contradictions`); the filter goes on without them · ``z``
     (steps+1, m[, runs]), the data, by instants, without what known inputs bring into them · ``model``, the discrete model of these
     instants that was used · ``truth`` (steps+1, n[, runs]), the states that were estimated, where they are
-    known from a simulation · ``start``, what the smoother needs of the first instants after a vague start.
+    known from a simulation · ``start``, what the smoother needs of the first instants after a vague start · ``left_out``, what was
+    beyond the gate, and is NaN in ``z``.
 
     ``log_likelihood`` is the density of what is measured after something is known of every state, given what was measured
     before. ``log_likelihood_diffuse`` counts every
@@ -118,6 +129,7 @@ class Filtered(Covariances):
     truth: Array | None = None
     start: Start | None = None
     contradictions: tuple[Contradiction, ...] = ()
+    left_out: tuple[LeftOut, ...] = ()
 
     def error(self, when: str = "plus") -> Array:
         """e = x̂ − x, (steps+1, n[, runs]), after (``"plus"``) or before (``"minus"``) the update."""

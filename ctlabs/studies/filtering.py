@@ -5,15 +5,15 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ctlabs.analysis import diagnosis, sensitivity
+from ctlabs.analysis.diagnosis.wording import NAMED, shown
 from ctlabs.files import clock
 from ctlabs.filtering import contradictions, steady
 from ctlabs.filtering.filter import covariances, kalman_filter
-from ctlabs.filtering.smoothing import Smoothed
 from ctlabs.filtering.smoothing import smooth as smooth_
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import deviations
@@ -21,15 +21,16 @@ from ctlabs.models import DiscreteModel
 from ctlabs.reporting.plots import records as pictures
 from ctlabs.reporting.plots.studies import estimates
 from ctlabs.reporting.report import SOLVER, Report
-from ctlabs.studies import common, second
-from ctlabs.text import _, fill
+from ctlabs.studies import common, paths, second
+from ctlabs.studies.estimates import table
+from ctlabs.studies.filtered import Run, compute
+from ctlabs.text import _, fill, number
 
 if TYPE_CHECKING:
     from ctlabs.analysis.diagnosis import Diagnosis
     from ctlabs.files.datafile import Record
     from ctlabs.files.modelfile import ModelFile
     from ctlabs.filtering.results import Contradiction, Filtered
-    from ctlabs.filtering.smoothing import Smoothed
 
 #: The second route filters at most so many rows (it is a hundred times slower than the first).
 CHECKED = 2000
@@ -39,21 +40,9 @@ CONDITIONED = 120
 WIDE = 5
 #: Contradictions of which the report has a table.
 LISTED = 20
-#: Standard deviations whose square is beyond double precision.
-ENORMOUS = 1e150
+#: So many rows at the end beyond the gate, and the filter has lost the record.
+LOST = 5
 SUFFIXES = (".npz", ".mat", ".h")
-
-
-class Run(NamedTuple):
-    """A record ready to be filtered, and what came of it."""
-
-    model: DiscreteModel
-    z: Array
-    t: Array
-    first: int
-    algorithm: str
-    filtered: Filtered
-    smoothed: Smoothed | None
 
 
 def study(
@@ -63,6 +52,10 @@ def study(
     algorithm: str | None = None,
     smooth: bool = False,
     design: ModelFile | None = None,
+    gate: float | None = None,
+    draws: int = 0,
+    seed: int | None = None,
+    reach: tuple[str, ...] = (),
 ) -> Report:
     """Filter ``record`` with ``model``, or with ``design`` where ``model`` is only what is thought to be true.
 
@@ -72,6 +65,9 @@ def study(
     algorithm : a form of the filter; the first of the model file's where not given
     smooth : whether every state is also estimated from the whole record
     design : the filter's model, where it is another one
+    gate : leave out innovations beyond so many standard deviations
+    draws, seed : how many histories of the state given the record are drawn, with which seed (the model's where not given)
+    reach : "STATE=VALUE", first passages of the draws
 
     Raises
     ------
@@ -82,15 +78,21 @@ def study(
     if design is not None and record.u is not None:
         raise ValueError(f"--design: expected a record without known inputs, received {', '.join(record.mapping.inputs)}")
     algorithm = algorithm or used.experiment.algorithms[0]
-    run = filtered_run(used, record, algorithm, smooth)
+    levels = paths.levels(reach)
+    if levels and not draws:
+        raise ValueError("--reach: expected --draws N beside it, received none")
+    run = compute(used, record, algorithm, smooth=smooth, gate=gate)
     given = common.settings(
         used,
         ("algorithm", algorithm, "", _("form of the filter")),
         ("dt", run.model.dt, "s", _("period")),
         ("t0", float(run.t[0]), "s", _("time of the initial estimate")),
         ("first", run.first, "1", _("index of the first row of the data")),
+        *([] if gate is None else [("gate", gate, "σ", _("innovations beyond it are left out"))]),
     )
-    report = common.begin("filter", _("a record filtered"), used, "abcd", given, data=record.source)
+    drawn = used.experiment.seed if seed is None else seed
+    own = {"runs": draws, "seed": drawn} if draws else {}
+    report = common.begin("filter", _("a record filtered"), used, "abcde", given, data=record.source, **own)
     report.section("a", _("Model and data"))
     _data(report, run, record)
     report.section("b", _("Estimates"))
@@ -100,43 +102,19 @@ def study(
     if design is not None:
         report.section("d", _("If the other model is the truth"))
         _truth(report, model, run)
-    report.csv("estimates", *_table(run))
+    if draws:
+        report.section("e", _("Histories given the record"))
+        paths.report(report, run, paths.compute(run, draws, drawn, levels), drawn)
+    report.csv("estimates", *table(run))
     return report
 
 
 def add(report: Report, model: ModelFile, record: Record) -> None:
     """A filtered record in another study's report: the figures, the verdict, ``estimates.csv``."""
-    run = filtered_run(model, record, "joseph", smooth=False)
+    run = compute(model, record, "joseph")
     _figures(report, run)
     _verdict(report, run, model.measurement_units)
-    report.csv("estimates", *_table(run))
-
-
-def filtered_run(model: ModelFile, record: Record, algorithm: str, smooth: bool) -> Run:
-    """The record with its model, filtered."""
-    discrete, z, t = clock.timed(model, record)
-    first = model.experiment.first
-    filtered = kalman_filter(discrete, z[first:], first=first, algorithm=algorithm)
-    if not (np.isfinite(filtered.log_likelihood) or filtered.contradictions):
-        _refuse(discrete, filtered, algorithm, record)
-    smoothed = smooth_(discrete, filtered) if smooth else None
-    return Run(discrete, z, t, first, algorithm, filtered, smoothed)
-
-
-def _refuse(model: DiscreteModel, filtered: Filtered, algorithm: str, record: Record) -> NoReturn:
-    """Say why there is no likelihood: values without measure, or a form that rounding has defeated."""
-    sd = np.sqrt(np.diagonal(filtered.S, axis1=1, axis2=2).clip(np.finfo(float).tiny))
-    away = np.abs(np.where(np.isfinite(filtered.innovation), filtered.innovation, 0.0)) / sd
-    k, i = divmod(int(np.argmax(np.nan_to_num(away))), model.m)
-    if away[k, i] > ENORMOUS:
-        line, name = record.lines[k - len(away) + record.rows], model.measurements[i]
-        msg = (
-            f"{record.source}: line {line}, column {name}: expected a value that the model leaves possible, "
-            f"received {record.z[k - len(away) + record.rows, i]:g}, {away[k, i]:.0e} standard deviations away"
-        )
-    else:
-        msg = f"form {algorithm}: expected finite numbers, received NaN by rounding; take a factorised form: --algorithm ud"
-    raise FloatingPointError(msg)
+    report.csv("estimates", *table(run))
 
 
 def _data(report: Report, run: Run, record: Record) -> None:
@@ -156,6 +134,46 @@ def _data(report: Report, run: Run, record: Record) -> None:
     common.show(report, run.model)
     report.value("steps", len(run.z) - 1)
     report.value("missing", record.missing)
+    _left_out(report, run)
+
+
+def _left_out(report: Report, run: Run) -> None:
+    """What was beyond the gate, row by row; and whether the filter has lost the record."""
+    found = run.filtered.left_out
+    if not found:
+        return
+    names = run.model.measurements
+    one = _("{name} = {value} in {row}, {sigmas} σ")
+    told = [
+        fill(one, name=names[each.element], value=shown(each.value), row=run.called(each.row), sigmas=number(each.sigmas, 3))
+        for each in found[:NAMED]
+    ]
+    if len(found) > NAMED:
+        told.append(fill(_("{count} more"), count=len(found) - NAMED))
+    report.says(_("**Left out by the gate:** {rows}."), rows="; ".join(told))
+    report.value("left_out", len(found))
+    report.value("left_out_rows", "; ".join(told))
+    report.table(
+        "left_out",
+        [_("line"), _("time"), _("measurement"), _("value"), _("innovation"), "σ"],
+        [
+            (int(run.record.lines[c.row]), _time(run, c.row), names[c.element], c.value, c.innovation, c.sigmas)
+            for c in found[:LISTED]
+        ],
+        _("Measurements beyond the gate (the first of them)."),
+    )
+    measured = np.isfinite(run.z).any(axis=1)
+    last = int(np.flatnonzero(run.filtered.used.any(axis=1)).max(initial=0))
+    lost = int(measured[last + 1 :].sum())
+    if lost >= LOST:
+        text = _("The last {count} rows are all beyond the gate: the filter has lost the record (a jump, or Qd too small)")
+        report.says("**{text}.**", text=fill(text, count=lost))
+        report.value("lost", lost)
+
+
+def _time(run: Run, row: int) -> Any:
+    """The time of a row: as it was written, where that is not in seconds."""
+    return run.record.stamps[row].strip() if run.record.clocked else float(run.t[row + run.first])
 
 
 def _estimates(report: Report, run: Run) -> None:
@@ -182,7 +200,7 @@ def _estimates(report: Report, run: Run) -> None:
 
 def _smoothed_route(report: Report, run: Run) -> None:
     """The smoother by conditioning all states on all measurements at once; of a long record its beginning, smoothed by itself."""
-    model, z, n = run.model, run.z, run.model.n
+    model, z, n = run.model, run.data, run.model.n
     rows = min(len(z), max(2, CONDITIONED // max(n, model.m)))
     smoothed = run.smoothed
     if rows < len(z):
@@ -241,7 +259,7 @@ def _second_route(report: Report, run: Run) -> None:
         return
     steps = min(len(run.z) - 1, CHECKED)
     model = run.model.cut(steps)
-    other = kalman_filter(model, run.z[run.first : steps + 1], first=run.first, algorithm="filterpy")
+    other = kalman_filter(model, run.data[run.first : steps + 1], first=run.first, algorithm="filterpy")
     routes = (_("this form of the filter"), _("filterpy"))
     known = np.isfinite(other.P_plus).all(axis=(1, 2))
     if not known.any():
@@ -265,7 +283,7 @@ def steady_route(report: Report, run: Run) -> None:
     limit = steady.solve(run.model)
     updates = np.asarray(plan.used).any(axis=1).astype(np.float64)
     constant = dataclasses.replace(plan, K=np.multiply.outer(updates, limit.K))
-    other = kalman_filter(run.model, run.z[run.first : steps + 1], first=run.first, gains=constant)
+    other = kalman_filter(run.model, run.data[run.first : steps + 1], first=run.first, gains=constant)
     routes = (_("this form of the filter"), _("a schedule of constant gains"))
     _same_estimates(report, run, other.x_plus, deviations(run.filtered.P_plus[: steps + 1]), routes)
     report.says(
@@ -282,8 +300,8 @@ def _verdict(report: Report, run: Run, units: Sequence[str]) -> None:
         report.value("log_likelihood", float(found.log_likelihood))
         if found.log_likelihood_diffuse != found.log_likelihood:
             report.value("log_likelihood_diffuse", float(found.log_likelihood_diffuse))
-    known = int(contradictions.known(run.model, run.z, found.used, run.first).sum())
-    excluded = excluding(report, run.model, found, run.t[run.first :])
+    known = int(contradictions.known(run.model, found.z, found.used, run.first).sum())
+    excluded = excluding(report, run, run.model, found)
     measured = np.isfinite(found.innovation)
     if known:
         report.value("known_already", known - len(excluded))
@@ -299,13 +317,12 @@ def _verdict(report: Report, run: Run, units: Sequence[str]) -> None:
             report.says("{nothing}", nothing=nothing)
             report.value("remark", nothing)
         return
-    try:
-        verdict = _diagnosed(run)
-    except ArithmeticError as error:  # the diagnosis filters in Joseph's form, whatever the form chosen here
-        report.says(_("The data are not tested against the model: {reason}."), reason=str(error))
+    if run.verdict is None:
+        report.says(_("The data are not tested against the model: {reason}."), reason=run.untested)
         return
-    _innovations(report, run, verdict, units)
-    _tests(report, run, verdict)
+    _innovations(report, run, run.verdict, units)
+    _tests(report, run, run.verdict)
+    _events(report, run, run.verdict)
     if len(run.z) > diagnosis.LONG:
         report.says(
             _("The tests of whiteness and the factors are those of the first {rows} rows."), rows=diagnosis.LONG
@@ -313,31 +330,28 @@ def _verdict(report: Report, run: Run, units: Sequence[str]) -> None:
 
 
 def excluding(
-    report: Report, model: DiscreteModel, filtered: Filtered, rows: Array, name: str = "contradiction"
+    report: Report, run: Run, model: DiscreteModel, filtered: Filtered, name: str = "contradiction"
 ) -> tuple[Contradiction, ...]:
-    """Say that a record contradicts a model, and where; ``rows``, the times of the rows of data. The contradictions."""
+    """Say that a record contradicts a model, with which it was ``filtered``, and where. The contradictions."""
     found = filtered.contradictions
     if not found:
         return ()
-    first = found[0]
-    where = fill(_("row {row} (t = {t} s)"), row=first.row, t=float(rows[first.row]))
+    values = [float(run.z[c.row + run.first, c.element]) for c in found[:LISTED]]
+    where = fill(_("{row}, where {value} was measured"), row=run.called(found[0].row), value=shown(values[0]))
     said = contradictions.sentence(found, model.measurements, where)
     report.says("**{said}**", said=said)
     report.value(name, said)
     report.value(f"{name}s", len(found))
     report.table(
         f"{name}s",
-        [_("row"), "t, s", _("measurement"), _("innovation"), _("explained by rounding")],
-        [(c.row, float(rows[c.row]), model.measurements[c.element], c.innovation, c.allowed) for c in found[:LISTED]],
+        [_("row"), _("measurement"), _("value"), _("innovation"), _("explained by rounding")],
+        [
+            (run.called(c.row), model.measurements[c.element], value, c.innovation, c.allowed)
+            for c, value in zip(found[:LISTED], values, strict=True)
+        ],
         _("Perfect measurements that contradict what is known exactly (the first of them)."),
     )
     return found
-
-
-def _diagnosed(run: Run) -> Diagnosis:
-    """The diagnosis by the optimal filter's innovations (the start of one with the steady gain is not the model's)."""
-    found = run.filtered if run.algorithm != "steady" else kalman_filter(run.model, run.z[run.first :], first=run.first)
-    return diagnosis.diagnose(run.model, found, longest=diagnosis.LONG)
 
 
 def _innovations(report: Report, run: Run, verdict: Diagnosis, units: Sequence[str]) -> None:
@@ -409,12 +423,33 @@ def _tests(report: Report, run: Run, verdict: Diagnosis) -> None:
     )  # fmt: skip
 
 
+def _events(report: Report, run: Run, verdict: Diagnosis) -> None:
+    """The rows that speak against the model, one by one."""
+    if not verdict.events:
+        return
+    kinds = {"outlier": _("outlier"), "break": _("break before this row"), "stuck": _("stuck")}
+    rows = []
+    for event in verdict.events:
+        name = (run.model.states if event.kind == "break" else run.model.measurements)[event.place]
+        for row in event.rows:
+            size = event.size if len(event.rows) == 1 else None
+            value = None if np.isnan(event.value) else event.value
+            rows.append((int(run.record.lines[row]), _time(run, row), name, kinds[event.kind], value, size))
+    report.value("events", len(verdict.events))
+    report.table(
+        "events",
+        [_("line"), _("time"), _("quantity"), _("kind"), _("value"), _("differs by")],
+        rows,
+        _("Rows that speak against the model. What a value differs by is told by the rest of the record."),
+    )
+
+
 def _truth(report: Report, model: ModelFile, run: Run) -> None:
     """What the design's estimates are worth, and how likely the record is, if ``model`` is the truth."""
     truth = model.discrete(times=run.t)
     E = common.stands_for(truth, run.model)
-    missing = np.isnan(run.z)
-    filtered = kalman_filter(truth, run.z[run.first :], first=run.first)
+    missing = np.isnan(run.data)
+    filtered = kalman_filter(truth, run.data[run.first :], first=run.first)
     steps = len(run.z) - 1
     actual = sensitivity.actual(
         _without(truth, missing), _without(run.model, missing), steps, compare=E, first=run.first
@@ -430,7 +465,7 @@ def _truth(report: Report, model: ModelFile, run: Run) -> None:
             )
         )
     report.value("log_likelihood_truth", float(filtered.log_likelihood))
-    excluding(report, truth, filtered, run.t[run.first :], "contradiction_truth")
+    excluding(report, run, truth, filtered, "contradiction_truth")
     report.says(
         _("The record's log-likelihood is {truth} by the other model and {design} by the filter's."),
         truth=float(filtered.log_likelihood),
@@ -447,31 +482,6 @@ def _without(model: DiscreteModel, missing: Array) -> DiscreteModel:
     k, i = np.nonzero(missing)
     R[k, i, i] = np.inf
     return dataclasses.replace(model, R=R)
-
-
-def _table(run: Run) -> tuple[list[str], list[list[Any]]]:
-    """Columns and rows of estimates.csv: one row per row of the data."""
-    model, found = run.model, run.filtered
-    with np.errstate(invalid="ignore"):
-        sd = np.sqrt(np.diagonal(found.S, axis1=1, axis2=2))
-    sd = np.where(np.isfinite(found.innovation), sd, np.nan)
-    columns = ["k", "t"]
-    parts = [np.arange(len(run.t))[:, None], run.t[:, None]]
-    for names, values, sds, value, deviation in (
-        (model.states, found.x_plus, deviations(found.P_plus), "{}", "{}_sd"),
-        (model.measurements, found.innovation, sd, "innovation_{}", "innovation_sd_{}"),
-        *(
-            []
-            if run.smoothed is None
-            else [(model.states, run.smoothed.x, deviations(run.smoothed.P), "{}_smoothed", "{}_smoothed_sd")]
-        ),
-    ):
-        for i, name in enumerate(names):
-            columns += [value.format(name), deviation.format(name)]
-            parts += [values[:, i, None], sds[:, i, None]]
-    common.distinct("estimates.csv", columns)
-    rows = np.hstack(parts)[run.first :].tolist()
-    return columns, [[int(row[0]), *row[1:]] for row in rows]
 
 
 def exportable(path: Path) -> None:

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ctlabs.files import clock
+from ctlabs.files.continued import continued
 from ctlabs.filtering.filter import kalman_filter
 from ctlabs.filtering.forecasting import Forecast, forecast
 from ctlabs.linalg.covariance import deviations
 from ctlabs.reporting.plots.studies import estimates
 from ctlabs.reporting.report import SOLVER, Report
 from ctlabs.studies import common
+from ctlabs.studies.estimates import clocks
 from ctlabs.text import _, fill
 
 if TYPE_CHECKING:
@@ -58,7 +61,7 @@ def study(model: ModelFile, record: Record, steps: int) -> Report:
     _numbers(report, model, discrete, ahead, later)
     _pictures(report, discrete, found, ahead, t, later)
     _checked(report, whole, z, first, ahead)
-    report.csv("forecast", *_table(discrete, ahead, last, later))
+    report.csv("forecast", *_table(discrete, ahead, last, later, record, later - t[-1]))
     return report
 
 
@@ -109,8 +112,10 @@ def _checked(report: Report, whole: DiscreteModel, z: Array, first: int, ahead: 
     )
 
 
-def _table(model: DiscreteModel, ahead: Forecast, last: int, later: Array) -> tuple[list[str], list[list[Any]]]:
-    """Columns and rows of forecast.csv."""
+def _table(
+    model: DiscreteModel, ahead: Forecast, last: int, later: Array, record: Record, since: Array
+) -> tuple[list[str], list[list[Any]]]:
+    """Columns and rows of forecast.csv; the times ``since`` the record as its own are written, too."""
     with np.errstate(invalid="ignore"):
         sd = np.sqrt(np.diagonal(ahead.S, axis1=1, axis2=2))
     columns, parts = ["k", "t"], [last + 1.0 + np.arange(len(later))[:, None], later[:, None]]
@@ -119,6 +124,10 @@ def _table(model: DiscreteModel, ahead: Forecast, last: int, later: Array) -> tu
             own = fill("measured_{name}", name=name) if names is model.measurements and name in model.states else name
             columns += [own, f"{own}_sd"]
             parts += [values[:, i, None], spread[:, i, None]]
+    rows = [[int(row[0]), *row[1:]] for row in np.hstack(parts).tolist()]
+    stamps = continued(record.stamps[-1], record.mapping.unit, since) if record.clocked else None
+    if stamps is not None:
+        head, times = clocks(replace(record, stamps=stamps), later, columns[2:])
+        columns, rows = ["k", *head, *columns[2:]], [[row[0], *time, *row[2:]] for row, time in zip(rows, times, strict=True)]
     common.distinct("forecast.csv", columns)
-    rows = np.hstack(parts).tolist()
-    return columns, [[int(row[0]), *row[1:]] for row in rows]
+    return columns, rows

@@ -14,10 +14,11 @@ from ctlabs.filtering import contradictions, measured
 from ctlabs.filtering.algorithms import contract, vague
 from ctlabs.filtering.algorithms.catalogue import form
 from ctlabs.filtering.engines.driver import innovation, taken_over
+from ctlabs.filtering.gate import width
 from ctlabs.filtering.measured import begins
 from ctlabs.filtering.online import files
 from ctlabs.filtering.online.plants import Given, Instant, finite_time, plant, short
-from ctlabs.filtering.results import Contradiction
+from ctlabs.filtering.results import Contradiction, LeftOut, Mask
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
@@ -34,7 +35,7 @@ class Estimate(NamedTuple):
     ``innovation`` (m,), NaN where an element did not enter the update · ``S`` (m, m), its covariance, ``inf`` on the
     diagonal there · ``nis``, :math:`\nu^TS^{-1}\nu`, NaN where nothing entered · ``contradictions``, the perfect measurements of
     this instant (``row``, counted as the rows of a record) that disagree with what was known exactly
-    (:mod:`ctlabs.filtering.contradictions`)
+    (:mod:`ctlabs.filtering.contradictions`) · ``left_out``, what this step left out as beyond the gate
     """
 
     t: float
@@ -44,6 +45,7 @@ class Estimate(NamedTuple):
     S: Array
     nis: float
     contradictions: tuple[Contradiction, ...] = ()
+    left_out: tuple[LeftOut, ...] = ()
 
 
 class Filter:
@@ -116,6 +118,7 @@ class Filter:
         *,
         H: ArrayLike | None = None,
         R: ArrayLike | None = None,
+        gate: float | None = None,
     ) -> Estimate:
         """Go to time t and take in what was measured there.
 
@@ -127,6 +130,7 @@ class Filter:
             a ContinuousModel, makes an instant of its own.
         u : (r,), known input of a model with B or D: it enters this measurement and acts from now until the next one
         H, R : (m, n), (m, m), of this measurement, in place of the model's
+        gate : leave out the elements whose innovation is beyond so many standard deviations; not of a late measurement
 
         Returns
         -------
@@ -149,6 +153,13 @@ class Filter:
         model = self._plant.model
         rows = None if H is None else checks.shaped("H", H, (model.m, model.n))
         noise = None if R is None else checks.measurement_covariance("R", R, (model.m, model.m))
+        left: tuple[LeftOut, ...] = ()
+        if gate is not None:
+            if late:
+                now = moment(self.t, time)
+                msg = f"gate: expected none with a late measurement ({moment(time, self.t)} s, now is {now} s), received one"
+                raise ValueError(msg)
+            data, left = self._gated(data, width(gate), t, u, H, R)
         try:
             with np.errstate(
                 over="ignore", invalid="ignore", divide="ignore"
@@ -163,7 +174,27 @@ class Filter:
             msg = f"form {self._algorithm}: expected matrices with an inverse, received {received}"
             raise FloatingPointError(msg) from error
         self._begun = True
-        return self.estimate
+        return self.estimate._replace(left_out=left)
+
+    def _gated(
+        self, data: Array, gate: float, t: float | None, u: ArrayLike | None, H: ArrayLike | None, R: ArrayLike | None
+    ) -> tuple[Array, tuple[LeftOut, ...]]:
+        """The data within the gate, and the others: of a prediction to that time, which is undone."""
+        before = self._past, self._before, self._begun
+        try:
+            x, P = self.step(None, t, u, H=H, R=R)[1:3]
+            now = self._past[-1]
+        finally:
+            self._past, self._before, self._begun = before
+        unknown = np.abs(now.H) @ np.isinf(P.diagonal()) > 0
+        nu = data - now.seen - now.H @ np.where(np.isfinite(x), x, 0.0)
+        sd = np.sqrt(((now.H @ np.where(np.isfinite(P), P, 0.0)) * now.H).sum(axis=1) + now.R.diagonal())
+        with np.errstate(divide="ignore", invalid="ignore"):
+            away = np.abs(nu) / sd
+        beyond: Mask = ~np.isnan(nu) & ~unknown & (sd > 0) & (away > gate)
+        row = now.k - self._first
+        left = tuple(LeftOut(row, i, float(data[i]), float(nu[i]), float(away[i])) for i in np.flatnonzero(beyond).tolist())
+        return np.where(beyond, np.nan, data), left
 
     @property
     def estimate(self) -> Estimate:

@@ -63,6 +63,14 @@ def _reach(seen: Sequence[Array]) -> tuple[float, float] | None:
     return (float(low - 0.05 * (high - low)), float(high + 0.05 * (high - low))) if low < high else None
 
 
+def paths(t: ArrayLike, x: ArrayLike, smoothed: tuple[ArrayLike, ArrayLike], *, ylabel: str, xlabel: str = "t, s") -> Drawing:
+    """Histories x (rows, number) as thin lines over a smoothed estimate and its ±2σ band."""
+    x, (estimate, sd) = array(x), (array(part) for part in smoothed)
+    band = Band(_("smoothed ± 2σ"), t, estimate - 2 * sd, estimate + 2 * sd)
+    thin = (Curve(_("draws"), t, path, "grey", quiet=i > 0, width=0.6) for i, path in enumerate(x.T))
+    return Drawing(_("Draws"), xlabel, (Panel(ylabel, (*thin, Curve(_("smoothed"), t, estimate)), (band,)),))
+
+
 def before_after(
     t: ArrayLike, before: ArrayLike, after: ArrayLike, label: str, unit: str, names: tuple[str, str], limits: Sequence[float] = ()
 ) -> Panel:

@@ -1,0 +1,70 @@
+"""``estimates.csv``: the estimates, predictions and innovations of a filtered record, a row for each of its rows."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ctlabs.files.datafile import Record
+from ctlabs.linalg.checks import Array
+from ctlabs.linalg.covariance import deviations
+from ctlabs.models import DiscreteModel, at
+from ctlabs.studies import common
+from ctlabs.studies.filtered import Run
+
+
+def table(run: Run) -> tuple[list[str], list[list[Any]]]:
+    """Columns and rows; times as they were written beside those of the model's clock where the two differ."""
+    model, found = run.model, run.filtered
+    with np.errstate(invalid="ignore"):
+        sd = np.sqrt(np.diagonal(found.S, axis1=1, axis2=2))
+    predicted, spread = predictions(model, found.x_minus, found.P_minus)
+    parts: list[tuple[Any, Array, Array, str]] = [(model.states, found.x_plus, deviations(found.P_plus), "{}|{}_sd")]
+    if run.smoothed is not None:
+        parts.append((model.states, run.smoothed.x, deviations(run.smoothed.P), "{}_smoothed|{}_smoothed_sd"))
+    parts += [
+        (model.measurements, predicted, spread, "predicted_{}|predicted_sd_{}"),
+        (model.measurements, found.innovation, np.where(np.isfinite(found.innovation), sd, np.nan), "innovation_{}|innovation_sd_{}"),
+    ]
+    columns, values = list[str](), list[Array]()
+    for names, value, deviation, pattern in parts:
+        for i, name in enumerate(names):
+            columns += pattern.format(name, name).split("|")
+            values += [value[:, i], deviation[:, i]]
+    rows = np.column_stack(values)[run.first :].tolist()
+    head, times = clocks(run.record, run.t[run.first :], columns)
+    common.distinct("estimates.csv", ["k", *head, *columns])
+    return ["k", *head, *columns], [[k, *time, *row] for k, (time, row) in enumerate(zip(times, rows, strict=True), run.first)]
+
+
+def predictions(model: DiscreteModel, x: Array, P: Array) -> tuple[Array, Array]:
+    """What is measured at each instant given the estimates x (steps+1, n) and P before: ẑ = Hx̂⁻ + d and its σ, (steps+1, m) each.
+
+    σ is that of a measurement, √(HP⁻Hᵀ + R) on the diagonal; ``inf`` where it would say something of an unknown state.
+    """
+    rows = len(x)
+    H, R = (np.broadcast_to(M, (rows, *M.shape[-2:])) for M in (model.H, model.R))
+    unknown = np.einsum("kij,kj->ki", np.abs(H), np.isinf(np.diagonal(P, axis1=1, axis2=2)).astype(float)) > 0
+    known = np.where(np.isfinite(P), P, 0.0)
+    S = ((H @ known) * H).sum(axis=2) + np.diagonal(R, axis1=1, axis2=2)
+    z = (H @ np.where(np.isfinite(x), x, 0.0)[:, :, None])[:, :, 0]
+    if model.measurement_offset is not None:
+        z = z + np.array([at(model.measurement_offset, k, 1) for k in range(rows)])
+    return np.where(unknown, np.nan, z), np.sqrt(np.where(unknown, np.inf, S))
+
+
+def clocks(record: Record, t: Array, others: list[str]) -> tuple[list[str], list[list[Any]]]:
+    """The columns of the times of the rows, and their cells: as written, under the name that they had, and in seconds as ``t``."""
+    seconds = t.tolist()
+    if not record.clocked:
+        return ["t"], [[each] for each in seconds]
+    if record.clock == "t":
+        return ["t", "seconds"], [list(pair) for pair in zip(_written(record), seconds, strict=True)]
+    name = f"time_{record.clock}" if record.clock in ("k", *others) else record.clock
+    return [name, "t"], [list(pair) for pair in zip(_written(record), seconds, strict=True)]
+
+
+def _written(record: Record) -> list[str]:
+    """The times as they are written."""
+    return [stamp.strip() for stamp in record.stamps]

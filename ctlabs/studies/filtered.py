@@ -1,0 +1,115 @@
+"""A measured record, filtered, smoothed and diagnosed: what ``ctlabs filter`` reports, as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NoReturn
+
+import numpy as np
+
+from ctlabs.analysis import diagnosis
+from ctlabs.files import clock
+from ctlabs.filtering.filter import kalman_filter
+from ctlabs.filtering.smoothing import smooth as smooth_
+from ctlabs.linalg.checks import Array
+from ctlabs.models import DiscreteModel
+from ctlabs.text import _, fill, moment
+
+if TYPE_CHECKING:
+    from ctlabs.analysis.diagnosis import Diagnosis
+    from ctlabs.files.datafile import Record
+    from ctlabs.files.modelfile import ModelFile
+    from ctlabs.filtering.results import Filtered
+    from ctlabs.filtering.smoothing import Smoothed
+
+#: Standard deviations whose square is beyond double precision.
+ENORMOUS = 1e150
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """A record ready to be filtered, and what came of it.
+
+    ``model``, discrete, of the record's instants · ``z`` (steps+1, m), measured, and ``t`` (steps+1,) s, by instants · ``first``, the index
+    of the first row · ``algorithm`` · ``filtered``, ``smoothed`` or None · ``verdict`` on the model, None where nothing is left to test
+    or (``untested`` says why) the test has no digits · ``record``, as it was read
+    """
+
+    model: DiscreteModel
+    z: Array
+    t: Array
+    first: int
+    algorithm: str
+    filtered: Filtered
+    smoothed: Smoothed | None
+    verdict: Diagnosis | None
+    untested: str
+    record: Record
+
+    @property
+    def data(self) -> Array:
+        """What was filtered: z without what is beyond the gate."""
+        return np.where(np.isnan(self.filtered.z), np.nan, self.z)
+
+    def called(self, row: int) -> str:
+        """A row of the record as its owner finds it: its line and time."""
+        return names(self.record, self.t[self.first :])(row)
+
+
+def compute(model: ModelFile, record: Record, algorithm: str, *, smooth: bool = False, gate: float | None = None) -> Run:
+    """The record with its model, filtered by a form, without what is beyond the ``gate``; diagnosed; and smoothed where asked for.
+
+    Raises
+    ------
+    ValueError
+        Times that do not fit the model; what the form cannot do; nothing within the gate.
+    FloatingPointError
+        Values that the model cannot give, or a form that rounding has defeated.
+    """
+    discrete, z, t = clock.timed(model, record)
+    first = model.experiment.first
+    found = kalman_filter(discrete, z[first:], first=first, algorithm=algorithm, gate=gate)
+    if not (np.isfinite(found.log_likelihood) or found.contradictions):
+        _refuse(discrete, found, algorithm, record)
+    smoothed = smooth_(discrete, found) if smooth else None
+    verdict, untested = None, ""
+    if np.isfinite(found.innovation).any():
+        try:
+            verdict = _diagnosed(discrete, found, algorithm, first, names(record, t[first:]))
+        except ArithmeticError as error:  # the diagnosis filters in Joseph's form, whatever the form chosen here
+            untested = str(error)
+    return Run(discrete, z, t, first, algorithm, found, smoothed, verdict, untested, record)
+
+
+def names(record: Record, t: Array) -> Callable[[int], str]:
+    """How rows are called: by their lines and the times ``t`` of the rows, as they are written where they are no seconds."""
+
+    def called(row: int) -> str:
+        time = record.stamps[row] if record.clocked else moment(float(t[row]))
+        return fill(_("line {line} (t = {time})"), line=int(record.lines[row]), time=time)
+
+    return called
+
+
+def _diagnosed(model: DiscreteModel, found: Filtered, algorithm: str, first: int, where: Callable[[int], str]) -> Diagnosis:
+    """The diagnosis by the optimal filter's innovations (the start of one with the steady gain is not the model's)."""
+    if algorithm == "steady":
+        found = kalman_filter(model, found.z[first:], first=first)
+    return diagnosis.diagnose(model, found, longest=diagnosis.LONG, where=where)
+
+
+def _refuse(model: DiscreteModel, filtered: Filtered, algorithm: str, record: Record) -> NoReturn:
+    """Say why there is no likelihood: values without measure, or a form that rounding has defeated."""
+    sd = np.sqrt(np.diagonal(filtered.S, axis1=1, axis2=2).clip(np.finfo(float).tiny))
+    away = np.abs(np.where(np.isfinite(filtered.innovation), filtered.innovation, 0.0)) / sd
+    k, i = divmod(int(np.argmax(np.nan_to_num(away))), model.m)
+    if away[k, i] > ENORMOUS:
+        line, name = record.lines[k - len(away) + record.rows], model.measurements[i]
+        msg = (
+            f"{record.source}: line {line}, column {name}: expected a value that the model leaves possible, "
+            f"received {record.z[k - len(away) + record.rows, i]:g}, {away[k, i]:.0e} standard deviations away"
+        )
+    else:
+        msg = f"form {algorithm}: expected finite numbers, received NaN by rounding; take a factorised form: --algorithm ud"
+    raise FloatingPointError(msg)
