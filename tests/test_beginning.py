@@ -43,8 +43,8 @@ def off(P: Array, right: Array) -> float:
 def test_no_variance_is_silently_wrong(unknown, monkeypatch):
     """Right to 1e-7 of the variances, or refused: nothing between; and some of them need the digits."""
     monkeypatch.setattr(comparison, "DIGITS", 200)
-    precisely, needed = beginning._precisely, []
-    monkeypatch.setattr(beginning, "_precisely", lambda *given: needed.append(1) or precisely(*given))
+    precisely, needed = beginning.precisely, []
+    monkeypatch.setattr(beginning, "precisely", lambda *given: needed.append(1) or precisely(*given))
     refused, models = 0, 12
     for seed in range(models):
         model = chain(seed, unknown)
@@ -62,7 +62,7 @@ def test_no_variance_is_silently_wrong(unknown, monkeypatch):
 
 def test_an_ordinary_start_needs_doubles_only(monkeypatch):
     """A large, or unknown, start of an ordinary model is computed twice, and not with more digits."""
-    monkeypatch.setattr(beginning, "_precisely", None)
+    monkeypatch.setattr(beginning, "precisely", None)
     track = DiscreteModel([[1, 1], [0, 1]], np.diag([0, 0.1]), [[1, 0]], [[4]], P0=np.diag([1e9, 1e7]))
     for P0 in (track.P0, np.diag([np.inf, np.inf])):
         assert np.isfinite(covariances(replace(track, P0=P0), 5).P_plus[2:]).all()
@@ -79,9 +79,9 @@ def test_two_forms_agree_only_if_both_know_the_same():
     """A difference, NaN beside a number, ``inf`` beside a number: each is a disagreement."""
     model = DiscreteModel([[1, 1], [0, 1]], np.diag([0.0, 1.0]), [[1, 0]], [[1]], P0=np.eye(2))
     one = kalman_filter(model, np.zeros((3, 1, 2)))
-    assert filters._agree(one, one)
+    assert filters.agree(one, one)
     for name, wrong in (("x_plus", 1e-6), ("x_plus", np.nan), ("P_minus", 1e-6), ("P_minus", np.inf)):
         changed = getattr(one, name).copy()
         changed[2, 0, 0] += wrong
-        assert not filters._agree(one, replace(one, **{name: changed}))
-        assert not filters._agree(replace(one, **{name: changed}), one)
+        assert not filters.agree(one, replace(one, **{name: changed}))
+        assert not filters.agree(replace(one, **{name: changed}), one)

@@ -228,12 +228,12 @@ def _rescued(problem: Problem, lost: compiled.LostDigits) -> Filtered:
         found, other = driver.run(problem, "ud")[0], driver.run(problem, "carlson")[0]
     except (ValueError, FloatingPointError):
         raise lost from None
-    if not _agree(found, other):
+    if not agree(found, other):
         raise lost
     return found
 
 
-def _agree(one: Filtered, other: Filtered) -> bool:
+def agree(one: Filtered, other: Filtered) -> bool:
     """Whether two forms give the same estimates and covariances, in units of their standard deviations."""
     before = beginning.close(one.x_minus, other.x_minus, one.P_minus, other.P_minus, SAME)
     after = beginning.close(one.x_plus, other.x_plus, one.P_plus, other.P_plus, SAME)

@@ -162,7 +162,7 @@ def _left_out(report: Report, run: Run) -> None:
         ],
         _("Measurements beyond the gate (the first of them)."),
     )
-    measured = np.isfinite(run.z).any(axis=1)
+    measured = np.asarray(np.isfinite(run.z).any(axis=1))
     last = int(np.flatnonzero(run.filtered.used.any(axis=1)).max(initial=0))
     lost = int(measured[last + 1 :].sum())
     if lost >= LOST:
@@ -372,7 +372,7 @@ def _innovations(report: Report, run: Run, verdict: Diagnosis, units: Sequence[s
         found.used.sum(axis=1)[shown], xlabel="t, s", labels=labels,
     )  # fmt: skip
     caption = _(
-        "Innovations (what each measurement tells beyond its prediction) in the filter's ±2σ, and their normalised square in the band of 95 % of a right model's."
+        "Innovations (what each measurement tells beyond its prediction) and their normalised square, each in the band that holds 95 % of a right model's."
     )
     if not shown.all():
         caption += _(" Left out: {count} of a band more than {wide} times the usual one.")

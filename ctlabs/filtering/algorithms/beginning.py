@@ -88,7 +88,7 @@ def begin(record: Record, P0: Numbers) -> Beginning | None:
     if found is None or record.kind is not float or _same(found, _elsewhere(record, used)):
         return found
     record.used[:] = used
-    return _precisely(record, P0, state.sight)
+    return precisely(record, P0, state.sight)
 
 
 def _instants(record: Record, state: vague.State) -> Beginning | None:
@@ -144,7 +144,7 @@ def _same(one: Beginning, other: Beginning | None) -> bool:
     return all(close(*pair, SAME) for pair in pairs)
 
 
-def _precisely(record: Record, P0: Numbers, sight: Array) -> Beginning | None:
+def precisely(record: Record, P0: Numbers, sight: Array) -> Beginning | None:
     """The first instants with :data:`DIGITS` digits, rounded to doubles."""
     import mpmath
 
