@@ -26,6 +26,8 @@ from tests import cases, twins
 from tests.reference import EXACT, SOLVER, broken, close
 from tests.strategies import seeds
 
+pytestmark = pytest.mark.numerical
+
 CASES = [
     case
     for pattern in ("k1_[cdot]*", "k1_scalar*", "k1_slycot*", "k2_ins*", "k2_two*", "k2_heading_weak", "k9_no_warning_[il]*")
