@@ -13,6 +13,8 @@ from ctlabs.models import discretise
 from ctlabs.models.observability import Observability, SamplingLoss
 from tests.reference import EXACT, SOLVER, close
 
+pytestmark = pytest.mark.numerical
+
 TRACK = DiscreteModel(
     [[1, 0.5], [0, 0.9]], [[0.1, 0.05], [0.05, 0.2]], [[1, 0], [0, 1]], [[1, 0.3], [0.3, 0.5]], P0=np.eye(2), dt=0.5,
     states=["x", "v"], measurements=["gauge", "radar"],

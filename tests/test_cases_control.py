@@ -15,6 +15,8 @@ from ctlabs.filtering import bucy
 from ctlabs.models import ContinuousModel, DiscreteModel, interop, shaping, spectra
 from tests.cases import Case, near, numerics, peers
 
+pytestmark = pytest.mark.numerical
+
 Array = NDArray[Any]
 
 

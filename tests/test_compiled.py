@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from functools import cache
 
 import numpy as np
 import pytest
@@ -30,6 +31,7 @@ print(json.dumps([float(x) for part in parts for x in np.ravel(part)]))
 """
 
 
+@cache
 def numbers(*arguments, **environment):
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM, *arguments], capture_output=True, text=True, check=True, env={**os.environ, **environment}

@@ -16,6 +16,8 @@ from ctlabs.models.discretisation import discretise
 from tests import cases, reference
 from tests.reference import Array
 
+pytestmark = pytest.mark.numerical
+
 EPS = float(np.finfo(float).eps)
 #: Below this, doubles lose digits because they are small.
 SMALL = 1e-280

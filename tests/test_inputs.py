@@ -13,6 +13,8 @@ from ctlabs import ContinuousModel, DiscreteModel, kalman_filter, simulate
 from ctlabs.models import discretise, to_continuous
 from tests.reference import EXACT, SOLVER, broken, close
 
+pytestmark = pytest.mark.numerical
+
 F = np.array([[0.0, 1.0], [-4.0, -0.6]])
 B, D = np.array([[0.0, 1.0], [2.0, 0.0]]), np.array([[0.3, -0.7]])
 PLANT = ContinuousModel(

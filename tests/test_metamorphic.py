@@ -16,6 +16,8 @@ from ctlabs.models import DiscreteModel
 from tests import metamorphic
 from tests.metamorphic import ALGORITHMS, CONTINUOUS, DISCRETE, STEPS, Change, Verb, changes, field, problems
 
+pytestmark = pytest.mark.numerical
+
 #: In units of the standard deviations: rounding of a change of units, times the condition of a well-posed problem.
 CLOSE = 1e-9
 KINDS = ["units", "order", "basis"]

@@ -20,6 +20,8 @@ from ctlabs.montecarlo import simulate
 from tests import cases, twin_smoother
 from tests.reference import EXACT, SOLVER, close
 
+pytestmark = pytest.mark.numerical
+
 SMOOTHED = [
     *(f"k2_{name}" for name in ("ma*", "arma*", "airline", "ima11", "varma11", "oscillator_ma1", "coloured_noise*")),
     "k2_one_of_two_perfect",

@@ -15,6 +15,8 @@ from flint import arb, ctx
 from ctlabs.models import DiscreteModel
 from tests import reference, twin_smoother, twins
 
+pytestmark = pytest.mark.numerical
+
 SEEDS = (11, 12, 13, 14)
 #: Of so many solvable models one may be refused.
 REFUSED = 1000

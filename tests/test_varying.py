@@ -12,6 +12,8 @@ from ctlabs.filtering.varying import VaryingModel
 from ctlabs.models import ContinuousModel
 from tests.reference import EXACT, SOLVER, broken, close
 
+pytestmark = pytest.mark.numerical
+
 
 def slope(R: float = 2.0, P0: float = 1.0) -> VaryingModel:
     """Lab 21: a constant slope in white noise."""
