@@ -478,7 +478,7 @@ class TestRows:
 
     def test_a_contradiction_is_told_with_its_value(self):
         """Row, value, and what was known."""
-        model = DiscreteModel([[0.5]], [[0]], [[1]], [[0]], x0=[1], P0=[[0]])
+        model = DiscreteModel([[0.5]], [[0]], [[1]], [[0]], x0=[1], P0=[[1]])
         found = diagnosis.diagnose(model, kalman_filter(model, [0.5, 0.8]))
         assert found.verdict == "contradiction"
         assert found.suggestion == "z1 = 0.8 in row 1 contradicts what is known exactly, 0.25: the record is impossible for this model"

@@ -20,7 +20,7 @@ def wanted(word: str) -> Path:
     """
     path = Path(word)
     if word != "parquet" and path.suffix not in (".parquet", ".csv"):
-        msg = f"--table {word}: expected parquet, or a name that ends with .parquet or .csv, received {path.suffix or word!r}"
+        msg = f"--table {word}: expected parquet, or a name that ends with .parquet or .csv, received {path.suffix or repr(word)}"
         raise ValueError(msg)
     if path.suffix != ".csv" and find_spec("pyarrow") is None:
         msg = f"--table {word}: expected the package pyarrow, received none; pip install 'ctlabs[data]'"

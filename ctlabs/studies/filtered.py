@@ -96,7 +96,7 @@ def _diagnosed(model: DiscreteModel, found: Filtered, algorithm: str, first: int
     """The diagnosis by the optimal filter's innovations (the start of one with the steady gain is not the model's)."""
     if algorithm == "steady":
         found = kalman_filter(model, found.z[first:], first=first)
-    return diagnosis.diagnose(model, found, longest=diagnosis.LONG, where=where)
+    return diagnosis.diagnose(model, found, first=first, longest=diagnosis.LONG, where=where)
 
 
 def _refuse(model: DiscreteModel, filtered: Filtered, algorithm: str, record: Record) -> NoReturn:

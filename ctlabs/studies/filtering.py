@@ -162,9 +162,8 @@ def _left_out(report: Report, run: Run) -> None:
         ],
         _("Measurements beyond the gate (the first of them)."),
     )
-    measured = np.asarray(np.isfinite(run.z).any(axis=1))
     last = int(np.flatnonzero(run.filtered.used.any(axis=1)).max(initial=0))
-    lost = int(measured[last + 1 :].sum())
+    lost = int(np.isfinite(run.z[last + 1 :]).any(axis=1).sum())
     if lost >= LOST:
         text = _("The last {count} rows are all beyond the gate: the filter has lost the record (a jump, or Qd too small)")
         report.says("**{text}.**", text=fill(text, count=lost))

@@ -120,7 +120,7 @@ def diagnose(
     >>> z = rng.normal(size=(200, 1))
     >>> z[100] = 20
     >>> diagnose(m, z).suggestion.partition(",")[0]
-    'z = 20 in row 100 is an outlier'
+    'z1 = 20 in row 100 is an outlier'
     """
     first = begins(model, first)
     if isinstance(z, Filtered):
@@ -279,7 +279,8 @@ def _explained(
         if best is None:
             break
         changes.append(best)
-        words.append((best.kind not in FIRST, sentence(case.model, best, candidates, where)))
+        rivals = [c for c in candidates if c.p < share(level, len(candidates))]
+        words.append((best.kind not in FIRST, sentence(case.model, best, rivals, where)))
         case = _case(best.model, kalman_filter(best.model, best.z[case.first :], first=case.first), case.first)
         tests = case.tests
         if min(tests.values()) >= share(level, len(tests)):
