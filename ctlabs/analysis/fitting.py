@@ -17,13 +17,14 @@ determined exactly, and the likelihood is searched over the others.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ctlabs.analysis import maximum
+from ctlabs.analysis.joint import Joint
 from ctlabs.analysis.likelihood import Build, Likelihood, named, possible, separate
 from ctlabs.analysis.maximum import Box, Profile, Top
 from ctlabs.filtering.results import Contradiction
@@ -87,8 +88,8 @@ class Fit:
 
 
 def fit(
-    build: Build,
-    z: ArrayLike,
+    build: Build | Sequence[Build],
+    z: ArrayLike | Sequence[ArrayLike],
     start: Mapping[str, float],
     bounds: Bounds | None = None,
     first: int | None = None,
@@ -100,8 +101,9 @@ def fit(
 
     Parameters
     ----------
-    build : from constants {name: value} to the discrete model; may raise ValueError where they make no model
-    z : (rows, m), or (rows,) where m = 1; NaN = not measured
+    build : from constants {name: value} to the discrete model; may raise ValueError where they make no model. Of several
+        records a list, one for each
+    z : (rows, m), or (rows,) where m = 1; NaN = not measured. Of several records a list
     start : where the search begins, {name: value}
     bounds : {name: (lower, upper)}, ``None`` for no bound; a constant with lower ≥ 0 and a positive start is searched
         by its logarithm, and may end on the bound
@@ -124,13 +126,14 @@ def fit(
     (7.0, 5.715476)
     """
     names, box = _box(start, bounds)
-    likelihood = Likelihood(build, z, names, first)
+    builds = [build] if callable(build) else list(build)
+    likelihood = Likelihood(builds[0], z, names, first) if callable(build) else Joint(builds, list(z), names, first)  # type: ignore[arg-type]
     likelihood.at_start(box.start)
     begin, remark = possible(likelihood, box, starts)
     fixed = likelihood.determined(begin, box)
     top, followed = _searched(likelihood, Box(begin, box.lower, box.upper), fixed, profiles, starts)
     covariance, reasons = _accuracy(names, box, top, fixed)
-    model = build(named(names, top.at))
+    model = builds[0](named(names, top.at))
     left = likelihood.filtered(top.at).contradictions if top.value == -math.inf else ()
     return Fit(
         estimates=named(names, top.at),

@@ -7,16 +7,18 @@ from typing import TYPE_CHECKING
 from ctlabs._front import front
 
 if TYPE_CHECKING:
-    from ctlabs.files.reading import read_model, read_record
+    from ctlabs.files.reading import read_model, read_record, read_records
 
 _HOME = {
     "read_model": "reading",
     "read_record": "reading",
+    "read_records": "reading",
 }
 
 __all__ = [
     "read_model",
     "read_record",
+    "read_records",
 ]
 
 __getattr__ = front(__name__, _HOME)

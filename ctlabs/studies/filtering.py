@@ -78,8 +78,9 @@ def study(
         An algorithm that does not exist or cannot filter the model; times that do not fit it.
     """
     used = model if design is None else design
-    if design is not None and record.u is not None:
-        raise ValueError(f"--design: expected a record without known inputs, received {', '.join(record.mapping.inputs)}")
+    if design is not None and (record.u is not None or record.regressors):
+        names = ", ".join([*record.mapping.inputs, *record.regressors])
+        raise ValueError(f"--design: expected a record without known inputs and regressors, received {names}")
     algorithm = algorithm or used.experiment.algorithms[0]
     run = filtered_run(used, record, algorithm, smooth)
     given = common.settings(
@@ -92,6 +93,8 @@ def study(
     report = common.begin("filter", _("a record filtered"), used, "abcd", given, data=record.source)
     report.section("a", _("Model and data"))
     _data(report, run, record)
+    for note in clock.notes(used, record):
+        report.says("{note}.", note=note)
     report.section("b", _("Estimates"))
     _estimates(report, run)
     report.section("c", _("What the data say of the model"))
@@ -99,7 +102,7 @@ def study(
     if design is not None:
         report.section("d", _("If the other model is the truth"))
         _truth(report, model, run)
-    report.csv("estimates", *_table(run))
+    report.csv("estimates", *table(run))
     return report
 
 
@@ -108,7 +111,7 @@ def add(report: Report, model: ModelFile, record: Record) -> None:
     run = filtered_run(model, record, "joseph", smooth=False)
     _figures(report, run)
     _verdict(report, run, model.measurement_units)
-    report.csv("estimates", *_table(run))
+    report.csv("estimates", *table(run))
 
 
 def filtered_run(model: ModelFile, record: Record, algorithm: str, smooth: bool) -> Run:
@@ -117,21 +120,21 @@ def filtered_run(model: ModelFile, record: Record, algorithm: str, smooth: bool)
     first = model.experiment.first
     filtered = kalman_filter(discrete, z[first:], first=first, algorithm=algorithm)
     if not (np.isfinite(filtered.log_likelihood) or filtered.contradictions):
-        _refuse(discrete, filtered, algorithm, record)
+        _refuse(discrete, filtered, algorithm, record, clock.instants(model, record).rows)
     smoothed = smooth_(discrete, filtered) if smooth else None
     return Run(discrete, z, t, first, algorithm, filtered, smoothed)
 
 
-def _refuse(model: DiscreteModel, filtered: Filtered, algorithm: str, record: Record) -> NoReturn:
+def _refuse(model: DiscreteModel, filtered: Filtered, algorithm: str, record: Record, rows: Array) -> NoReturn:
     """Say why there is no likelihood: values without measure, or a form that rounding has defeated."""
     sd = np.sqrt(np.diagonal(filtered.S, axis1=1, axis2=2).clip(np.finfo(float).tiny))
     away = np.abs(np.where(np.isfinite(filtered.innovation), filtered.innovation, 0.0)) / sd
     k, i = divmod(int(np.argmax(np.nan_to_num(away))), model.m)
     if away[k, i] > ENORMOUS:
-        line, name = record.lines[k - len(away) + record.rows], model.measurements[i]
+        row, name = rows[k], model.measurements[i]
         msg = (
-            f"{record.source}: line {line}, column {name}: expected a value that the model leaves possible, "
-            f"received {record.z[k - len(away) + record.rows, i]:g}, {away[k, i]:.0e} standard deviations away"
+            f"{record.source}: line {record.lines[row]}, column {name}: expected a value that the model leaves possible, "
+            f"received {record.z[row, i]:g}, {away[k, i]:.0e} standard deviations away"
         )
     else:
         msg = f"form {algorithm}: expected finite numbers, received NaN by rounding; take a factorised form: --algorithm ud"
@@ -448,7 +451,7 @@ def _without(model: DiscreteModel, missing: Array) -> DiscreteModel:
     return dataclasses.replace(model, R=R)
 
 
-def _table(run: Run) -> tuple[list[str], list[list[Any]]]:
+def table(run: Run) -> tuple[list[str], list[list[Any]]]:
     """Columns and rows of estimates.csv: one row per row of the data."""
     model, found = run.model, run.filtered
     with np.errstate(invalid="ignore"):

@@ -211,16 +211,18 @@ def _csv(report: Report, experiment: Experiment, truth: DiscreteModel, steps: in
     """The first runs as tables: everything in runs.csv, the measurements of the first one in data.csv."""
     some = experiment.histories(truth, steps=steps, runs=runs, first=first)
     assert some.truth is not None
+    known = truth.measurement_offset  # Du and the offset, which move no error and are no part of the histories
+    measured = some.z if known is None else some.z + np.broadcast_to(known, some.z.shape[:2])[:, :, None]
     rows = (
         [run + 1, k, t, *x, *z]
         for run in range(runs)
         for k, (t, x, z) in enumerate(
-            zip(some.t.tolist(), some.truth[:, :, run].tolist(), some.z[:, :, run].tolist(), strict=True)
+            zip(some.t.tolist(), some.truth[:, :, run].tolist(), measured[:, :, run].tolist(), strict=True)
         )
     )
     report.csv("runs", _columns(truth), rows)
     timed = "t" not in truth.measurements  # a measurement of that name: the rows are one period apart anyway
-    data = ([t, *z][not timed :] for t, z in zip(some.t[first:].tolist(), some.z[first:, :, 0].tolist(), strict=True))
+    data = ([t, *z][not timed :] for t, z in zip(some.t[first:].tolist(), measured[first:, :, 0].tolist(), strict=True))
     report.csv("data", ["t", *truth.measurements][not timed :], data)
     report.says(
         _(
