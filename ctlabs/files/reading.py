@@ -49,8 +49,9 @@ def source_of(path: str | Path) -> str:
     return "stdin" if str(path) == "-" else Path(path).name
 
 
-def parsed(contents: Sequence[tuple[bytes, str]], model: ModelFile | Sequence[str], said: Mapping) -> tuple[Record, ...]:
+def parsed(contents: Sequence[tuple[bytes, str]], model: ModelFile | Sequence[str], said: Mapping | None = None) -> tuple[Record, ...]:
     """The records in tables, each given as its bytes and its name."""
+    said = said or Mapping()
     if not isinstance(model, ModelFile):
         found = [datafile.several(content, model, source, said) for content, source in contents]
         return named([record for records in found for record in records])

@@ -149,7 +149,7 @@ def names(algorithms: str) -> list[str]:
 
 def judged(found: Sequence[Comparison], P: Array) -> list[Judged]:
     """The forms with their errors of the estimate in units of its σ, by its covariances P (steps+1, n, n)."""
-    sd = deviations(P).max(axis=0)
+    sd = deviations(P[np.isfinite(P).all(axis=(1, 2))]).max(axis=0, initial=0.0)  # of the rows at which everything is known
     return [
         Judged(one, None if one.error_x is None else float((one.error_x / np.where(sd > 0, sd, 1.0)).max()))
         for one in found
@@ -230,7 +230,7 @@ def _told(report: Report, case: Case, record: Record | None, seed: int) -> None:
 
 def _condition(report: Report, exact: Filtered) -> None:
     """How nearly singular the covariances are: what decides between the forms."""
-    worst = max(common.condition(P) for P in exact.P_plus)
+    worst = max((common.condition(P) for P in exact.P_plus if np.isfinite(P).all()), default=np.inf)
     report.value("condition_P", worst)
     report.says(
         _(
