@@ -31,8 +31,6 @@ NUMBERS = (
 )
 #: What no command does yet.
 LATER: dict[str, str] = {
-    "S4_regressor-0": "elements of H that name a column",
-    "tvp-0": "elements of H that name a column",
     "78_int64_big-0": "σ after a prior of 1e28 beside R = 0.25: 3.6e-6 off",
 }
 

@@ -284,16 +284,21 @@ class TestClock:
             clock.timed(*track(text, rows=len(times), times=times))
 
     def test_a_discrete_model_names_the_row_that_is_off_its_grid(self):
-        """Its period is what it has; rounding of the written times is no offence."""
+        """Its period is what it has; rounding of the written times is no offence, and rows may be left out."""
         model = modelfile.loads(NILE)
 
         def record(*times):
             text = "t,flow\n" + "\n".join(f"{t},1" for t in times)
             return datafile.parse(text.encode(), ["flow"], "flow.csv")
 
-        message = r"flow\.csv: line 4, column t: expected 1873 \(.*one period, here 1 s\), received 1874; .*empty cells"
+        message = r"flow\.csv: line 4, column t: 1873\.4 may be 1873 or 1874 \(.*one period, here 1 s\).*--time none.*continuous"
         with pytest.raises(ValueError, match=message):
-            clock.timed(model, record(1871, 1872, 1874, 1875))
+            clock.timed(model, record(1871, 1872, 1873.4, 1875))
+        with pytest.raises(ValueError, match=r"line 3, column t: no two rows are one period .* but 30 or more.*--time t:s.*--time none"):
+            clock.timed(model, record(0, 30, 61))
+        _, z, t = clock.timed(model, record(1871, 1872, 1874, 1875))
+        np.testing.assert_array_equal(np.isnan(z[:, 0]), [True, False, False, True, False, False])
+        np.testing.assert_array_equal(t, np.arange(1870, 1876))
         discrete, z, t = clock.timed(model, record(1871, 1872.001, 1872.999))
         assert t[0] == 1870
         assert z.shape == (4, 1)

@@ -58,7 +58,7 @@ def test_a_known_input_of_the_record_has_no_future():
     text = DRIFT.replace('P0 = [[', 'B = [[0], [1]]\nP0 = [[').replace("first = 1", "first = 0")
     driven = modelfile.loads(text + '[data]\ninputs = ["push"]\n')
     record = datafile.parse(b"t,reading,push\n0,0.1,1\n1,0.2,1\n2,0.5,1\n", ["reading"], mapping=driven.mapping)
-    with pytest.raises(ValueError, match="without a known input from the record"):
+    with pytest.raises(ValueError, match=r"expected rows below the last measurement \(line 4\) with push"):
         forecasting.study(driven, record, 2)
 
 

@@ -7,7 +7,7 @@ import functools
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,7 +76,7 @@ def _seed() -> Callable[[Callable[..., int]], Callable[..., int]]:
 
 @click.command("filter")
 @_options
-@click.argument("data", metavar="DATA.csv")
+@click.argument("data", metavar="DATA.csv…", nargs=-1, required=True)
 @reading
 @click.option("--algorithm", metavar="NAME", help="A form of the filter: joseph, ud, srif, … (default: the model's).")
 @click.option("--smooth", is_flag=True, help="Estimates from the whole record too, forwards and backwards in time.")
@@ -94,7 +94,7 @@ def _seed() -> Callable[[Callable[..., int]], Callable[..., int]]:
 )
 def filter_(
     model: str,
-    data: str,
+    data: tuple[str, ...],
     mapping: Mapping,
     algorithm: str | None,
     smooth: bool,
@@ -114,7 +114,8 @@ def filter_(
     MODEL is a model file, a name of the gallery (`ctlabs models`) or - (standard input). DATA.csv is a table (also .gz,
     .xlsx, .parquet) with the names of its columns above them: the model's measurements, and optionally t, the times in
     seconds; an empty cell is a missing measurement; - is the standard input. Other names, units and clocks are told by
-    the options, or once for all in the model file's table [data]; `ctlabs look DATA.csv MODEL` suggests it.
+    the options, or once for all in the model file's table [data]; `ctlabs look DATA.csv MODEL` suggests it. Several tables, or
+    one with a column that names the record of each row, are filtered one by one and judged together.
 
     \b
     ctlabs filter nile.toml flow.csv                     writes nile/report.html, nile/estimates.csv, …
@@ -124,33 +125,44 @@ def filter_(
     ctlabs filter nile.toml flow.csv --gate 5 --table estimates.parquet
     ctlabs filter nile.toml flow.csv --draws 1000 --reach level=900
     ctlabs filter track.toml log.csv --column position="alt [m]" --time stamp:unix_ms --t0 first --missing -9999
+    ctlabs filter demand.toml sales.csv --regressor price=Price
+    ctlabs filter track.toml first.csv second.csv        several records; or --record-column run
     cat flow.csv | ctlabs filter nile.toml - --json | jq .values.log_likelihood.value
     """
-    from ctlabs.files import tables
-    from ctlabs.studies import filtering
+    from ctlabs.files import tables as writing
+    from ctlabs.studies import filtering, several
 
-    _one_stdin(model, data, design)
-    chosen, other = _model(model, pairs), None if design is None else _model(design, ())
-    folder = _folder(model, out, data, design)
+    _one_stdin(model, *data, design)
+    tables = _tables(data)
+    chosen = _model(model, pairs, mapping, tables if design is None else ())
+    other = None if design is None else _model(design, (), mapping, tables)
+    folder = _folder(model, out, *data, design)
     if export is not None:
         filtering.exportable(export)
         _outside("--export", export, folder)
-    written = None if table is None else tables.wanted(table)
+    written = None if table is None else writing.wanted(table)
     if written is not None:
         _outside("--table", written, folder)
-    record = _record(data, other or chosen, mapping)
-    report = filtering.study(
-        chosen, record, algorithm=algorithm, smooth=smooth, design=other, gate=gate, draws=draws or 0, seed=seed, reach=reach
-    )
+    records = _records(tables, other or chosen, mapping)
+    if len(records) > 1:
+        only_one = {"--gate": gate is not None, "--draws": bool(draws), "--reach": bool(reach)}
+        if any(only_one.values()):
+            name = next(name for name, given in only_one.items() if given)
+            raise ValueError(f"{name}: expected one record, received {len(records)}: filter them one by one")
+        report = several.study(chosen, records, algorithm=algorithm, smooth=smooth, design=other)
+    else:
+        report = filtering.study(
+            chosen, records[0], algorithm=algorithm, smooth=smooth, design=other, gate=gate, draws=draws or 0, seed=seed, reach=reach
+        )
     if table == "parquet":
-        report.files["estimates.parquet"] = tables.parquet(report.files["estimates.csv"])
-    code = _deliver(report, folder, as_json, "last")
+        report.files["estimates.parquet"] = writing.parquet(report.files["estimates.csv"])
+    code = _deliver(report, folder, as_json, "last", "records")
     if written is not None and table != "parquet":
         content = report.files["estimates.csv"]
-        written.write_bytes(content if written.suffix == ".csv" else tables.parquet(content))
+        written.write_bytes(content if written.suffix == ".csv" else writing.parquet(content))
         click.echo(str(written), err=as_json)
     if export is not None:
-        filtering.export_gains(other or chosen, record, export)
+        filtering.export_gains(other or chosen, records[0], export)
         click.echo(str(export), err=as_json)
     return code
 
@@ -159,14 +171,18 @@ def filter_(
 @_options
 @click.argument("data", metavar="DATA.csv")
 @reading
-@click.option("--steps", metavar="N", callback=whole(1), default="12", show_default=True, help="Number of instants after the record.")
+@click.option(
+    "--steps", metavar="N", callback=whole(1),
+    help="Number of instants after the record (default: 12; with inputs or regressors, as many as the record has rows for).",
+)  # fmt: skip
 def forecast(
-    model: str, data: str, mapping: Mapping, steps: int, pairs: tuple[str, ...], out: Path | None, as_json: bool
+    model: str, data: str, mapping: Mapping, steps: int | None, pairs: tuple[str, ...], out: Path | None, as_json: bool
 ) -> int:
     """Predict what comes after a measured record.
 
     MODEL and DATA.csv as for `ctlabs filter`. The forecast is given the whole record: states and measurements with their
-    standard deviations, in a table, in figures and in forecast.csv.
+    standard deviations, in a table, in figures and in forecast.csv. Known inputs and regressors have to be known for the time to
+    come too: in rows below the record, with empty measurements.
 
     \b
     ctlabs forecast nile.toml flow.csv --steps 10        writes nile/report.html, nile/forecast.csv, …
@@ -175,9 +191,10 @@ def forecast(
     from ctlabs.studies import forecasting
 
     _one_stdin(model, data, None)
-    chosen = _model(model, pairs)
+    tables = _tables([data])
+    chosen = _model(model, pairs, mapping, tables)
     folder = _folder(model, out, data, None)
-    report = forecasting.study(chosen, _record(data, chosen, mapping), steps)
+    report = forecasting.study(chosen, _record(tables, chosen, mapping), steps)
     return _deliver(report, folder, as_json, "forecast")
 
 
@@ -280,16 +297,17 @@ def compare(
     from ctlabs.studies import comparison
 
     _one_stdin(model, data)
-    chosen = _model(model, pairs)
+    tables = [] if data is None else _tables([data])
+    chosen = _model(model, pairs, mapping, tables)
     folder = _folder(model, out, data)
-    record = None if data is None else _record(data, chosen, mapping)
+    record = None if data is None else _record(tables, chosen, mapping)
     report = comparison.study(chosen, record, algorithms=algorithms, sweep=sweep, seed=seed, steps=steps)
     return _deliver(report, folder, as_json, "algorithms", "sweep")
 
 
 @click.command()
 @_options
-@click.argument("data", metavar="DATA.csv")
+@click.argument("data", metavar="DATA.csv…", nargs=-1, required=True)
 @reading
 @click.option(
     "--free", required=True, metavar="a,b", help="The constants to estimate; their values are where the search starts."
@@ -298,26 +316,35 @@ def compare(
     "--starts", metavar="N", default=0, callback=whole(0), help="Search from N more starts, chosen around the first."
 )
 def fit(
-    model: str, data: str, mapping: Mapping, free: str, starts: int, pairs: tuple[str, ...], out: Path | None, as_json: bool
+    model: str,
+    data: tuple[str, ...],
+    mapping: Mapping,
+    free: str,
+    starts: int,
+    pairs: tuple[str, ...],
+    out: Path | None,
+    as_json: bool,
 ) -> int:
     """Estimate a model's constants from a record.
 
     By maximum likelihood, with standard errors and profiles. Ctrl-C ends the search with the best so far.
 
-    MODEL is a model file, a name of the gallery (`ctlabs models`) or - (standard input); DATA.csv as for `filter`.
+    MODEL is a model file, a name of the gallery (`ctlabs models`) or - (standard input); DATA.csv as for `filter`. Of several
+    records the likelihoods are multiplied.
 
     \b
     ctlabs fit nile.toml flow.csv --free q,r
     ctlabs fit track.toml gps.csv --free tau --set tau=10     start from another value
     ctlabs fit track.toml gps.csv --free tau,q --starts 8     and from eight others
+    ctlabs fit track.toml first.csv second.csv --free q       one model of several records
     """
     from ctlabs.studies import fitting
 
-    _one_stdin(model, data)
-    chosen = _model(model, pairs)
-    folder = _folder(model, out, data)
-    record = _record(data, chosen, mapping)
-    report = fitting.study(chosen, record, free.split(","), starts, _searching())
+    _one_stdin(model, *data)
+    tables = _tables(data)
+    chosen = _model(model, pairs, mapping, tables)
+    folder = _folder(model, out, *data)
+    report = fitting.study(chosen, _records(tables, chosen, mapping), free.split(","), starts, _searching())
     if report.values.get("interrupted"):
         click.echo("ctlabs: interrupted; the best constants so far are in the report", err=True)
     return _deliver(report, folder, as_json, "estimates")
@@ -358,16 +385,15 @@ def look(data: str, model: str | None, mapping: Mapping, out: Path | None, as_js
     ctlabs look log.csv track.toml
     ctlabs look log.csv --time stamp:unix_ms --missing -9999
     """
-    from ctlabs.files import decode
     from ctlabs.studies import looking
 
     with _refusing(), _at_work():
         _one_stdin(model, data)
-        chosen = None if model is None else _model(model, ())
+        [(content, source)] = _tables([data])
+        chosen = None if model is None else _model(model, (), mapping, [(content, source)])
         said = mapping if chosen is None else chosen.mapping.over(mapping)
-        source = "stdin" if data == "-" else Path(data).name
         folder = _folder(f"look_{Path(source).name.split('.')[0]}", out, data, model)
-        report = looking.study(decode.content(data, source), source, said, chosen)
+        report = looking.study(content, source, said, chosen)
         code = _deliver(report, folder, as_json, "columns")
         if not as_json:
             _suggest(report)
@@ -426,23 +452,56 @@ def _one_stdin(*words: str | None) -> None:
         raise ValueError(msg)
 
 
-def _model(word: str, pairs: tuple[str, ...]) -> ModelFile:
-    """The model file that a word means: a path, "-", or a name of the gallery."""
+def _model(
+    word: str, pairs: tuple[str, ...], mapping: Mapping | None = None, tables: Sequence[tuple[bytes, str]] = ()
+) -> ModelFile:
+    """The model file that a word means: a path, "-", or a name of the gallery; with the regressors of the options and the tables."""
     from ctlabs.files import modelfile
 
     is_file = word == "-" or Path(word).is_file() or bool(Path(word).suffix) or os.sep in word
-    found = modelfile.load(word) if is_file else modelfile.ready(word)
-    return _changed(found, settings(pairs)).checked()
+    found = modelfile.load(word, check=False) if is_file else modelfile.ready(word)
+    if mapping is not None:
+        found = _declared(found, mapping, tables)
+    return _changed(found.checked(), settings(pairs)).checked()
 
 
-def _record(data: str, model: ModelFile, mapping: Mapping) -> Record:
-    """The record in a table, as the model file and the options say; what is remarkable is told."""
+def _declared(model: ModelFile, mapping: Mapping, tables: Sequence[tuple[bytes, str]]) -> ModelFile:
+    """The model with the regressors of --regressor, and with names in H, R, D, B that only a column of the table has."""
+    from ctlabs.files import datafile
+
+    model = model.declaring(mapping.regressors)
+    if not (tables and model.unknown):
+        return model
+    columns = datafile.header(*tables[0], mapping)
+    met = {name: name for name in model.unknown if name in columns}
+    if met:
+        _clear()
+        click.echo(f"note: {model.name}: {', '.join(met)} in the model: the column of {tables[0][1]} of that name", err=True)
+    return model.declaring(met)
+
+
+def _tables(data: Sequence[str]) -> list[tuple[bytes, str]]:
+    """The bytes of the tables, each with its name."""
+    from ctlabs.files import decode, reading
+
+    return [(decode.content(each, reading.source_of(each)), reading.source_of(each)) for each in data]
+
+
+def _records(tables: Sequence[tuple[bytes, str]], model: ModelFile, mapping: Mapping) -> tuple[Record, ...]:
+    """The records in tables, as the model file and the options say; what is remarkable is told."""
     from ctlabs.files import reading
 
-    record = reading.read_record(data, model, mapping)
+    records = reading.parsed(tables, model, mapping)
     _clear()
-    noted(record)
-    return record
+    noted(*records)
+    return records
+
+
+def _record(tables: Sequence[tuple[bytes, str]], model: ModelFile, mapping: Mapping) -> Record:
+    """The one record in a table."""
+    from ctlabs.files import datafile
+
+    return datafile.only(_records(tables, model, mapping))
 
 
 def _changed(model: ModelFile, values: dict[str, object]) -> ModelFile:

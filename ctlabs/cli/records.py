@@ -34,6 +34,14 @@ OPTIONS = (
     click.option(
         "--input", "inputs", multiple=True, metavar="NAME", help="A column that is a known input, in the order of B. Repeatable."
     ),
+    click.option("--u0", "u0", metavar="A,B", help="What the known inputs are from t0 to the first row (first = 1)."),
+    click.option(
+        "--regressor", "regressors", multiple=True, metavar="NAME=COLUMN",
+        help="A column that elements of H, R, D, B name: --regressor price=Price. Repeatable.",
+    ),
+    click.option(
+        "--record-column", "record", metavar="COLUMN", help="The column that tells of which record a row is, where there are several."
+    ),
     click.option("--decimal", metavar=". or ,", help="The decimal mark, where the file leaves a doubt."),
     click.option("--thousands", metavar=", or .", help="The mark between thousands, where the file leaves a doubt."),
     click.option("--blank", metavar="skip|missing", help="What blank lines are: nothing, or rows without a measurement."),
@@ -54,6 +62,9 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
         missing: tuple[str, ...],
         scales: tuple[str, ...],
         inputs: tuple[str, ...],
+        u0: str | None,
+        regressors: tuple[str, ...],
+        record: str | None,
         decimal: str | None,
         thousands: str | None,
         blank: str | None,
@@ -61,10 +72,9 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
         skip: int | None,
         **others: Any,
     ) -> Any:
-        return command(
-            mapping=_mapping(columns, time, t0, missing, scales, inputs, decimal, thousands, blank, encoding, skip),
-            **others,
-        )
+        marks = {"decimal": decimal, "thousands": thousands, "blank": blank, "encoding": encoding, "skip": skip, "record": record}
+        said = {name: value for name, value in marks.items() if value}
+        return command(mapping=_mapping(columns, time, t0, missing, scales, inputs, u0, regressors, said), **others)
 
     for option in reversed(OPTIONS):
         told = option(told)
@@ -73,7 +83,7 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def _mapping(
     columns: tuple[str, ...], time: str | None, t0: str | None, missing: tuple[str, ...], scales: tuple[str, ...],
-    inputs: tuple[str, ...], decimal: str | None, thousands: str | None, blank: str | None, encoding: str | None, skip: int | None,
+    inputs: tuple[str, ...], u0: str | None, regressors: tuple[str, ...], said: dict[str, Any],
 ) -> Mapping:  # fmt: skip
     """What the options say; a wrong one is the command line's one line."""
     from ctlabs.files.mapping import Mapping, pairs, time_option
@@ -82,10 +92,17 @@ def _mapping(
         column, unit = time_option(time or "")
         return Mapping(
             columns=pairs("--column", columns), time=column, unit=unit, t0=t0 or "", missing=missing, scale=_factors(scales),
-            inputs=inputs, decimal=decimal or "", thousands=thousands or "", blank=blank or "", encoding=encoding or "", skip=skip or 0,
+            inputs=inputs, u0=_numbers(u0), regressors=pairs("--regressor", regressors), **said,
         )  # fmt: skip
     except ValueError as error:
         raise click.ClickException(str(error)) from None
+
+
+def _numbers(text: str | None) -> tuple[float, ...]:
+    try:
+        return tuple(float(word) for word in text.split(",")) if text else ()
+    except ValueError:
+        raise ValueError(f"--u0 {text}: expected numbers, one for each input, received {text}") from None
 
 
 def _factors(words: tuple[str, ...]) -> dict[str, float]:
@@ -100,9 +117,12 @@ def _factors(words: tuple[str, ...]) -> dict[str, float]:
     return found
 
 
-def noted(record: Any) -> None:
-    """Tell what was left out of a record and what looks suspicious."""
-    if record.ignored:
-        click.echo(f"note: {record.source}: columns not used: {', '.join(record.ignored)}", err=True)
-    for note in record.notes:
-        click.echo(f"note: {record.source}: {note}", err=True)
+def noted(*records: Any) -> None:
+    """Tell what was left out of the records and what looks suspicious, once for each table."""
+    told = dict.fromkeys(
+        f"note: {record.file or record.source}: {text}"
+        for record in records
+        for text in ([f"columns not used: {', '.join(record.ignored)}"] if record.ignored else []) + list(record.notes)
+    )
+    for line in told:
+        click.echo(line, err=True)

@@ -8,17 +8,19 @@ from ctlabs._front import front
 
 if TYPE_CHECKING:
     from ctlabs.files.clock import timed
-    from ctlabs.files.reading import read_model, read_record
+    from ctlabs.files.reading import read_model, read_record, read_records
 
 _HOME = {
     "read_model": "reading",
     "read_record": "reading",
+    "read_records": "reading",
     "timed": "clock",
 }
 
 __all__ = [
     "read_model",
     "read_record",
+    "read_records",
     "timed",
 ]
 

@@ -1,13 +1,16 @@
-"""The times of a record and the model's clock: which model moves the state from row to row."""
+"""The times of a record and the model's clock: which model moves the state from row to row, with the record's inputs and regressors."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ctlabs.files.mapping import pasted
+from ctlabs.files.mapping import NO_TIME, pasted
+from ctlabs.files.modelfile.values import Regressors
 from ctlabs.files.times import choice
 from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
@@ -21,69 +24,205 @@ if TYPE_CHECKING:
 NEAR = 1e-2
 #: So many periods between t0 and the first row, or in a usual interval, are not what was meant.
 MANY = 1000
+#: No record has more instants, those without a row counted.
+LONGEST = 10_000_000
+#: Lines that a sentence names.
+TOLD = 4
+
+
+class Instants(NamedTuple):
+    """The instants of a record: times ``t`` (steps+1,), or None (one period apart), and the row at each, ``rows``, −1 where there is none."""
+
+    t: Array | None
+    rows: NDArray[np.int64]
+
+    @property
+    def held(self) -> NDArray[np.int64]:
+        """The row that was last at each instant; −1 before the first."""
+        return np.maximum.accumulate(self.rows)
 
 
 def timed(model: ModelFile, record: Record) -> tuple[DiscreteModel, Array, Array]:
     """The model over the record's instants, the data z (steps+1, m) and the times t (steps+1,).
 
     With ``first = 1`` the first row is t1, and row 0 of z, at t0, is empty; with ``first = 0`` it is t0. Times in the file
-    that are not uniform give every interval of a continuous model its own matrices.
+    that are not uniform give every interval of a continuous model its own matrices; a model in discrete time has instants without
+    a row where the record leaves some out. What is known of the measurements (Du and their offset) is taken off z.
 
     Raises
     ------
     ValueError
-        Too few rows; a first row before t0; intervals that a discrete model does not have: the line is named.
+        Too few rows; a first row before t0; times that a discrete model does not have; an input or a regressor that lacks: the line is
+        named.
     """
-    first, t0 = model.experiment.first, float(model.experiment.t0)
-    steps = record.rows - 1 + first
-    if steps < 1:
-        msg = f"{record.source}: expected at least 2 rows (first = 0: one is at t0), received {record.rows}"
-        raise ValueError(msg)
-    inputs = _inputs(model, record, first)
-    z = np.vstack([np.full((first, record.z.shape[1]), np.nan), record.z])
-    if record.t is not None:
-        _plausible(model, record, t0)
-    if record.t is None:
-        discrete = model.discrete(steps=steps, inputs=inputs)
-        return discrete, z, t0 + np.arange(steps + 1) * discrete.dt
-    if model.kind == "discrete":
-        return _uniform(model, record, steps, z, inputs)
-    t = np.concatenate([[t0][:first], record.t])
-    _begins(record, t0, first)
-    return model.discrete(times=t, inputs=inputs), z, t
+    discrete, z, t = over(model, record)
+    if discrete.measurement_offset is None:
+        return discrete, z, t
+    return dataclasses.replace(discrete, measurement_offset=None), z - discrete.measurement_offset, t
+
+
+def over(model: ModelFile, record: Record) -> tuple[DiscreteModel, Array, Array]:
+    """The same with what is known of the measurements in the model, and the data as they were read."""
+    at = instants(model, record)
+    steps, there = len(at.rows) - 1, at.rows >= 0
+    inputs, regressors = _inputs(model, record, at), _regressors(model, record, at)
+    z = np.full((steps + 1, record.z.shape[1]), np.nan)
+    z[there] = record.z[at.rows[there]]
+    if regressors is not None:
+        z[model.absent(regressors)] = np.nan
+    if at.t is None:
+        discrete = model.discrete(steps=steps, inputs=inputs, regressors=regressors)
+        return discrete, z, float(model.experiment.t0) + np.arange(steps + 1) * discrete.dt
+    return model.discrete(times=at.t, inputs=inputs, regressors=regressors), z, at.t
 
 
 def building(model: ModelFile, record: Record) -> tuple[Callable[[dict[str, float]], DiscreteModel], Array]:
-    """From values of constants to the model over the record's instants, again and again; and the data z of :func:`timed`."""
-    first, t0 = model.experiment.first, float(model.experiment.t0)
-    _model, z, t = timed(model, record)
-    inputs = _inputs(model, record, first)
+    """From values of constants to the model over the record's instants, again and again; and the data z of :func:`over`."""
+    _model, z, _t = over(model, record)
+    at, clocked = instants(model, record), (model.dt, model.experiment.t0)
+    inputs, regressors = _inputs(model, record, at), _regressors(model, record, at)
 
     def build(values: dict[str, float]) -> DiscreteModel:
         changed = model.replace(values)
-        if (changed.dt, float(changed.experiment.t0)) != (model.dt, t0):  # another clock, which has to fit the record
-            return timed(changed, record)[0]
-        if record.t is None:
-            return changed.discrete(steps=len(z) - 1, inputs=inputs)
-        return changed.discrete(times=t, inputs=inputs)
+        if (changed.dt, changed.experiment.t0) != clocked:  # another clock, which has to fit the record
+            return over(changed, record)[0]
+        if at.t is None:
+            return changed.discrete(steps=len(z) - 1, inputs=inputs, regressors=regressors)
+        return changed.discrete(times=at.t, inputs=inputs, regressors=regressors)
 
     return build, z
 
 
-def _inputs(model: ModelFile, record: Record, first: int) -> Array | None:
-    """The known inputs of the intervals, (steps, r): each row's acts until the next row."""
-    if record.u is None:
-        if model.driven:
-            msg = f"{record.source}: expected the known input of B, received none; --input COLUMN for each column of B, or u under [model]"
-            raise ValueError(msg)
-        return None
-    if first:
+def notes(model: ModelFile, record: Record) -> list[str]:
+    """What is done beyond reading: instants without a row, measurements that a missing regressor leaves out, inputs in place of u."""
+    at, found = instants(model, record), []
+    lacking = int((at.rows < 0).sum()) - int(at.rows[0] < 0)
+    if lacking:
+        found.append(f"{lacking} instant{'s' if lacking > 1 else ''} of the model's grid without a row: not measured there")
+    regressors = _regressors(model, record, at)
+    if regressors is not None:
+        there = np.flatnonzero(at.rows >= 0)
+        lost = model.absent(regressors)[there] & ~np.isnan(record.z[at.rows[there]])
+        for j, name in enumerate(model.measurements):
+            if lost[:, j].any():
+                lines = record.lines[at.rows[there[lost[:, j]]]]
+                where = ", ".join(map(str, lines[:TOLD])) + (f" and {len(lines) - TOLD} more" if len(lines) > TOLD else "")
+                plural = "s" if len(lines) > 1 else ""
+                found.append(f"{name} in line{plural} {where} is left out: a regressor beside it has no value")
+    if record.u is not None and model.moved and not model.driven:
+        found.append(f"the known input is the record's ({', '.join(record.mapping.inputs)}), in place of u under [model]")
+    return found
+
+
+def unusable(model: ModelFile, record: Record) -> NDArray[np.bool_]:
+    """The elements of z, (steps+1, m), that a missing regressor leaves out."""
+    regressors = _regressors(model, record, instants(model, record))
+    return np.zeros((0, model.m), dtype=bool) if regressors is None else model.absent(regressors)
+
+
+def instants(model: ModelFile, record: Record) -> Instants:
+    """Where the rows of a record are on the model's clock.
+
+    A first row at t0 in which nothing is measured is t0 itself, also with ``first = 1``: it may tell the input from there on.
+    """
+    first, t0 = model.experiment.first, float(model.experiment.t0)
+    if record.rows - 1 + first < 1:
+        msg = f"{record.source}: expected at least 2 rows (first = 0: one is at t0), received {record.rows}"
+        raise ValueError(msg)
+    rows = np.arange(record.rows)
+    if record.t is None:
+        return Instants(None, np.concatenate([[-1] * first, rows]).astype(np.int64))
+    begins = bool(first and np.isnan(record.z[0]).all() and abs(record.t[0] - t0) <= NEAR * model.dt and record.rows > 1)
+    _plausible(model, record, t0)
+    if model.kind == "discrete":
+        return _on_grid(model, record, first and not begins)
+    if begins:
+        return Instants(np.concatenate([[t0], record.t[1:]]), rows)
+    _begins(record, t0, first)
+    return Instants(np.concatenate([[t0][:first], record.t]), np.concatenate([[-1] * first, rows]).astype(np.int64))
+
+
+def _on_grid(model: ModelFile, record: Record, before: int) -> Instants:
+    """The instants of a model in discrete time: multiples of its period from the first row on; rows may be left out."""
+    assert record.t is not None
+    t, dt = record.t, model.dt
+    steps = np.rint((t - t[0]) / dt)
+    where = f"{record.source}: line {{}}, column {record.clock}:"
+    off = np.flatnonzero(np.abs(t - t[0] - dt * steps) > NEAR * dt)
+    if off.size:
+        row = int(off[0])
+        low = t[0] + dt * np.floor((t[row] - t[0]) / dt)
         msg = (
-            f"{record.source}: expected an input for every interval, received none from t0 to the first row (first = 1): "
-            "set first = 0 under [experiment], then the first row is at t0"
+            f"{where.format(record.lines[row])} {moment(t[row], low)} may be {moment(low, low + dt)} or {moment(low + dt, low)} "
+            f"(a model in discrete time has one period, here {moment(dt)} s): expected times on that grid; "
+            f"{pasted(('--time', NO_TIME))} takes the rows for one period apart, a continuous model any times"
         )
         raise ValueError(msg)
-    return record.u[:-1]
+    twice = np.flatnonzero(np.diff(steps) <= 0)
+    if twice.size:
+        row = int(twice[0]) + 1
+        msg = f"{where.format(record.lines[row])} expected one row at each instant, received a second at {moment(t[row])}"
+        raise ValueError(msg)
+    if len(t) > 1 and not record.mapping.unit and np.diff(steps).min() > 1:
+        by = int(np.diff(steps).min())
+        msg = (
+            f"{where.format(record.lines[1])} no two rows are one period (dt = {moment(dt)} s) apart, but {by} or more: expected a choice, "
+            f"{pasted(('--time', record.clock + ':s'))} (nothing was measured between them) or {pasted(('--time', NO_TIME))} (one period apart)"
+        )
+        raise ValueError(msg)
+    if steps[-1] >= LONGEST:
+        msg = f"{where.format(record.lines[-1])} expected at most {LONGEST} periods since the first row, received {moment(steps[-1])}"
+        raise ValueError(msg)
+    places = steps.astype(np.int64) + before
+    grid = t[0] + dt * (np.arange(places[-1] + 1) - before)
+    grid[places] = t
+    rows = np.full(len(grid), -1)
+    rows[places] = np.arange(record.rows)
+    return Instants(grid, rows)
+
+
+def _inputs(model: ModelFile, record: Record, at: Instants) -> Array | None:
+    """The known inputs of the instants, (steps+1, r): each row's holds until the next row."""
+    if record.u is None:
+        if model.driven:
+            msg = (
+                f"{record.source}: expected the known input of {'B' if model.moved else 'D'}, received none; "
+                "--input COLUMN for each column of it, or u under [model]"
+            )
+            raise ValueError(msg)
+        return None
+    held, u0 = at.held, record.mapping.u0
+    u = record.u[held]
+    if held[0] >= 0 or not model.moved:
+        if u0:
+            what = "the first row is at t0" if held[0] >= 0 else "nothing is moved by the input: no B"
+            raise ValueError(f"{record.source}: --u0: expected none ({what}), received {', '.join(map(str, u0))}")
+        return u
+    if not u0:
+        msg = (
+            f"{record.source}: expected an input for every interval, received none from t0 to the first row (first = 1): --u0 VALUE says "
+            "what it is, or a row at t0 with empty measurements; or set first = 0 under [experiment], then the first row is at t0"
+        )
+        raise ValueError(msg)
+    if len(u0) != u.shape[1]:
+        raise ValueError(f"{record.source}: --u0: expected {u.shape[1]} numbers, one for each input, received {len(u0)}")
+    u[held < 0] = u0
+    return u
+
+
+def _regressors(model: ModelFile, record: Record, at: Instants) -> Regressors | None:
+    """The columns that elements of the model name, by instants."""
+    names = model.regressors
+    if not names:
+        return None
+    there = at.rows >= 0
+    values = {}
+    for name in names:
+        if name not in record.regressors:
+            msg = f"{record.source}: expected the regressor {name}, received none; {pasted(('--regressor', f'{name}=COLUMN'))}"
+            raise ValueError(msg)
+        values[name] = np.where(there, record.regressors[name][at.rows], np.nan)
+    return Regressors(values, np.where(there, record.lines[at.rows], 0), record.source)
 
 
 def _plausible(model: ModelFile, record: Record, t0: float) -> None:
@@ -126,22 +265,3 @@ def _begins(record: Record, t0: float, first: int) -> None:
     if not first and start != t0:
         msg = f"{where} t0 = {moment(t0, start)} (first = 0), received {moment(start, t0)}; --t0 first, or set t0 = {start!r} under [experiment]"
         raise ValueError(msg)
-
-
-def _uniform(
-    model: ModelFile, record: Record, steps: int, z: Array, inputs: Array | None
-) -> tuple[DiscreteModel, Array, Array]:
-    """The same for a model in discrete time, whose period is what every interval must be."""
-    assert record.t is not None
-    first, dt = model.experiment.first, model.dt
-    t = np.concatenate([[record.t[0] - dt][:first], record.t])
-    off = np.flatnonzero(np.abs(t - t[0] - dt * np.arange(steps + 1)) > NEAR * dt)
-    if off.size:
-        row = off[0] - first
-        msg = (
-            f"{record.source}: line {record.lines[row]}, column {record.clock}: expected {moment(t[0] + dt * off[0], record.t[row])} "
-            f"(a model in discrete time has one period, here {moment(dt)} s), received {moment(record.t[row], t[0] + dt * off[0])}; "
-            "write a row with empty cells where nothing was measured, or a continuous model"
-        )
-        raise ValueError(msg)
-    return model.discrete(times=t, inputs=inputs), z, t

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ctlabs.files.mapping import NO_TIME, Mapping, pasted
 from ctlabs.files.spelling import shown
@@ -22,18 +22,35 @@ _UNIT = re.compile(r"\s*[\[(/,].*$|[ _](s|ms|us|ns|sec|utc|gmt|local)$", re.IGNO
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Places of columns: ``time`` (None where there is none), ``z`` in the model's order, ``u``; ``ignored``, the names of the rest."""
+    """Places of columns: ``time`` (None where there is none), ``z`` in the model's order, ``u``; ``ignored``, the names of the rest.
+
+    ``regressors`` in the mapping's order, which may be columns of others too · ``record``, the column that names records ·
+    ``doubt``, a column that looks like times, and why it is neither taken nor left out without a word
+    """
 
     time: int | None
     z: tuple[int, ...]
     u: tuple[int, ...]
     ignored: tuple[str, ...]
+    regressors: tuple[int, ...] = ()
+    record: int | None = None
+    doubt: tuple[int, str] | None = None
 
 
 def wanted(names: Sequence[str], mapping: Mapping) -> list[str]:
     """The names of columns by which a table is recognised."""
     told = [mapping.columns.get(name, name) for name in [*names, *mapping.inputs]]
+    told += [*mapping.regressors.values(), *([mapping.record] if mapping.record else [])]
     return [*told, mapping.time or mapping.columns.get("t", "t")]
+
+
+def simulated(layout: Layout, names: Sequence[str], mapping: Mapping) -> Mapping:
+    """The mapping, with what the table of simulated runs (``ctlabs simulate --csv``) says by its form: run, k, t and states."""
+    header = [plain(name) for name in layout.header]
+    if header[:3] != ["run", "k", "t"] or mapping.record or "run" in names or "k" in names:
+        return mapping
+    told = {name: f"measured_{name}" for name in names if f"measured_{name}" in header and name not in mapping.columns}
+    return replace(mapping, record="run", columns={**told, **mapping.columns})
 
 
 def find(layout: Layout, names: Sequence[str], mapping: Mapping, source: str) -> Columns:
@@ -46,21 +63,60 @@ def find(layout: Layout, names: Sequence[str], mapping: Mapping, source: str) ->
     _strange(names, mapping, where)
     z = [_place(layout, mapping.columns.get(plain(name), plain(name)), where, plain(name)) for name in names]
     u = [_place(layout, mapping.columns.get(plain(name), plain(name)), where, plain(name)) for name in mapping.inputs]
-    time = _time(layout, names, mapping, where, [*z, *u])
-    if None in z or None in u:
-        _refuse(layout, [*names, *mapping.inputs], [*z, *u], mapping, where, time)
+    regressors = [_place(layout, _column(mapping, name), where, name, "--regressor") for name in mapping.regressors]
+    record = _record(layout, mapping, where)
+    time, doubt = _time(layout, names, mapping, where, [*z, *u, *([record] if mapping.record else [])], regressors)
+    if None in z or None in u or None in regressors:
+        _refuse(layout, [*names, *mapping.inputs, *mapping.regressors], [*z, *u, *regressors], mapping, where, time)
+    _measured_twice(layout, names, mapping, where)
     places = [place for place in [*z, *u] if place is not None]
     for place in places:
         if places.count(place) > 1 or place == time:
             twice = layout.header[place] or f"column {place + 1}"
             raise ValueError(f"{where}: expected a column of its own for each name, received {shown(twice)} for two")
-    ignored = [name for i, name in enumerate(layout.header) if i not in {*places, time} and name]
-    return Columns(time, tuple(places[: len(names)]), tuple(places[len(names) :]), tuple(ignored))
+    rows = [place for place in regressors if place is not None]
+    for name, place in zip(mapping.regressors, rows, strict=True):
+        if place in (time, record):
+            what = "times" if place == time else "names of records"
+            raise ValueError(f"{where}: --regressor {name}: expected a column of numbers, received that of {what}")
+    ignored = [name for i, name in enumerate(layout.header) if i not in {*places, *rows, time, record} and name]
+    return Columns(time, tuple(places[: len(names)]), tuple(places[len(names) :]), tuple(ignored), tuple(rows), record, doubt)
+
+
+def _column(mapping: Mapping, name: str) -> str:
+    """The column of a regressor."""
+    return mapping.columns.get(name, mapping.regressors[name])
+
+
+def _record(layout: Layout, mapping: Mapping, where: str) -> int | None:
+    """The place of the column that names records."""
+    if not mapping.record:
+        return None
+    place = _place(layout, mapping.record, where)
+    if place is None:
+        close = difflib.get_close_matches(mapping.record, layout.header, n=1, cutoff=0.4)
+        hint = f"; {pasted(('--record-column', close[0]))}" if close else ""
+        raise ValueError(
+            f"{where}: --record-column {mapping.record}: expected one of the columns {_listed(layout)}, "
+            f"received {shown(mapping.record)}{hint}"
+        )
+    return place
+
+
+def _measured_twice(layout: Layout, names: Sequence[str], mapping: Mapping, where: str) -> None:
+    """Refuse a column beside one that says it is its measurement."""
+    for name in map(plain, names):
+        other = f"measured_{name}"
+        if name not in mapping.columns and name in layout.header and other in layout.header and other not in names:
+            options = [pasted(("--column", f"{name}={column}")) for column in (other, name)]
+            raise ValueError(
+                f"{where}: both {shown(name)} and {shown(other)} may be {name}: expected a choice, {' or '.join(options)}"
+            )
 
 
 def _strange(names: Sequence[str], mapping: Mapping, where: str) -> None:
     """Refuse names in the mapping that the model does not have."""
-    known = [plain(name) for name in [*names, *mapping.inputs]]
+    known = [plain(name) for name in [*names, *mapping.inputs, *mapping.regressors]]
     for option, told in (("--column", mapping.columns), ("--scale", mapping.scale)):
         for name in told:
             if plain(name) not in known and not (option == "--column" and name == "t"):
@@ -72,31 +128,35 @@ def _strange(names: Sequence[str], mapping: Mapping, where: str) -> None:
 
 def _headless(layout: Layout, names: Sequence[str], mapping: Mapping, where: str) -> None:
     """Without names in the file every column has to be told by its number."""
-    columns = [*names, *mapping.inputs]
-    if all(mapping.columns.get(plain(name), "").isdecimal() for name in columns) and (
+    columns = [*names, *mapping.inputs, *mapping.regressors]
+    told = {**mapping.regressors, **mapping.columns}
+    if all(told.get(plain(name), "").isdecimal() for name in columns) and (
         mapping.time or layout.width == len(columns)
     ):
         return
     shift = int(layout.width > len(columns))
-    options = [("--column", f"{name}={min(i + 1 + shift, layout.width)}") for i, name in enumerate(columns)]
+    options = [
+        ("--regressor" if name in mapping.regressors else "--column", f"{name}={min(i + 1 + shift, layout.width)}")
+        for i, name in enumerate(columns)
+    ]
     if shift:
         options.append(("--time", "1"))
-    told = f"{layout.width} columns" if layout.width > 1 else "one column"
+    many = f"{layout.width} columns" if layout.width > 1 else "one column"
     raise ValueError(
         f"{where}: line {layout.start + layout.skip + 1}: expected a header, the names of the columns, in the "
         "first line, received numbers "
-        f"in {told}: the first line must hold names, or count the columns: {pasted(*options)}"
+        f"in {many}: the first line must hold names, or count the columns: {pasted(*options)}"
     )
 
 
-def _place(layout: Layout, column: str, where: str, name: str = "") -> int | None:
+def _place(layout: Layout, column: str, where: str, name: str = "", option: str = "--column") -> int | None:
     """The place of a column, by its name or its number; None where it lacks."""
     column = plain(column)
     found = [i for i, told in enumerate(layout.header) if told == column]
     if len(found) > 1:
-        option = pasted(("--column", f"{name}={found[0] + 1}")) if name else pasted(("--time", str(found[0] + 1)))
+        choice = pasted((option, f"{name}={found[0] + 1}")) if name else pasted(("--time", str(found[0] + 1)))
         raise ValueError(
-            f"{where}: expected the column {column} once, received it {len(found)} times: {option} takes the first"
+            f"{where}: expected the column {column} once, received it {len(found)} times: {choice} takes the first"
         )
     if found:
         return found[0]
@@ -106,12 +166,12 @@ def _place(layout: Layout, column: str, where: str, name: str = "") -> int | Non
 
 
 def _time(
-    layout: Layout, names: Sequence[str], mapping: Mapping, where: str, taken: Sequence[int | None]
-) -> int | None:
-    """The column of times: as told, or called t; a column that looks like one is refused, not left out."""
+    layout: Layout, names: Sequence[str], mapping: Mapping, where: str, taken: Sequence[int | None], regressors: Sequence[int | None]
+) -> tuple[int | None, tuple[int, str] | None]:
+    """The column of times, as told or called t; and a column that looks like one, with the words by which it is refused."""
     told = mapping.time or mapping.columns.get("t", "")
     if told == NO_TIME:
-        return None
+        return None, None
     if told:
         place = _place(layout, told, where)
         if place is None:
@@ -120,24 +180,27 @@ def _time(
             raise ValueError(
                 f"{where}: --time {told}: expected one of the columns {_listed(layout)}, received {shown(told)}{hint}"
             )
-        return place
+        return place, None
     if "t" in layout.header and "t" not in [plain(name) for name in names] and layout.header.index("t") not in taken:
-        return _place(layout, "t", where)
-    looking = [name for i, name in enumerate(layout.header) if i not in taken and is_time(name)]
+        return _place(layout, "t", where), None
+    looking = [name for i, name in enumerate(layout.header) if i not in (*taken, *regressors) and is_time(name)]
     if looking and (mapping.unit or mapping.t0 or None not in taken):
         unit = f":{mapping.unit}" if mapping.unit else ""
         options = [pasted(("--time", f"{looking[0]}{unit}")), pasted(("--time", NO_TIME))]
-        raise ValueError(
+        words = (
             f"{where}: expected a column t or a choice, received {shown(looking[0])}, which looks like times: "
             f"{options[0]} takes it, {options[1]} does not"
         )
+        if mapping.unit or mapping.t0:
+            raise ValueError(words)
+        return None, (layout.header.index(looking[0]), words)
     if mapping.unit or mapping.t0 == "first":
         option = f"time_unit = {mapping.unit}" if mapping.unit else "--t0 first"
         raise ValueError(
             f"{where}: {option}: expected a column of times, received {_listed(layout)}; "
             f"{pasted(('--time', layout.header[0] or '1'))}"
         )
-    return None
+    return None, None
 
 
 def is_time(name: str) -> bool:
@@ -156,18 +219,17 @@ def _refuse(
     lacking = [plain(name) for name, place in zip(names, places, strict=True) if place is None]
     free = [name for i, name in enumerate(layout.header) if i not in places and i != time and name]
     looking = [name for name in free if is_time(name)] if time is None and not mapping.time else []
-    options = []
+    options, told = [], {**mapping.regressors, **mapping.columns}
     for name in lacking:
         rest = [column for column in free if column not in looking]
-        best = likely(mapping.columns.get(name, name), rest) or (rest[0] if len(rest) == 1 else "")
+        best = likely(told.get(name, name), rest) or (rest[0] if len(rest) == 1 else "")
         if best:
             free.remove(best)
         if best or free:
-            options.append(("--column", f"{name}={best or 'COLUMN'}"))
+            options.append(("--regressor" if name in mapping.regressors else "--column", f"{name}={best or 'COLUMN'}"))
     if looking and "t" not in names:
         options.append(("--time", looking[0]))
-    told = [mapping.columns.get(name, name) for name in lacking]
-    columns = f"the column{'s' if len(told) > 1 else ''} {', '.join(told)}"
+    columns = f"the column{'s' if len(lacking) > 1 else ''} {', '.join(told.get(name, name) for name in lacking)}"
     raise ValueError(
         f"{where}: expected {columns}, received {_listed(layout)}{'; ' if options else ''}{pasted(*options)}"
     )

@@ -28,7 +28,9 @@ class Mapping:
 
     ``columns`` : the column of a measurement or input where it has another name (a number counts columns from 1) ·
     ``time``, ``unit`` : the column of times ("none": there are none) and how it is written · ``t0`` : "first" where the first
-    row's time is that of the first instant, "model" where times count from the model's t0 · ``inputs`` : columns of known inputs ·
+    row's time is that of the first instant, "model" where times count from the model's t0 · ``inputs`` : columns of known inputs,
+    ``u0`` : what they are from t0 to the first row · ``regressors`` : columns that elements of the model name, {name: column} ·
+    ``record`` : the column that tells of which of several records a row is ·
     ``missing`` : further words or numbers for "not measured" · ``scale`` : factors of measurements and inputs · ``decimal``,
     ``thousands`` : marks in numbers · ``blank`` : whether blank lines are to "skip" or "missing" rows · ``encoding`` ·
     ``skip`` : lines above the table
@@ -46,6 +48,9 @@ class Mapping:
     unit: str = ""
     t0: str = ""
     inputs: tuple[str, ...] = ()
+    u0: tuple[float, ...] = ()
+    regressors: Table[str, str] = field(default_factory=dict)
+    record: str = ""
     missing: tuple[str, ...] = ()
     scale: Table[str, float] = field(default_factory=dict)
     decimal: str = ""
@@ -67,6 +72,10 @@ class Mapping:
         for name, factor in self.scale.items():
             if not math.isfinite(factor) or factor == 0:
                 raise ValueError(f"--scale {name}: expected a finite factor other than 0, received {factor!r}")
+        if not all(math.isfinite(value) for value in self.u0):
+            raise ValueError(f"--u0: expected finite numbers, received {', '.join(map(repr, self.u0))}")
+        if self.u0 and self.inputs and len(self.u0) != len(self.inputs):
+            raise ValueError(f"--u0: expected {len(self.inputs)} numbers, one for each input, received {len(self.u0)}")
         if self.encoding:
             try:
                 codecs.lookup(self.encoding)
@@ -77,7 +86,7 @@ class Mapping:
     def over(self, other: Mapping) -> Mapping:
         """The mapping with what ``other`` says in its place: a command's options over a file's table."""
         said = {f.name: getattr(other, f.name) for f in fields(other) if getattr(other, f.name)}
-        for name in ("columns", "scale"):
+        for name in ("columns", "scale", "regressors"):
             if name in said:
                 said[name] = {**getattr(self, name), **said[name]}
         if "missing" in said:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ctlabs.files import datafile, modelfile
+from ctlabs.files import datafile, decode, modelfile
 from ctlabs.files.datafile import Record
 from ctlabs.files.mapping import Mapping
 from ctlabs.files.modelfile import ModelFile
@@ -21,6 +21,59 @@ def read_model(path: str | Path) -> ModelFile:
     array([[15099.]])
     """
     return modelfile.load(path)
+
+
+def read_records(
+    path: str | Path | Sequence[str | Path], model: ModelFile | Sequence[str], mapping: Mapping | None = None, **told: Any
+) -> tuple[Record, ...]:
+    r"""The records in a table with a column that names them (``record="run"``), or in several tables.
+
+    Parameters and refusals are those of :func:`read_record`. A table of simulated runs (``ctlabs simulate --csv``) is known by its form.
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "runs.csv"
+    ...     _ = file.write_text("trial,x\nA,1\nA,2\nB,3\n", encoding="utf-8")
+    ...     records = read_records(file, ["x"], record="trial")
+    >>> [(record.name, record.z.ravel().tolist()) for record in records]
+    [('A', [1.0, 2.0]), ('B', [3.0])]
+    """
+    said = (mapping or Mapping()).over(Mapping(**told))
+    paths = [path] if isinstance(path, str | Path) else path
+    contents = [(decode.content(each, source_of(each)), source_of(each)) for each in paths]
+    return parsed(contents, model, said)
+
+
+def source_of(path: str | Path) -> str:
+    """The name of a file in messages."""
+    return "stdin" if str(path) == "-" else Path(path).name
+
+
+def parsed(contents: Sequence[tuple[bytes, str]], model: ModelFile | Sequence[str], said: Mapping | None = None) -> tuple[Record, ...]:
+    """The records in tables, each given as its bytes and its name."""
+    said = said or Mapping()
+    if not isinstance(model, ModelFile):
+        found = [datafile.several(content, model, source, said) for content, source in contents]
+        return named([record for records in found for record in records])
+    said = model.mapping.over(said)
+    dt, first = model.dt, model.experiment.first
+    grid = (model.experiment.t0 + first * dt, dt)
+    found = [datafile.several(content, model.measurements, source, said, grid) for content, source in contents]
+    return named([placed(record, model) for records in found for record in records])
+
+
+def named(records: Sequence[Record]) -> tuple[Record, ...]:
+    """Several records with names that differ: their own, or those of their files."""
+    if len(records) < 2:
+        return tuple(records)
+    many = len({record.file for record in records}) > 1
+    names: list[str] = []
+    for record in records:
+        stem = record.file.rpartition(".")[0] or record.file
+        name = stem if not record.name else f"{stem} {record.name}" if many else record.name
+        count = 1 + sum(other == name or other.startswith(f"{name} (") for other in names)
+        names.append(name if count == 1 else f"{name} ({count})")
+    return tuple(dataclasses.replace(record, name=name) for record, name in zip(records, names, strict=True))
 
 
 def read_record(
@@ -47,10 +100,7 @@ def read_record(
     >>> record.t, record.z.ravel()
     (array([0., 1., 2.]), array([1120. ,    nan,  963.5]))
     """
-    said = (mapping or Mapping()).over(Mapping(**told))
-    if not isinstance(model, ModelFile):
-        return datafile.read(path, model, said)
-    return placed(datafile.read(path, model.measurements, model.mapping.over(said)), model)
+    return datafile.only(read_records(path, model, mapping, **told))
 
 
 def placed(record: Record, model: ModelFile) -> Record:

@@ -62,16 +62,31 @@ def ways(cell: str) -> list[str]:
 
 def read(cells: Sequence[str], lines: Sequence[int], numbers: Numbers, unit: str) -> Times:
     """The times of a column in ``unit`` ("" for seconds); ``numbers`` is fed with them where they are numbers."""
-    if unit in WRITTEN:
-        times = _written(cells, lines, numbers, unit)
-    else:
+    return several(cells, lines, numbers, unit, [None])[0]
+
+
+def several(
+    cells: Sequence[str], lines: Sequence[int], numbers: Numbers, unit: str, groups: Sequence[Array | None]
+) -> list[Times]:
+    """The times of several records in one column: of the rows of each group (None: of all rows)."""
+    values = np.empty(0)
+    if unit not in WRITTEN:
         if written(cells):
             _refuse_written(cells, lines, numbers)
         if not numbers.parts:
             numbers.add(cells, lines)
-        times = _numbers(cells, numbers.values(), unit, numbers.mapping.t0 == "first")
-    _increasing(times, cells, lines, numbers)
-    return times
+        values = numbers.values()
+    found = []
+    for rows in groups:
+        own = cells if rows is None else [cells[i] for i in rows]
+        places = lines if rows is None else [lines[i] for i in rows]
+        if unit in WRITTEN:
+            times = _written(own, places, numbers, unit)
+        else:
+            times = _numbers(own, values if rows is None else values[rows], unit, numbers.mapping.t0 == "first")
+        _increasing(times, own, places, numbers)
+        found.append(times)
+    return found
 
 
 def _refuse_written(cells: Sequence[str], lines: Sequence[int], numbers: Numbers) -> None:

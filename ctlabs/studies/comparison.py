@@ -152,7 +152,7 @@ def compute(
     others = (_case(model.replace({name: value}), record, seed, steps) for value in values)
     cases = [compare(other.model, other.rows, chosen, other.first) for other in others]
     return Compared(
-        model, "" if record is None else record.source, seed, case, max(common.condition(P) for P in exact.P_plus), found,
+        model, "" if record is None else record.source, seed, case, max((common.condition(P) for P in exact.P_plus if np.isfinite(P).all()), default=np.inf), found,
         judged(found, exact.P_plus), Swept(name, values, cases) if values else None,
     )  # fmt: skip
 
@@ -217,7 +217,7 @@ def names(algorithms: str) -> list[str]:
 
 def judged(found: Sequence[Comparison], P: Array) -> list[Judged]:
     """The forms with their errors of the estimate in units of its σ, by its covariances P (steps+1, n, n)."""
-    sd = deviations(P).max(axis=0)
+    sd = deviations(P[np.isfinite(P).all(axis=(1, 2))]).max(axis=0, initial=0.0)  # of the rows at which everything is known
     unit = np.where(sd > 0, sd, 1.0)
     return [
         Judged(one.name, one.flops, one.seconds, one.error_P, None if one.error_x is None else float((one.error_x / unit).max()), _why(one.name, one.failed))

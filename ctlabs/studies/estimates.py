@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ctlabs.files.datafile import Record
 from ctlabs.linalg.checks import Array
@@ -33,7 +34,7 @@ def table(run: Run) -> tuple[list[str], list[list[Any]]]:
             columns += pattern.format(name, name).split("|")
             values += [value[:, i], deviation[:, i]]
     rows = np.column_stack(values)[run.first :].tolist()
-    head, times = clocks(run.record, run.t[run.first :], columns)
+    head, times = clocks(run.record, run.t[run.first :], columns, run.rows[run.first :])
     common.distinct("estimates.csv", ["k", *head, *columns])
     return ["k", *head, *columns], [[k, *time, *row] for k, (time, row) in enumerate(zip(times, rows, strict=True), run.first)]
 
@@ -54,17 +55,16 @@ def predictions(model: DiscreteModel, x: Array, P: Array) -> tuple[Array, Array]
     return np.where(unknown, np.nan, z), np.sqrt(np.where(unknown, np.inf, S))
 
 
-def clocks(record: Record, t: Array, others: list[str]) -> tuple[list[str], list[list[Any]]]:
-    """The columns of the times of the rows, and their cells: as written, under the name that they had, and in seconds as ``t``."""
+def clocks(record: Record, t: Array, others: list[str], rows: NDArray[np.int64] | None = None) -> tuple[list[str], list[list[Any]]]:
+    """The columns of the times of the ``rows`` (by default all), and their cells: as written, under the name that they had, and in
+    seconds as ``t``. An instant without a row (−1) has nothing written.
+    """
     seconds = t.tolist()
     if not record.clocked:
         return ["t"], [[each] for each in seconds]
+    stamps = [stamp.strip() for stamp in record.stamps]
+    written = stamps if rows is None else [stamps[row] if row >= 0 else "" for row in rows]
+    cells = [list(pair) for pair in zip(written, seconds, strict=True)]
     if record.clock == "t":
-        return ["t", "seconds"], [list(pair) for pair in zip(_written(record), seconds, strict=True)]
-    name = f"time_{record.clock}" if record.clock in ("k", *others) else record.clock
-    return [name, "t"], [list(pair) for pair in zip(_written(record), seconds, strict=True)]
-
-
-def _written(record: Record) -> list[str]:
-    """The times as they are written."""
-    return [stamp.strip() for stamp in record.stamps]
+        return ["t", "seconds"], cells
+    return [f"time_{record.clock}" if record.clock in ("k", *others) else record.clock, "t"], cells

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ctlabs.analysis import diagnosis
 from ctlabs.files import clock
@@ -33,7 +34,8 @@ class Run:
 
     ``model``, discrete, of the record's instants · ``z`` (steps+1, m), measured, and ``t`` (steps+1,) s, by instants · ``first``, the index
     of the first row · ``algorithm`` · ``filtered``, ``smoothed`` or None · ``verdict`` on the model, None where nothing is left to test
-    or (``untested`` says why) the test has no digits · ``record``, as it was read
+    or (``untested`` says why) the test has no digits · ``record``, as it was read · ``rows`` (steps+1,), its row at each instant, −1 where
+    there is none
     """
 
     model: DiscreteModel
@@ -46,6 +48,7 @@ class Run:
     verdict: Diagnosis | None
     untested: str
     record: Record
+    rows: NDArray[np.int64]
 
     @property
     def data(self) -> Array:
@@ -53,8 +56,13 @@ class Run:
         return np.where(np.isnan(self.filtered.z), np.nan, self.z)
 
     def called(self, row: int) -> str:
-        """A row of the record as its owner finds it: its line and time."""
-        return names(self.record, self.t[self.first :])(row)
+        """A row of z from the first measurement on as its owner finds it: its line and time."""
+        return names(self.record, self.t[self.first :], self.rows[self.first :])(row)
+
+    def line(self, row: int) -> int | None:
+        """The line of the file that such a row stands in, or ``None``."""
+        at = self.rows[self.first + row]
+        return int(self.record.lines[at]) if at >= 0 else None
 
 
 def compute(model: ModelFile, record: Record, algorithm: str, *, smooth: bool = False, gate: float | None = None) -> Run:
@@ -68,25 +76,29 @@ def compute(model: ModelFile, record: Record, algorithm: str, *, smooth: bool = 
         Values that the model cannot give, or a form that rounding has defeated.
     """
     discrete, z, t = clock.timed(model, record)
+    rows = clock.instants(model, record).rows
     first = model.experiment.first
     found = kalman_filter(discrete, z[first:], first=first, algorithm=algorithm, gate=gate)
     if not (np.isfinite(found.log_likelihood) or found.contradictions):
-        _refuse(discrete, found, algorithm, record)
+        _refuse(discrete, found, algorithm, record, rows)
     smoothed = smooth_(discrete, found) if smooth else None
     verdict, untested = None, ""
     if np.isfinite(found.innovation).any():
         try:
-            verdict = _diagnosed(discrete, found, algorithm, first, names(record, t[first:]))
+            verdict = _diagnosed(discrete, found, algorithm, first, names(record, t[first:], rows[first:]))
         except ArithmeticError as error:  # the diagnosis filters in Joseph's form, whatever the form chosen here
             untested = str(error)
-    return Run(discrete, z, t, first, algorithm, found, smoothed, verdict, untested, record)
+    return Run(discrete, z, t, first, algorithm, found, smoothed, verdict, untested, record, rows)
 
 
-def names(record: Record, t: Array) -> Callable[[int], str]:
-    """How rows are called: by their lines and the times ``t`` of the rows, as they are written where they are no seconds."""
+def names(record: Record, t: Array, rows: NDArray[np.int64]) -> Callable[[int], str]:
+    """How instants are called: by the lines of their ``rows`` and their times ``t``, as they are written where they are no seconds."""
 
-    def called(row: int) -> str:
-        time = record.stamps[row] if record.clocked else moment(float(t[row]))
+    def called(instant: int) -> str:
+        row = rows[instant]
+        if row < 0:
+            return fill(_("t = {time}"), time=moment(float(t[instant])))
+        time = record.stamps[row] if record.clocked else moment(float(t[instant]))
         return fill(_("line {line} (t = {time})"), line=int(record.lines[row]), time=time)
 
     return called
@@ -99,16 +111,16 @@ def _diagnosed(model: DiscreteModel, found: Filtered, algorithm: str, first: int
     return diagnosis.diagnose(model, found, first=first, longest=diagnosis.LONG, where=where)
 
 
-def _refuse(model: DiscreteModel, filtered: Filtered, algorithm: str, record: Record) -> NoReturn:
+def _refuse(model: DiscreteModel, filtered: Filtered, algorithm: str, record: Record, rows: NDArray[np.int64]) -> NoReturn:
     """Say why there is no likelihood: values without measure, or a form that rounding has defeated."""
     sd = np.sqrt(np.diagonal(filtered.S, axis1=1, axis2=2).clip(np.finfo(float).tiny))
     away = np.abs(np.where(np.isfinite(filtered.innovation), filtered.innovation, 0.0)) / sd
     k, i = divmod(int(np.argmax(np.nan_to_num(away))), model.m)
     if away[k, i] > ENORMOUS:
-        line, name = record.lines[k - len(away) + record.rows], model.measurements[i]
+        row, name = rows[k], model.measurements[i]
         msg = (
-            f"{record.source}: line {line}, column {name}: expected a value that the model leaves possible, "
-            f"received {record.z[k - len(away) + record.rows, i]:g}, {away[k, i]:.0e} standard deviations away"
+            f"{record.source}: line {record.lines[row]}, column {name}: expected a value that the model leaves possible, "
+            f"received {record.z[row, i]:g}, {away[k, i]:.0e} standard deviations away"
         )
     else:
         msg = f"form {algorithm}: expected finite numbers, received NaN by rounding; take a factorised form: --algorithm ud"

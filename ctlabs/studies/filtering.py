@@ -75,8 +75,9 @@ def study(
         An algorithm that does not exist or cannot filter the model; times that do not fit it.
     """
     used = model if design is None else design
-    if design is not None and record.u is not None:
-        raise ValueError(f"--design: expected a record without known inputs, received {', '.join(record.mapping.inputs)}")
+    if design is not None and (record.u is not None or record.regressors):
+        names = ", ".join([*record.mapping.inputs, *record.regressors])
+        raise ValueError(f"--design: expected a record without known inputs and regressors, received {names}")
     algorithm = algorithm or used.experiment.algorithms[0]
     levels = paths.levels(reach)
     if levels and not draws:
@@ -95,6 +96,8 @@ def study(
     report = common.begin("filter", _("a record filtered"), used, "abcde", given, data=record.source, **own)
     report.section("a", _("Model and data"))
     _data(report, run, record)
+    for note in clock.notes(used, record):
+        report.says("{note}.", note=note)
     report.section("b", _("Estimates"))
     _estimates(report, run)
     report.section("c", _("What the data say of the model"))
@@ -157,7 +160,7 @@ def _left_out(report: Report, run: Run) -> None:
         "left_out",
         [_("line"), _("time"), _("measurement"), _("value"), _("innovation"), "σ"],
         [
-            (int(run.record.lines[c.row]), _time(run, c.row), names[c.element], c.value, c.innovation, c.sigmas)
+            (run.line(c.row), _time(run, c.row), names[c.element], c.value, c.innovation, c.sigmas)
             for c in found[:LISTED]
         ],
         _("Measurements beyond the gate (the first of them)."),
@@ -171,8 +174,9 @@ def _left_out(report: Report, run: Run) -> None:
 
 
 def _time(run: Run, row: int) -> Any:
-    """The time of a row: as it was written, where that is not in seconds."""
-    return run.record.stamps[row].strip() if run.record.clocked else float(run.t[row + run.first])
+    """The time of a row of z from the first measurement on: as it was written, where that is not in seconds."""
+    instant = row + run.first
+    return run.record.stamps[run.rows[instant]].strip() if run.record.clocked and run.rows[instant] >= 0 else float(run.t[instant])
 
 
 def _estimates(report: Report, run: Run) -> None:
@@ -433,7 +437,7 @@ def _events(report: Report, run: Run, verdict: Diagnosis) -> None:
         for row in event.rows:
             size = event.size if len(event.rows) == 1 else None
             value = None if np.isnan(event.value) else event.value
-            rows.append((int(run.record.lines[row]), _time(run, row), name, kinds[event.kind], value, size))
+            rows.append((run.line(row), _time(run, row), name, kinds[event.kind], value, size))
     report.value("events", len(verdict.events))
     report.table(
         "events",

@@ -11,12 +11,14 @@ import numpy as np
 from ctlabs.analysis import fitting
 from ctlabs.analysis.fitting import Fit
 from ctlabs.analysis.fitting import Progress as Progress
+from ctlabs.analysis.likelihood import Build
 from ctlabs.files import clock
 from ctlabs.filtering.filter import kalman_filter
 from ctlabs.linalg.checks import Array
+from ctlabs.models import DiscreteModel
 from ctlabs.reporting.plots import records as pictures
 from ctlabs.reporting.report import SOLVER, Report
-from ctlabs.studies import common, filtering
+from ctlabs.studies import common, filtering, several
 from ctlabs.text import _
 
 if TYPE_CHECKING:
@@ -29,14 +31,15 @@ CHECKED = 20_000
 
 def study(
     model: ModelFile,
-    record: Record,
+    record: Record | Sequence[Record],
     free: Sequence[str],
     starts: int = 0,
     progress: Callable[[Progress], object] | None = None,
 ) -> Report:
     """Estimates of the constants ``free`` from their values in the model file on, and the record filtered with them.
 
-    ``starts`` : from so many other starts too · ``progress`` : is told how far the search is; Ctrl-C ends it with the best so far
+    Of several records the log-likelihoods are added. ``starts`` : from so many other starts too · ``progress`` : is told how far the search
+    is; Ctrl-C ends it with the best so far
 
     Raises
     ------
@@ -44,25 +47,31 @@ def study(
         A constant that does not exist; a start at which there is no likelihood.
     """
     names = _free(free, model)
-    if record.missing == record.z.size:
-        raise ValueError(f"{record.source}: no observations: expected one measurement at least, received none: every element is missing")
+    records = [record] if not isinstance(record, Sequence) else list(record)
+    for each in records:
+        if each.missing == each.z.size:
+            raise ValueError(f"{each.source}: no observations: expected one measurement at least, received none: every element is missing")
     first = model.experiment.first
-    build, z = clock.building(model, record)
+    builds, z = zip(*(clock.building(model, each) for each in records), strict=True)
     start = {name: model.constants[name] for name in names}
-    found = fitting.fit(build, z[first:], start, _bounds(model, names), first, starts=starts, progress=progress)
+    bounds, data = _bounds(model, names, builds[0]), [rows[first:] for rows in z]
+    found = fitting.fit(builds, data, start, bounds, first, starts=starts, progress=progress)
     given = common.settings(
         model, ("free", list(names), "", _("constants that are estimated; above, where the search began"))
     )
-    report = common.begin("fit", _("constants fitted to a record"), model, "abcd", given, data=record.source)
+    report = common.begin("fit", _("constants fitted to a record"), model, "abcd", given, data=", ".join(each.source for each in records))
     report.section("a", _("Estimates"))
     _estimates(report, model, found)
     report.section("b", _("What the record says of each constant"))
     _profiles(report, model, found)
     report.section("c", _("The likelihood by a second route"))
-    _likelihood(report, found, z, first)
+    _likelihood(report, found, [(build(found.estimates), rows) for build, rows in zip(builds, data, strict=True)], first)
     report.section("d", _("The record filtered with the estimates"))
     fitted = model.replace(found.estimates)
-    filtering.add(report, fitted, record)
+    if len(records) == 1:
+        filtering.add(report, fitted, records[0])
+    else:
+        several.add(report, fitted, records)
     report.files["fitted.toml"] = fitted.dumps().encode()
     report.says(_("`fitted.toml` is the model with the estimates, `estimates.csv` the filtered record."))
     return report
@@ -81,22 +90,22 @@ def _free(free: Sequence[str], model: ModelFile) -> list[str]:
     return names
 
 
-def _bounds(model: ModelFile, names: list[str]) -> dict[str, tuple[float | None, float | None]]:
+def _bounds(model: ModelFile, names: list[str], build: Build) -> dict[str, tuple[float | None, float | None]]:
     """Where each constant may lie: the file's own limits; above 0 where its opposite makes no model (a variance, a time)."""
     bounds = {}
     for told in model.definitions:
         if told.name in names:
             low = told.min
-            if low is None and told.value >= 0 and not _makes_sense(model, told.name, -told.value or -1.0):
+            if low is None and told.value >= 0 and not _makes_sense(build, told.name, -told.value or -1.0):
                 low = 0.0
             bounds[told.name] = (low, told.max)
     return bounds
 
 
-def _makes_sense(model: ModelFile, name: str, value: float) -> bool:
+def _makes_sense(build: Build, name: str, value: float) -> bool:
     """Whether the file is a model with this value."""
     try:
-        model.replace({name: value}).discrete(steps=2)
+        build({name: value})
     except (ValueError, ArithmeticError):
         return False
     return True
@@ -178,26 +187,27 @@ def _profiles(report: Report, model: ModelFile, found: Fit) -> None:
         )
 
 
-def _likelihood(report: Report, found: Fit, z: Array, first: int) -> None:
+def _likelihood(report: Report, found: Fit, records: list[tuple[DiscreteModel, Array]], first: int) -> None:
     """The log-likelihood of the estimates from filterpy's innovations."""
-    if len(z) > CHECKED:
+    if sum(len(z) for _model, z in records) > CHECKED:
         report.says(_("The record is too long for it."))
         return
     if not np.isfinite(found.log_likelihood):
         report.says(_("The record is impossible with these estimates: there is no density to compare."))
         return
-    run = kalman_filter(found.model, z[first:], first=first, algorithm="filterpy")
-    if not common.delicacy(run.P_minus, run.P_plus, run.S, 1000) < common.SINGULAR:
-        report.says(_("The error covariance is nearly singular: forms of the filter differ by their rounding."))
-        return
     total, count = 0.0, 0
-    known = np.isfinite(run.P_minus).all(axis=(1, 2))
-    rows = (run.innovation[known], run.S[known], run.used[known])
-    for nu, S, used in zip(*rows, strict=True):
-        seen = used & ~np.isnan(nu)
-        if seen.any():
-            e, own = nu[seen], S[np.ix_(seen, seen)]
-            count += len(e)
-            total -= 0.5 * (e @ np.linalg.solve(own, e) + np.linalg.slogdet(own)[1] + seen.sum() * np.log(2 * np.pi))
+    for model, z in records:
+        run = kalman_filter(model, z, first=first, algorithm="filterpy")
+        if not common.delicacy(run.P_minus, run.P_plus, run.S, 1000) < common.SINGULAR:
+            report.says(_("The error covariance is nearly singular: forms of the filter differ by their rounding."))
+            return
+        known = np.isfinite(run.P_minus).all(axis=(1, 2))
+        rows = (run.innovation[known], run.S[known], run.used[known])
+        for nu, S, used in zip(*rows, strict=True):
+            seen = used & ~np.isnan(nu)
+            if seen.any():
+                e, own = nu[seen], S[np.ix_(seen, seen)]
+                count += len(e)
+                total -= 0.5 * (e @ np.linalg.solve(own, e) + np.linalg.slogdet(own)[1] + seen.sum() * np.log(2 * np.pi))
     routes = (_("compiled filter"), _("innovations of filterpy"))
     report.check(_("log-likelihood of the estimates"), found.log_likelihood, float(total), routes, SOLVER, scale=count + abs(total))

@@ -16,7 +16,7 @@ from ctlabs.reporting.plots.studies import estimates
 from ctlabs.reporting.report import SOLVER, Report
 from ctlabs.studies import common
 from ctlabs.studies.estimates import clocks
-from ctlabs.text import _, fill
+from ctlabs.text import _, fill, moment
 
 if TYPE_CHECKING:
     from ctlabs.files.datafile import Record
@@ -29,23 +29,25 @@ if TYPE_CHECKING:
 BEFORE = 4
 
 
-def study(model: ModelFile, record: Record, steps: int) -> Report:
+#: Instants after a record that are predicted unless it is said how many.
+STEPS = 12
+
+
+def study(model: ModelFile, record: Record, steps: int | None = None) -> Report:
     """Filter a record, and predict the states and measurements of the ``steps`` instants after it.
 
-    Of a continuous model and a record with times they are as far apart as its rows usually are.
+    Of a continuous model and a record with times they are as far apart as its rows usually are. Known inputs and regressors of the
+    time to come stand in rows below the last measurement: then these are the instants.
 
     Raises
     ------
     ValueError
-        Times that do not fit the model; a known input, whose future values no record has; a model given for fewer steps.
+        Times that do not fit the model; a known input or a regressor without values for the time to come; a model given for fewer steps.
     """
-    if record.u is not None:
-        msg = f"{record.source}: expected a model without a known input from the record (it has none for the time to come), received one"
-        raise ValueError(msg)
-    discrete, z, t = clock.timed(model, record)
-    first, last = model.experiment.first, len(t) - 1
-    later = t[-1] + float(np.median(np.diff(t))) * np.arange(1, steps + 1)
-    whole = model.discrete(times=np.concatenate([t, later])) if record.t is not None else model.discrete(steps=last + steps)
+    first = model.experiment.first
+    whole, z, t, later = _known(model, record, steps) if record.u is not None or model.regressors else _free(model, record, steps)
+    steps, last = len(later), len(t) - 1
+    discrete = whole.cut(last)
     found = kalman_filter(discrete, z[first:], first=first)
     ahead = forecast(whole, found, steps)
     given = common.settings(model, ("steps", steps, "1", _("instants after the record")))
@@ -61,8 +63,44 @@ def study(model: ModelFile, record: Record, steps: int) -> Report:
     _numbers(report, model, discrete, ahead, later)
     _pictures(report, discrete, found, ahead, t, later)
     _checked(report, whole, z, first, ahead)
-    report.csv("forecast", *_table(discrete, ahead, last, later, record, later - t[-1]))
+    report.csv("forecast", *_table(discrete, ahead, last, later, record, int(clock.instants(model, record).held[last])))
     return report
+
+
+def _free(model: ModelFile, record: Record, steps: int | None) -> tuple[DiscreteModel, Array, Array, Array]:
+    """The model over the record and beyond, its data and times, and the times to come."""
+    discrete, z, t = clock.over(model, record)
+    steps = steps or STEPS
+    later = t[-1] + float(np.median(np.diff(t))) * np.arange(1, steps + 1)
+    if record.t is None:
+        return model.discrete(steps=len(t) - 1 + steps), z, t, later
+    if model.kind == "discrete":
+        later = t[-1] + discrete.dt * np.arange(1, steps + 1)
+    return model.discrete(times=np.concatenate([t, later])), z, t, later
+
+
+def _known(model: ModelFile, record: Record, steps: int | None) -> tuple[DiscreteModel, Array, Array, Array]:
+    """The same where the record tells its inputs and regressors beyond the last measurement."""
+    whole, z, t = clock.over(model, record)
+    names = ", ".join([*record.mapping.inputs, *model.regressors])
+    measured = np.flatnonzero(~np.isnan(record.z).all(axis=1))
+    line = record.lines[measured[-1] if measured.size else -1]
+    last = int(np.flatnonzero(~np.isnan(z).all(axis=1))[-1]) if measured.size else len(t) - 1
+    left = len(t) - 1 - last
+    if left < (steps or 1):
+        what = f"{left} such row{'s' if left > 1 else ''}" if left else "none"
+        msg = (
+            f"{record.source}: expected rows below the last measurement (line {line}) with {names} of the time to come, received {what}: "
+            f"write {steps or 'as many as are to be predicted'} below it, with empty cells for what will be measured"
+        )
+        raise ValueError(msg)
+    steps = steps or left
+    unknown = clock.unusable(model, record)[last + 1 : last + 1 + steps].any(axis=1)
+    if unknown.any():
+        k = last + 1 + int(unknown.argmax())
+        msg = f"{record.source}: expected {', '.join(model.regressors)} at every instant to come, received none at t = {moment(t[k])}"
+        raise ValueError(msg)
+    return whole.cut(last + steps), z[: last + 1], t[: last + 1], t[last + 1 : last + 1 + steps]
 
 
 def _numbers(report: Report, file: ModelFile, model: DiscreteModel, ahead: Forecast, later: Array) -> None:
@@ -113,9 +151,9 @@ def _checked(report: Report, whole: DiscreteModel, z: Array, first: int, ahead: 
 
 
 def _table(
-    model: DiscreteModel, ahead: Forecast, last: int, later: Array, record: Record, since: Array
+    model: DiscreteModel, ahead: Forecast, last: int, later: Array, record: Record, row: int
 ) -> tuple[list[str], list[list[Any]]]:
-    """Columns and rows of forecast.csv; the times ``since`` the record as its own are written, too."""
+    """Columns and rows of forecast.csv; times are written as those of the record are, of which ``row`` is the last that was filtered."""
     with np.errstate(invalid="ignore"):
         sd = np.sqrt(np.diagonal(ahead.S, axis1=1, axis2=2))
     columns, parts = ["k", "t"], [last + 1.0 + np.arange(len(later))[:, None], later[:, None]]
@@ -125,7 +163,8 @@ def _table(
             columns += [own, f"{own}_sd"]
             parts += [values[:, i, None], spread[:, i, None]]
     rows = [[int(row[0]), *row[1:]] for row in np.hstack(parts).tolist()]
-    stamps = continued(record.stamps[-1], record.mapping.unit, since) if record.clocked else None
+    clocked = record.clocked and record.t is not None
+    stamps = continued(record.stamps[row], record.mapping.unit, later - record.t[row]) if clocked else None  # type: ignore[index]
     if stamps is not None:
         head, times = clocks(replace(record, stamps=stamps), later, columns[2:])
         columns, rows = ["k", *head, *columns[2:]], [[row[0], *time, *row[2:]] for row, time in zip(rows, times, strict=True)]

@@ -292,16 +292,18 @@ def _csv(report: Report, found: Simulated, runs: int) -> None:
     """The first runs as tables: everything in runs.csv, the measurements of the first one in data.csv."""
     some, first, names = found.some, found.first, found.truth.measurements
     assert some.truth is not None
+    known = found.truth.measurement_offset  # Du and the offset, which move no error and are no part of the histories
+    measured = some.z if known is None else some.z + np.broadcast_to(known, some.z.shape[:2])[:, :, None]
     rows = (
         [run + 1, k, t, *x, *z]
         for run in range(runs)
         for k, (t, x, z) in enumerate(
-            zip(some.t.tolist(), some.truth[:, :, run].tolist(), some.z[:, :, run].tolist(), strict=True)
+            zip(some.t.tolist(), some.truth[:, :, run].tolist(), measured[:, :, run].tolist(), strict=True)
         )
     )
     report.csv("runs", _columns(found.truth.states, names), rows)
     timed = "t" not in names  # a measurement of that name: the rows are one period apart anyway
-    data = ([t, *z][not timed :] for t, z in zip(some.t[first:].tolist(), some.z[first:, :, 0].tolist(), strict=True))
+    data = ([t, *z][not timed :] for t, z in zip(some.t[first:].tolist(), measured[first:, :, 0].tolist(), strict=True))
     report.csv("data", ["t", *names][not timed :], data)
     report.says(
         _(

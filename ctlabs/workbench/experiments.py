@@ -137,7 +137,7 @@ def _statistics(stats: montecarlo.Statistics, P: Array, k: Array) -> Statistics:
 def _measured(file: ModelFile, other: ModelFile | None, plan: Plan) -> Outcome:
     assert plan.data is not None
     used = file if other is None else other
-    record = plan.data.record(used.measurements)
+    record = plan.data.record(used)
     model, z, t = timed(used, record)
     steps = len(z) - 1
     model = anomalous(model, plan.anomalies, steps)
@@ -152,7 +152,7 @@ def _measured(file: ModelFile, other: ModelFile | None, plan: Plan) -> Outcome:
             summary[f"{what}[{state}]"] = float(value), unit
     summary["log_likelihood"] = float(own.log_likelihood), ""
     if other is not None:
-        truth, own_z, _t = timed(file, plan.data.record(file.measurements))
+        truth, own_z, _t = timed(file, plan.data.record(file))
         better = log_likelihood(anomalous(truth, plan.anomalies, steps), own_z[plan.first :], plan.first)
         summary["log_likelihood_of_the_other_model"] = better, ""
     verdict = _diagnosed(model, own, plan.first)

@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from ctlabs.files import datafile
+from ctlabs.files import datafile, reading
+from ctlabs.files.modelfile import ModelFile
 from ctlabs.files.modelfile.errors import meant, shown
 from ctlabs.files.modelfile.schema import RUNS, STEPS
 from ctlabs.filtering.algorithms.catalogue import FORMS
@@ -44,9 +45,9 @@ class Data:
             raise ValueError(msg)
         return cls(name, datafile.text(content, name))
 
-    def record(self, measurements: tuple[str, ...]) -> datafile.Record:
-        """The record, its columns in the order of the measurements."""
-        return datafile.parse(self.text.encode(), measurements, self.name)
+    def record(self, model: ModelFile | tuple[str, ...]) -> datafile.Record:
+        """The record, as the model's table [data] reads it; of names alone, its columns in their order."""
+        return datafile.only(reading.parsed([(self.text.encode(), self.name)], model))
 
 
 @dataclass(frozen=True, slots=True)

@@ -83,12 +83,12 @@ def _simulation(plan: Plan, algorithm: str, *, other: bool, changed: bool) -> tu
 
 def _record(plan: Plan, algorithm: str, *, other: bool, changed: bool) -> tuple[list[str], list[str]]:
     assert plan.data is not None
-    imports = ["from ctlabs import diagnose, kalman_filter", "from ctlabs.files import datafile, timed"]
+    imports = ["from ctlabs import diagnose, kalman_filter", "from ctlabs.files import reading, timed"]
     used = "design" if other else "model"
     lines = [
         f"DATA = {_literal(plan.data.text)}",
         f"first = {plan.first}",
-        f"record = datafile.parse(DATA.encode(), {used}.measurements, {plan.data.name!r})",
+        f"record = reading.parsed([(DATA.encode(), {plan.data.name!r})], {used})[0]",
         f"discrete, z, t = timed({used}, record)",
         *(["discrete = anomalous(discrete, anomalies, len(z) - 1)"] if changed else []),
         f"found = kalman_filter(discrete, z[first:], first=first, algorithm={algorithm!r})",
@@ -101,7 +101,7 @@ def _record(plan: Plan, algorithm: str, *, other: bool, changed: bool) -> tuple[
     if other:
         imports.append("from ctlabs.filtering import log_likelihood")
         lines += [
-            "truth, z_truth, t = timed(model, datafile.parse(DATA.encode(), model.measurements))",
+            "truth, z_truth, t = timed(model, reading.parsed([(DATA.encode(), record.file)], model)[0])",
             *(["truth = anomalous(truth, anomalies, len(z) - 1)"] if changed else []),
             'numbers["log_likelihood_of_the_other_model"] = log_likelihood(truth, z_truth[first:], first)',
         ]

@@ -91,7 +91,7 @@ def _second_route(made: Report, file: ModelFile, plan: Plan, found: Outcome) -> 
         whole = anomalous(file.discrete(steps=plan.steps), plan.anomalies, plan.steps)
         z = np.zeros((steps + 1, whole.m))
     else:
-        whole, z, _t = timed(file, plan.data.record(file.measurements))
+        whole, z, _t = timed(file, plan.data.record(file))
         whole, z = anomalous(whole, plan.anomalies, len(z) - 1), z[: steps + 1]
     if found.algorithm == "steady":
         again = adapter.update(second.covariance_of_gain(whole, steady.solve(whole)), whole.H, whole.R).P_plus

@@ -73,7 +73,7 @@ class Session:
         self._set(_file(draft.text), draft.text)
         noted = draft.notes.get("plan")
         self.plan = replace(Plan(), **_told(self.file)) if noted is None else self._plan(noted)
-        self._parsing: tuple[tuple[Data, tuple[str, ...]], Record] | None = None
+        self._parsing: tuple[tuple[Data, ModelFile | tuple[str, ...]], Record] | None = None
         #: The revisions that put a model in the place of another, and how.
         self._begun: dict[int, str] = dict(draft.notes.get("begun", ()))
         self._plans: dict[int, Plan] = {}  # the plans of the models that were on the desk before, by these revisions
@@ -415,9 +415,9 @@ class Session:
         return Plan.of({**settings, "data": {"name": name, "text": self.store.text(key)}})
 
     async def _parsed(self, data: Data) -> Record:
-        asked = data, self.sheet.measurements
-        if self._parsing is None or self._parsing[0] != asked:
-            self._parsing = asked, await asyncio.to_thread(data.record, asked[1])
+        model = self.file if not self.file.problems() else self.sheet.measurements
+        if self._parsing is None or self._parsing[0] != (data, model):
+            self._parsing = (data, model), await asyncio.to_thread(data.record, model)
         return self._parsing[1]
 
     def _move(self, at: int) -> None:

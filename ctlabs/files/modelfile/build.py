@@ -9,6 +9,7 @@ is solved by :func:`ctlabs.models.discretisation.interval`: stiffness does no ha
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -17,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ctlabs.files.modelfile.errors import ModelFileError, Problem
-from ctlabs.files.modelfile.values import Instant, Instants, Values
+from ctlabs.files.modelfile.values import Instant, Instants, Regressors, Values
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
@@ -58,8 +59,10 @@ def continuous(found: Values) -> ContinuousModel:
         raise found.error(
             ("kind",), 'expected "continuous" (a discrete file has no continuous model), received "discrete"'
         )
-    for name in ("F", "G", "Q", "B", "H", "Rc"):
+    for name in ("F", "G", "Q", "B", "H", "D", "measurement_offset", "Rc"):
         for index, cell in found.cells(name) if found.given(name) else ():
+            if regressors := found.named(cell):
+                raise found.without_record(("model", name, *index), min(regressors))
             if not cell.constant:
                 where = ("model", name, *index)
                 raise found.error(
@@ -68,7 +71,7 @@ def continuous(found: Values) -> ContinuousModel:
     return _built(
         found,
         ContinuousModel,
-        {name: _matrix(found, name) for name in ("F", "G", "Q", "H", "B", "Rc", "N", "x0", "P0")},
+        {name: _matrix(found, name) for name in ("F", "G", "Q", "H", "B", "D", "measurement_offset", "Rc", "N", "x0", "P0")},
     )
 
 
@@ -77,15 +80,22 @@ def _matrix(found: Values, name: str) -> Array | None:
 
 
 def discrete(
-    found: Values, steps: int | None = None, times: ArrayLike | None = None, inputs: Array | None = None
+    found: Values,
+    steps: int | None = None,
+    times: ArrayLike | None = None,
+    inputs: Array | None = None,
+    regressors: Regressors | None = None,
 ) -> DiscreteModel:
     """The discrete model of a file, for ``steps`` periods dt from t0 or for given instants.
 
-    ``inputs`` (steps, r) are the known inputs of a record, for B of a file without u.
+    ``inputs`` (steps+1, r) are the known inputs of a record in place of u (of the last instant only D asks), ``regressors`` its columns.
     """
     instants, gaps = _grid(found, steps, times)
+    if regressors is not None:
+        found = dataclasses.replace(found, regressors=regressors)
+        _moves(found, len(instants))
     if inputs is not None:
-        _takes(found, inputs)
+        _takes(found, inputs, len(instants))
     x0 = _matrix(found, "x0")
     try:
         moves = (
@@ -93,11 +103,13 @@ def discrete(
             if found.document.kind == "discrete"
             else _sampled(found, instants, gaps, inputs)
         )
+        R = _measured(found, "R", instants) if found.given("R") else _equivalent(found, instants, gaps)
         parts = {
             "x0": np.zeros(found.sizes.n) if x0 is None else x0,
             "P0": found.constant("P0"),
             "H": _measured(found, "H", instants),
-            "R": _measured(found, "R", instants) if found.given("R") else _equivalent(found, instants, gaps),
+            "R": R if regressors is None else _used(found, R, len(instants)),
+            "measurement_offset": _added(found, instants, inputs),
             "dt": found.dt if found.document.kind == "discrete" else float(gaps.mean()),
         }
     except ValueError as error:
@@ -172,15 +184,63 @@ def _measured(found: Values, name: str, instants: Sequence[Instant]) -> Array:
         if found.document.experiment.first == 0:
             raise
     rest = found.stack(name, instants[1:])
-    at_start = rest[0] if name == "H" else np.diag(np.full(len(rest[0]), math.inf))
+    at_start = np.diag(np.full(len(rest[0]), math.inf)) if name == "R" else rest[0]
     return np.concatenate([at_start[None], rest])
 
 
-def _takes(found: Values, inputs: Array) -> None:
+def _used(found: Values, R: Array, count: int) -> Array:
+    """R with ``inf`` for what cannot be used, as a regressor beside it has no value; a row that is no covariance is named."""
+    absent = found.absent(count)
+    if absent.any():
+        R = np.array(np.broadcast_to(R, (count, *R.shape[-2:])))
+        R[absent[:, :, None] | absent[:, None, :]] = 0.0
+        at, i = np.nonzero(absent)
+        R[at, i, i] = math.inf
+    if found.by_row("R"):
+        try:
+            checks.measurement_covariance("R", R, R.shape)
+        except ValueError:
+            for k, each in enumerate(R):
+                _covariance(found, each, k)
+    return R
+
+
+def _covariance(found: Values, R: Array, k: int) -> None:
+    """Refuse what is no covariance of the measurements of a row."""
+    try:
+        checks.measurement_covariance("R", R, R.shape)
+    except ValueError as error:
+        assert found.regressors is not None
+        raise found.error(("model", "R"), f"{found.regressors.place(k)}: {str(error).removeprefix('R: ')}") from None
+
+
+def _moves(found: Values, count: int) -> None:
+    """Refuse a row without a regressor that B names: the state moves by it until the next row."""
+    for index, cell in found.cells("B") if found.by_row("B") else ():
+        for name in sorted(found.named(cell)):
+            assert found.regressors is not None
+            lacks = np.isnan(found.regressors.values[name][: count - 1])
+            if lacks.any():
+                where = found.regressors.place(int(lacks.argmax()))
+                text = f"{where}: expected {name} at every instant (B moves the state by it until the next), received none"
+                raise found.error(("model", "B", *index), text)
+
+
+def _added(found: Values, instants: Sequence[Instant], inputs: Array | None) -> Array | None:
+    """What is known of the measurements: Du and the offset, (m,) or (steps+1, m)."""
+    parts = [_measured(found, "measurement_offset", instants)] if found.given("measurement_offset") else []
+    if found.given("D") and (inputs is not None or found.given("u")):
+        u = _measured(found, "u", instants) if inputs is None else inputs
+        parts.append(np.einsum("...ij,...j->...i", _measured(found, "D", instants), u))
+    return sum(parts[1:], parts[0]) if parts else None
+
+
+def _takes(found: Values, inputs: Array, count: int) -> None:
     """Refuse inputs of a record that the file has no place for."""
-    if found.given("u") or not found.given("B"):
-        has = "u under [model] too" if found.given("u") else "no B"
-        raise found.error(("model", "B"), f"expected B, and no u, beside the inputs of a record, received {has}")
+    if not (found.given("B") or found.given("D")):
+        raise found.error(("model", "B"), "expected B or D beside the inputs of a record, received neither")
+    if len(inputs) != count:
+        raise ValueError(f"inputs: expected {count}, one for each instant, received {len(inputs)}")
     if inputs.shape[1] != found.sizes.r:
         raise found.error(("model", "B"), f"expected {inputs.shape[1]} columns, one for each input of the record, received {found.sizes.r}")
 
@@ -195,17 +255,22 @@ def _discrete(found: Values, instants: Sequence[Instant], inputs: Array | None) 
         if found.given("offset")
         else None
     )
-    if found.given("u") or inputs is not None:
+    if _is_driven(found, inputs):
         driven = _driven(found, instants, inputs)
         offset = driven if offset is None else offset + driven
     return {**parts, "offset": offset, "N": _matrix(found, "N")}
+
+
+def _is_driven(found: Values, inputs: Array | None) -> bool:
+    """Whether a known input moves the state."""
+    return found.given("B") and (found.given("u") or inputs is not None)
 
 
 def _driven(found: Values, instants: Sequence[Instant], inputs: Array | None) -> Array:
     """Bu, (n,) or (steps, n)."""
     if inputs is not None:
         B = found.stack("B", instants[:-1]) if found.varies("B") else found.constant("B")
-        return np.einsum("...ij,...j->...i", B, inputs)
+        return np.einsum("...ij,...j->...i", B, inputs[:-1])
     if not (found.varies("B") or found.varies("u")):
         return found.constant("B") @ found.constant("u")
     return np.einsum("kij,kj->ki", found.stack("B", instants[:-1]), found.stack("u", instants[:-1]))
@@ -213,12 +278,12 @@ def _driven(found: Values, instants: Sequence[Instant], inputs: Array | None) ->
 
 def _sampled(found: Values, instants: Sequence[Instant], gaps: Array, inputs: Array | None) -> dict[str, Any]:
     """Φ, Qd, offset and N of a continuous file between the instants."""
-    if any(found.varies(name) for name in ("F", "G", "Q", "B") if found.given(name)):
+    if any(found.in_time(name) for name in ("F", "G", "Q", "B")):
         Phi, Qd, offset = _integrated(found, instants, gaps, inputs)
     else:
         Phi, Qd, offset = _exact(found, instants, gaps, inputs)
     N = _cross(found, gaps) if found.given("N") else None
-    return {"Phi": Phi, "Qd": Qd, "offset": offset if found.given("u") or inputs is not None else None, "N": N}
+    return {"Phi": Phi, "Qd": Qd, "offset": offset if _is_driven(found, inputs) else None, "N": N}
 
 
 def _exact(found: Values, instants: Sequence[Instant], gaps: Array, inputs: Array | None) -> Moved:
@@ -227,7 +292,7 @@ def _exact(found: Values, instants: Sequence[Instant], gaps: Array, inputs: Arra
     _, first, which = np.unique(np.round(gaps / gaps.mean(), 12), return_index=True, return_inverse=True)
     Phi, Qd, Gamma = intervals(F, G @ Q @ G.T, gaps[first])
     one = len(first) == 1
-    if not found.given("u") and inputs is None:
+    if not _is_driven(found, inputs):
         offset = np.zeros(len(F))
     elif one:
         offset = _driven(found, instants, inputs) @ Gamma[0].T
@@ -260,7 +325,7 @@ def _equivalent(found: Values, instants: Sequence[Instant], gaps: Array) -> Arra
 
 def _integrated(found: Values, instants: Sequence[Instant], gaps: Array, inputs: Array | None) -> Moved:
     F, G, W = found.function("F"), found.function("G"), _strength(found)
-    B = found.function("B") if found.given("u") or inputs is not None else None
+    B = found.function("B") if _is_driven(found, inputs) else None
     u = found.function("u") if found.given("u") else None
     moves = []
     for i, (instant, h) in enumerate(zip(instants, gaps, strict=False)):

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from ctlabs.files.modelfile.errors import ModelFileError, Path, Problem, place
-from ctlabs.files.modelfile.expressions import Expression, ExpressionError, parse, values
+from ctlabs.files.modelfile.expressions import VARIABLES, Expression, ExpressionError, parse, values
 from ctlabs.files.modelfile.schema import LARGEST, Document
-from ctlabs.files.modelfile.values import VARYING, Instant, Values
+from ctlabs.files.modelfile.values import BY_ROW, VARYING, Instant, Values
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.models.linear import check_joint
@@ -21,11 +21,13 @@ INSTANTS = 200
 SHAPES: dict[str, dict[str, str]] = {
     "continuous": {
         "states": "n", "units": "n", "measurements": "m", "measurement_units": "m",
-        "F": "nn", "G": "ns", "Q": "ss", "B": "nr", "u": "r", "H": "mn", "R": "mm", "Rc": "mm", "N": "sm", "x0": "n", "P0": "nn",
+        "F": "nn", "G": "ns", "Q": "ss", "B": "nr", "D": "mr", "u": "r", "H": "mn",
+        "measurement_offset": "m", "R": "mm", "Rc": "mm", "N": "sm", "x0": "n", "P0": "nn",
     },
     "discrete": {
         "states": "n", "units": "n", "measurements": "m", "measurement_units": "m",
-        "Phi": "nn", "Qd": "nn", "B": "nr", "u": "r", "offset": "n", "H": "mn", "R": "mm", "N": "nm", "x0": "n", "P0": "nn",
+        "Phi": "nn", "Qd": "nn", "B": "nr", "D": "mr", "u": "r", "offset": "n", "H": "mn",
+        "measurement_offset": "m", "R": "mm", "N": "nm", "x0": "n", "P0": "nn",
     },
 }  # fmt: skip
 #: Where a size is read, in this order: the rows (0) or columns (1) of what is given.
@@ -33,7 +35,7 @@ SOURCES = {
     "n": (("states", 0), ("F", 0), ("Phi", 0)),
     "m": (("measurements", 0), ("H", 0)),
     "s": (("Q", 0),),
-    "r": (("u", 0), ("B", 1)),
+    "r": (("u", 0), ("B", 1), ("D", 1)),
 }
 ONE_PER = {"n": "one per state", "m": "one per measurement", "s": "one per noise", "r": "one per known input"}
 TEXTS = ("states", "units", "measurements", "measurement_units")
@@ -144,8 +146,12 @@ def _missing(document: Document) -> Iterator[Problem]:
             "model.R",
             f"expected R (covariance of a sampled measurement) or Rc (strength of a continuous one), received {received}",
         )
-    if model.u is not None and model.B is None:
-        yield Problem("model.B", "expected the matrix B by which the known input u enters, received none")
+    if model.u is not None and model.B is None and model.D is None:
+        yield Problem("model.B", "expected the matrix B by which the known input u enters, received none (nor D)")
+    for name in document.data.regressors:
+        if name in document.constants:
+            text = f"expected a name of its own, received {name}, which is a constant too: remove one of them"
+            yield Problem(place(("data", "regressors", name)), text)
     if document.kind == "continuous" and model.N is not None and model.R is not None:
         yield Problem("model.N", "expected Rc beside N (the noise that w correlates with), received R")
 
@@ -164,24 +170,30 @@ def numbers(found: Values, broken: frozenset[Path], without: set[str]) -> list[P
         return problems + [p for name in constant for p in _matrix(found, name, [])]
     instants = [Instant(k, found.t0 + k * found.dt) for k in range(min(found.document.experiment.steps, INSTANTS) + 1)]
     for name in SHAPES[found.document.kind]:
-        if name in sound:
+        if name in sound and not found.by_row(name):  # a regressor has its values with a record
             problems += _matrix(found, name, instants)
     return problems or _cross(found)
 
 
 def _cells(found: Values, name: str, broken: frozenset[Path], without: set[str]) -> Iterator[Problem]:
     """The cells with unknown names, and the constant ones that have no value."""
-    known = [*found.document.constants, *sorted(VARYING[found.document.kind].get(name, set()))]
+    columns = found.document.data.regressors
+    known = [*found.document.constants, *sorted(VARYING[found.document.kind].get(name, set())), *(columns if name in BY_ROW else ())]
     for index, cell in found.cells(name):
         path: Path = ("model", name, *index)
         if path in broken:
             continue
         try:
             cell.check(known)
-            if cell.constant and not cell.names & without:
+            if cell.constant and not cell.names & without and not found.named(cell):
                 cell.value(found.constants)
         except ExpressionError as error:
-            yield Problem(place(path), str(error))
+            hint, strange = "", sorted(cell.names - set(known) - VARIABLES.keys())
+            if strange and strange[0] in columns:
+                hint = f" ({strange[0]} is a column of the record: it may stand in {', '.join(BY_ROW[:-1])} and B)"
+            elif strange and name in BY_ROW and "did you mean" not in str(error):
+                hint = f'; a column of a record is declared, regressors = {{ {strange[0]} = "COLUMN" }} under [data], or --regressor'
+            yield Problem(place(path), f"{error}{hint}")
 
 
 def _settings(found: Values, dt: bool, t0: bool, without: set[str]) -> list[Problem]:
@@ -242,6 +254,8 @@ def _cross(found: Values) -> list[Problem]:
     if not found.given("N"):
         return []
     Q, R = ("Q", "Rc") if found.document.kind == "continuous" else ("Qd", "R")
+    if found.by_row(R):
+        return []
     moving = [name for name in (("F", "G", "Rc") if found.document.kind == "continuous" else ()) if found.varies(name)]
     if moving:
         return [

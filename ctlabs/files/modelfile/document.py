@@ -12,13 +12,14 @@ from pathlib import Path as FilePath
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ctlabs.files.mapping import Mapping
 from ctlabs.files.modelfile import build, checks, edits, schema
 from ctlabs.files.modelfile.errors import ModelFileError, Path, Problem, meant, place, shown
+from ctlabs.files.modelfile.expressions import VARIABLES
 from ctlabs.files.modelfile.toml import LARGEST, decoded, parsed, too_large
-from ctlabs.files.modelfile.values import Instant, Values
+from ctlabs.files.modelfile.values import BY_ROW, Instant, Regressors, Values
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
 
@@ -158,8 +159,55 @@ class ModelFile:
 
     @property
     def driven(self) -> bool:
-        """Whether the model has a known input that the file does not give: B without u."""
-        return self._values.given("B") and not self._values.given("u")
+        """Whether the model has a known input that the file does not give: B or D without u."""
+        return (self._values.given("B") or self._values.given("D")) and not self._values.given("u")
+
+    @property
+    def inputs(self) -> int:
+        """Number of known inputs."""
+        return self._values.sizes.r
+
+    @property
+    def moved(self) -> bool:
+        """Whether a known input moves the state: B."""
+        return self._values.given("B")
+
+    @property
+    def regressors(self) -> tuple[str, ...]:
+        """The columns of a record that elements of H, R, D, B or the measurement offset name."""
+        values = self._values
+        used = {name for matrix in BY_ROW if values.given(matrix) for _, cell in values.cells(matrix) for name in values.named(cell)}
+        return tuple(name for name in self._document.data.regressors if name in used)
+
+    @property
+    def unknown(self) -> tuple[str, ...]:
+        """Names in H, R, D, B or the measurement offset that the file does not declare: perhaps columns of a record.
+
+        >>> from ctlabs.files.modelfile import ready
+        >>> ready("local_level").edit(("model", "H", 0, 0), "price").unknown
+        ('price',)
+        """
+        document = self._read.document
+        if document is None:
+            return ()
+        values = Values(document, {}, self.name)
+        known = {*document.constants, *document.data.regressors, *VARIABLES}
+        cells = (cell for matrix in BY_ROW if values.given(matrix) for _, cell in values.cells(matrix))
+        return tuple(dict.fromkeys(name for cell in cells for name in sorted(cell.names) if name not in known))
+
+    def declaring(self, columns: Table[str, str]) -> ModelFile:
+        """The same file with further regressors {name: column of the record} in its table [data]."""
+        changed = self
+        for name, column in columns.items():
+            if not isinstance(changed._data.get("data"), dict) or "regressors" not in changed._data["data"]:
+                changed = changed.edit(("data", "regressors"), {name: column})
+            else:
+                changed = changed.edit(("data", "regressors", name), column)
+        return changed
+
+    def absent(self, regressors: Regressors) -> NDArray[np.bool_]:
+        """The elements of z, (steps+1, m), that cannot be used, as a regressor beside them has no value."""
+        return replace(self._values, regressors=regressors).absent(len(regressors.lines))
 
     @property
     def varying(self) -> tuple[str, ...]:
@@ -202,7 +250,11 @@ class ModelFile:
         return build.continuous(self._values)
 
     def discrete(
-        self, steps: int | None = None, times: ArrayLike | None = None, inputs: Array | None = None
+        self,
+        steps: int | None = None,
+        times: ArrayLike | None = None,
+        inputs: Array | None = None,
+        regressors: Regressors | None = None,
     ) -> DiscreteModel:
         """The discrete model that the commands filter with.
 
@@ -215,15 +267,17 @@ class ModelFile:
         steps : how many steps, where matrices vary; those of [experiment] by default
         times : (steps+1,), s, increasing, instead of t0, t0 + dt, …; ``times[0]`` is the instant of x0 and P0. A discrete
             file takes only times dt apart. Where they are not equally spaced, ``dt`` of the model is the mean interval.
-        inputs : (steps, r), a record's known inputs for B of a file without u; each acts over the interval that follows
+        inputs : (steps+1, r), a record's known inputs in place of u: each acts over the interval that follows (B), and
+            enters the measurement at its instant (D)
+        regressors : columns of a record that elements name, by instants
 
         Raises
         ------
         ModelFileError, ValueError
             A value that is missing or not allowed at a time, with its place; times that do not increase or that a
-            discrete file cannot follow, with their row.
+            discrete file cannot follow, with their row; a regressor without a record.
         """
-        return build.discrete(self._values, steps, times, inputs)
+        return build.discrete(self._values, steps, times, inputs, regressors)
 
     # --- problems ------------------------------------------------------------------------------------------------------
 
@@ -451,8 +505,8 @@ class ModelFile:
         return f"<ModelFile {self.name or 'without a name'}, {self.dumps().count(chr(10))} lines>"
 
 
-def load(path: str | FilePath) -> ModelFile:
-    """The model file at a path, or from the standard input ("-").
+def load(path: str | FilePath, *, check: bool = True) -> ModelFile:
+    """The model file at a path, or from the standard input ("-"); ``check`` as for :func:`loads`.
 
     Raises
     ------
@@ -472,7 +526,7 @@ def load(path: str | FilePath) -> ModelFile:
         raise ModelFileError(
             Problem("", f"expected a file that can be read, received: {error.strerror}"), str(path)
         ) from None
-    return loads(decoded(content, name), name)
+    return loads(decoded(content, name), name, check=check)
 
 
 def loads(text: str, name: str = "model.toml", *, check: bool = True) -> ModelFile:

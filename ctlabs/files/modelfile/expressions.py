@@ -18,15 +18,19 @@ from __future__ import annotations
 
 import graphlib
 import math
+import operator
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from ctlabs.files.modelfile import notation
 from ctlabs.files.modelfile.errors import meant, shown
 from ctlabs.files.modelfile.notation import Step
+from ctlabs.linalg.checks import Array
 
 #: Longest expression, in characters.
 LENGTH = 1000
@@ -56,6 +60,10 @@ FUNCTIONS: dict[str, Callable[..., float]] = {
 }
 #: The time, s, and the index of the step.
 VARIABLES = {"t": "the time", "k": "the index of the step"}
+#: Operations that a whole column takes at once, with the same rounding.
+ARITHMETIC: dict[str, Callable[[Any, Any], Any]] = {
+    "+": operator.add, "-": operator.sub, "*": operator.mul, "/": operator.truediv, "^": operator.pow,
+}  # fmt: skip
 #: Names that no constant may have.
 RESERVED = {*CONSTANTS, *FUNCTIONS, *VARIABLES}
 #: What people type for what is meant.
@@ -131,6 +139,31 @@ class Expression:
                 first = len(stack) - step.arity
                 stack[first:] = [_applied(step, stack[first:])]
         return stack[0]
+
+    def many(self, names: Mapping[str, Array | float]) -> Array | None:
+        """Its values for arrays of names at once; None where :meth:`value` has more to say, or a function could round otherwise.
+
+        >>> parse("2*x^2").many({"x": np.array([1.0, 3.0])})
+        array([ 2., 18.])
+        """
+        stack: list[Any] = []
+        with np.errstate(all="ignore"):
+            for step in self.program:
+                if step.kind == "number" or (step.kind == "name" and step.what in CONSTANTS):
+                    stack.append(step.value)
+                elif step.kind == "name":
+                    stack.append(names[step.what])
+                elif step.what not in ARITHMETIC or step.kind == "call":
+                    return None
+                elif step.kind == "unary":
+                    stack[-1] = -stack[-1]
+                else:
+                    right = stack.pop()
+                    if step.what == "^" and not (np.ndim(right) == 0 and right in (1, 2)):
+                        return None
+                    stack[-1] = ARITHMETIC[step.what](stack[-1], right)
+        result = np.asarray(stack[0], dtype=np.float64)
+        return result if np.isfinite(result).all() else None
 
     def check(self, known: Collection[str]) -> None:
         """Refuse a name that is not ``known``, whatever the values."""

@@ -134,7 +134,9 @@ class _Model(_Table):
     measurement_units: tuple[Label, ...] | None = None
     H: Matrix
     B: Matrix | None = None
+    D: Matrix | None = None
     u: Vector | None = None
+    measurement_offset: Vector | None = None
     N: Matrix | None = None
     x0: Vector | None = None
     P0: Matrix
@@ -191,6 +193,9 @@ class Data(_Table):
     time_unit: Text = ""
     t0: Text = ""
     inputs: Annotated[tuple[Annotated[str, PlainValidator(_name)], ...], AfterValidator(_distinct)] = ()
+    u0: tuple[Annotated[float, PlainValidator(_factor)], ...] = ()
+    regressors: dict[Annotated[str, PlainValidator(_constant_name)], Text] = {}
+    record: Text = ""
     missing: tuple[Annotated[str, PlainValidator(_word)], ...] = ()
     scale: dict[str, Annotated[float, PlainValidator(_factor)]] = {}
     decimal: Text = ""
@@ -396,10 +401,10 @@ def _shape(path: Path) -> str:
         return MEANINGS.get(str(path[0]), "a value")
     key, depth = str(path[1]), len(path)
     if path[0] == "data":
-        return "a table NAME = value" if key in {"columns", "scale"} else "a list of texts in quotes"
+        return "a table NAME = value" if key in {"columns", "scale", "regressors"} else "a list of texts in quotes"
     if key in {"states", "units", "measurements", "measurement_units", "algorithms"}:
         return "a list of texts in quotes"
-    if key in {"x0", "u", "offset"}:
+    if key in {"x0", "u", "offset", "measurement_offset"}:
         return "a list of numbers or expressions"
     return (
         "a list of rows, each a list of numbers or expressions"

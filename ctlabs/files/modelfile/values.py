@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple, overload
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ctlabs.files.modelfile.errors import ModelFileError, Path, Problem, place
 from ctlabs.files.modelfile.expressions import Expression, ExpressionError
@@ -25,10 +27,15 @@ VARYING: dict[str, dict[str, set[str]]] = {
         "Rc": {"t"},
         "u": {"t", "k"},
         "H": {"t", "k"},
+        "D": {"t", "k"},
+        "measurement_offset": {"t", "k"},
         "R": {"t", "k"},
     },
-    "discrete": {name: {"t", "k"} for name in ("Phi", "Qd", "offset", "B", "u", "H", "R")},
+    "discrete": {name: {"t", "k"} for name in ("Phi", "Qd", "offset", "B", "u", "H", "D", "measurement_offset", "R")},
 }
+#: The matrices whose elements may name columns of a record (regressors); what belongs to a measurement, element by element.
+BY_ROW = ("H", "R", "D", "measurement_offset", "B")
+MEASURED = ("H", "R", "D", "measurement_offset")
 
 
 class Instant(NamedTuple):
@@ -64,6 +71,21 @@ class Instants(Sequence[Instant]):
         return Instant(self.begin + k, float(self.t[k]))
 
 
+class Regressors(NamedTuple):
+    """Columns of a record by instants.
+
+    ``values`` {name: (steps+1,)}, NaN where there is none · ``lines`` (steps+1,), where they stand, 0 without a row · ``source``, the file
+    """
+
+    values: Mapping[str, Array]
+    lines: Array
+    source: str
+
+    def place(self, k: int) -> str:
+        """Where an instant is in the file."""
+        return f"{self.source}: line {self.lines[k]}" if self.lines[k] else f"{self.source}: k = {k}, which has no row"
+
+
 class Sizes(NamedTuple):
     """States, measurements, noises (of a continuous model), known inputs."""
 
@@ -80,14 +102,31 @@ class Values:
     document: Document
     constants: Mapping[str, float]
     file: str = ""
+    regressors: Regressors | None = None
 
     def given(self, name: str) -> bool:
         """Whether the file has this matrix."""
         return getattr(self.document.model, name, None) is not None
 
     def varies(self, name: str) -> bool:
+        """Whether a matrix depends on t or k, or on a regressor."""
+        return self.in_time(name) or self.by_row(name)
+
+    def in_time(self, name: str) -> bool:
         """Whether a matrix depends on t or k."""
         return self.given(name) and any(not cell.constant for _, cell in self.cells(name))
+
+    def by_row(self, name: str) -> bool:
+        """Whether an element of a matrix names a regressor."""
+        return self.given(name) and any(self.named(cell) for _, cell in self.cells(name))
+
+    def named(self, cell: Expression) -> frozenset[str]:
+        """The regressors in a cell."""
+        return cell.names & self._declared
+
+    @cached_property
+    def _declared(self) -> frozenset[str]:
+        return frozenset(self.document.data.regressors)
 
     def cells(self, name: str) -> Iterator[tuple[tuple[int, ...], Expression]]:
         """The cells of a matrix, a vector or a number, with their indices."""
@@ -100,8 +139,8 @@ class Values:
     def function(self, name: str) -> Callable[[Instant], Array]:
         """A matrix as a function of the instant; only what varies is computed again."""
         cells = list(self.cells(name))
-        moving = [(index, cell) for index, cell in cells if not cell.constant]
-        still = self._filled(name, [pair for pair in cells if pair[1].constant])
+        moving = [(index, cell) for index, cell in cells if not cell.constant or self.named(cell)]
+        still = self._filled(name, [(index, cell) for index, cell in cells if cell.constant and not self.named(cell)])
         allowed = VARYING[self.document.kind].get(name, set())
 
         def at(instant: Instant) -> Array:
@@ -109,13 +148,34 @@ class Values:
             variables = {"t": instant.t, "k": float(instant.k)}
             names = {**self.constants, **{letter: variables[letter] for letter in allowed}}
             for index, cell in moving:
+                own = self._row(name, index, cell, instant.k)
+                if any(math.isnan(value) for value in own.values()):
+                    continue  # not measured there: see absent
                 try:
-                    result[index] = cell.value(names)
+                    result[index] = cell.value({**names, **own})
                 except ExpressionError as error:
-                    raise self.error(("model", name, *index), f"{instant}: {error}") from None
+                    where = self.regressors.place(instant.k) if own and self.regressors else str(instant)
+                    raise self.error(("model", name, *index), f"{where}: {error}") from None
             return result
 
         return at if moving else lambda _: still
+
+    def _row(self, name: str, index: tuple[int, ...], cell: Expression, k: int) -> dict[str, float]:
+        """The regressors of a cell at an instant."""
+        names = self.named(cell)
+        if not names:
+            return {}
+        if self.regressors is None:
+            raise self.without_record(("model", name, *index), min(names))
+        return {each: float(self.regressors.values[each][k]) for each in names}
+
+    def without_record(self, path: Path, regressor: str) -> ModelFileError:
+        """What a regressor asks for."""
+        text = (
+            f'expected a record with "{regressor}", a regressor, received none: filter, fit and forecast read one; '
+            f"to do without, declare it under [constants] (--set {regressor}=VALUE then changes it), not under [data]"
+        )
+        return self.error(path, text)
 
     def at(self, name: str, instant: Instant) -> Array:
         """A matrix at an instant."""
@@ -123,7 +183,38 @@ class Values:
 
     def stack(self, name: str, instants: Iterable[Instant]) -> Array:
         """A matrix at many instants, (instants, rows, columns)."""
-        return np.array(list(map(self.function(name), instants)))
+        instants = list(instants)
+        quick = self._quickly(name, [instant.k for instant in instants]) if self.by_row(name) else None
+        return np.array(list(map(self.function(name), instants))) if quick is None else quick
+
+    def _quickly(self, name: str, k: list[int]) -> Array | None:
+        """A matrix whose elements name regressors, with one operation for all instants; None where an element has t, k or no value."""
+        if self.regressors is None or self.in_time(name):
+            return None
+        cells = list(self.cells(name))
+        result = np.empty((len(k), *self.shape(name)))
+        result[:] = self._filled(name, [(index, cell) for index, cell in cells if not self.named(cell)])
+        for index, cell in cells:
+            if names := self.named(cell):
+                rows = {each: np.asarray(self.regressors.values[each])[k] for each in names}
+                there = np.isfinite(list(rows.values())).all(axis=0)
+                values = cell.many({**self.constants, **{each: row[there] for each, row in rows.items()}})
+                if values is None:
+                    return None
+                result[(there, *index)] = values
+        return result
+
+    def absent(self, count: int) -> NDArray[np.bool_]:
+        """The elements of z, (count, m), that cannot be used, as a regressor beside them has no value."""
+        mask = np.zeros((count, self.sizes.m), dtype=bool)
+        for name in MEASURED if self.regressors is not None else ():
+            for index, cell in self.cells(name) if self.given(name) else ():
+                for each in self.named(cell):
+                    assert self.regressors is not None
+                    lacks = np.isnan(self.regressors.values[each])
+                    for i in index if name == "R" else index[:1]:
+                        mask[lacks, i] = True
+        return mask
 
     def shape(self, name: str) -> tuple[int, ...]:
         """The shape of a matrix."""
@@ -150,7 +241,8 @@ class Values:
         """How many of everything; the sizes of a checked document are consistent."""
         model: Any = self.document.model
         s = len(model.Q) if self.document.kind == "continuous" else 0
-        return Sizes(len(model.P0), len(model.H), s, len(model.B[0]) if model.B is not None else 0)
+        r = next((len(matrix[0]) for matrix in (model.B, model.D) if matrix is not None), 0)
+        return Sizes(len(model.P0), len(model.H), s, r)
 
     def error(self, path: Path, message: str) -> ModelFileError:
         """An error at a place of this file."""
