@@ -76,7 +76,7 @@ def _seed() -> Callable[[Callable[..., int]], Callable[..., int]]:
 
 @click.command("filter")
 @_options
-@click.argument("data", metavar="DATA.csv…", nargs=-1, required=True)
+@click.argument("data", metavar="DATA.csv", nargs=-1, required=True)
 @reading
 @click.option("--algorithm", metavar="NAME", help="A form of the filter: joseph, ud, srif, … (default: the model's).")
 @click.option("--smooth", is_flag=True, help="Estimates from the whole record too, forwards and backwards in time.")
@@ -307,7 +307,7 @@ def compare(
 
 @click.command()
 @_options
-@click.argument("data", metavar="DATA.csv…", nargs=-1, required=True)
+@click.argument("data", metavar="DATA.csv", nargs=-1, required=True)
 @reading
 @click.option(
     "--free", required=True, metavar="a,b", help="The constants to estimate; their values are where the search starts."
