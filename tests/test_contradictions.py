@@ -129,7 +129,9 @@ def test_the_cases_by_the_command(case: Mapping[str, Any], command: Command, tmp
     assert "No element was measured" not in report
     if right["contradiction"]:
         sentence = values["contradiction"]
-        assert f"row {right['row'] - 1} (t = {right['row']} s), z{right['element']} differs" in sentence
+        value = case["given"]["z"][right["row"]][right["element"]]
+        where = f"line {right['row'] + 1} (t = {right['row']}), where {value:.12g} was measured"
+        assert f"{where}, z{right['element']} differs" in sentence
         assert "−∞" in sentence
         assert "two sensors of one source" in sentence
         assert "impossible for this model" in printed
@@ -144,7 +146,7 @@ def test_the_cases_by_the_command(case: Mapping[str, Any], command: Command, tmp
 def test_improbable_is_not_impossible_but_deserves_a_word(command: Command) -> None:
     """R = 1e-12 and values 0.1 apart."""
     case = next(param.values[0] for param in FILTER if param.id == "k4_nearly_perfect")
-    assert "z0 at row 1 lies 71000 standard deviations from its prediction" in command("filter", case)[2]["suggestion"]
+    assert "z0 = 3.1 in line 3 (t = 2) is an outlier, 82000 σ from the 3 that" in command("filter", case)[2]["suggestion"]
 
 
 def test_a_record_without_measurements(command: Command) -> None:

@@ -40,7 +40,8 @@ class Shocks:
     ``outlier`` (steps+1, m), τ of a value added to z_k, NaN where an element is not measured · ``outlier_size``, that value ·
     ``shock`` (steps+1, n), τ of a value added to x_k, NaN where no later measurement shows it · ``shock_size``, that value ·
     ``start``, of the initial estimate; None where the record began without information. Of the instants of such a beginning
-    nothing is known (NaN), nor of a value added to x_0 alone, which is the initial estimate's
+    nothing is known (NaN), nor of a value added to x_0 alone, which is the initial estimate's; nor up to an instant whose S
+    rounding has made singular
     """
 
     outlier: Array
@@ -84,7 +85,7 @@ def shocks(filtered: Filtered) -> Shocks:
     if begin < rows:
         engine.backward(engine.Passed(system.Phi, M, system.H, *own), begin, told)
     start = None
-    if begin == 0:
+    if begin == 0 and np.isfinite(told.N0).all():
         start = _moved(told.r[0], told.N0)
         told.r[0] = np.nan
     return Shocks(*_judged(told.u, told.D), *_judged(told.r, told.N), start)
@@ -92,7 +93,7 @@ def shocks(filtered: Filtered) -> Shocks:
 
 def _judged(score: Array, information: Array) -> tuple[Array, Array]:
     """τ and δ; NaN where there is no information."""
-    there = information > 0
+    there = (information > 0) & np.isfinite(information) & np.isfinite(score)
     safe = np.where(there, information, 1.0)
     return np.where(there, score / np.sqrt(safe), np.nan), np.where(there, score / safe, np.nan)
 
