@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ctlabs import DiscreteModel, diagnose, fit, forecast, kalman_filter, smooth
-from ctlabs.files import datafile, modelfile, read_records, reading
+from ctlabs.files import clock, datafile, modelfile, read_records, reading
 from ctlabs.files.mapping import Mapping
 from ctlabs.filtering import log_likelihood
-from ctlabs.studies import analysis, clock, comparison, filtering, fitting, forecasting, several, simulation
+from ctlabs.studies import analysis, comparison, filtering, fitting, forecasting, several, simulation
 from tests import reference
 from tests.reference import EXACT, close
 

@@ -11,11 +11,11 @@ import pytest
 from scipy.optimize import minimize
 
 from ctlabs.analysis import sensitivity
-from ctlabs.files import datafile, modelfile
+from ctlabs.files import clock, datafile, modelfile
 from ctlabs.filtering import steady
 from ctlabs.filtering.algorithms import catalogue
 from ctlabs.reporting import render
-from ctlabs.studies import analysis, clock, common, comparison, filtering, fitting, second, simulation
+from ctlabs.studies import analysis, common, comparison, filtering, fitting, second, simulation
 from tests import reference
 from tests.nile import FLOW, Q, R
 from tests.reference import SOLVER, close
