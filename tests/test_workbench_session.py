@@ -409,7 +409,7 @@ def test_understanding_is_the_librarys(session: Session) -> None:
     np.testing.assert_allclose(transfer.den, den, rtol=EXACT)
     late = np.exp(-1j * found.bode.value.w * model.dt)
     response = np.polyval(num[::-1], late) / np.polyval(den[::-1], late)
-    np.testing.assert_allclose(found.bode.value.gain[1], np.abs(response), rtol=SOLVER)
+    np.testing.assert_allclose(found.bode.value.response[transfer.name], response, rtol=SOLVER)
     plan = covariances(model, file.experiment.steps, first=file.experiment.first)
     np.testing.assert_array_equal(found.transient.value.P_minus, plan.P_minus)
     assert session.understand() is found
