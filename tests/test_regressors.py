@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ctlabs import DiscreteModel, diagnose, fit, forecast, kalman_filter, smooth
-from ctlabs.files import clock, datafile, modelfile, read_records, reading
+from ctlabs.files import clock, datafile, look, modelfile, read_records, reading
 from ctlabs.files.mapping import Mapping
 from ctlabs.filtering import log_likelihood
 from ctlabs.studies import analysis, comparison, filtering, fitting, forecasting, several, simulation
@@ -447,3 +447,11 @@ def test_a_forecast_of_the_library_adds_what_is_known():
     model = DiscreteModel([[1]], [[1]], [[1]], [[1]], P0=[[1]], D=[[2]], measurement_offset=[5], first=0)
     ahead = forecast(model, kalman_filter(model, [6.0, 7.0], u=[[0.0], [0.5]]), 2, u=[[0.5], [1.0], [2.0]])
     assert close(ahead.z[:, 0] - ahead.x[:, 0], [7, 9], EXACT)
+
+
+def test_a_look_suggests_the_columns_that_the_model_names():
+    """Also where case and unit differ."""
+    told = Mapping(regressors={"price": "price", "hdop": "HDOP"}, record="run")
+    found = look.survey(b"run,y,Price [EUR],HDOP\nA,1,2,3\nB,4,5,6\n", "d.csv", told, ["y"])
+    assert 'regressors = { price = "Price [EUR]", hdop = "HDOP" }\nrecord = "run"' in found.data
+    assert found.options == '--regressor price="Price [EUR]" --regressor hdop=HDOP --record-column run'

@@ -269,7 +269,14 @@ def _suggested(
     if absent:
         keys["missing"] = list(absent)
         options += [("--missing", word) for word in absent]
-    for key in ("inputs", "scale", "decimal", "thousands", "blank", "encoding", "skip"):
+    known = [c.name for c in columns]
+    rows = {name: column if column in known else likely(column, free) or "COLUMN" for name, column in mapping.regressors.items()}
+    if rows:
+        keys["regressors"] = rows
+        options += [("--regressor", f"{name}={column}") for name, column in rows.items()]
+    if mapping.record:
+        options.append(("--record-column", mapping.record))
+    for key in ("inputs", "u0", "record", "scale", "decimal", "thousands", "blank", "encoding", "skip"):
         if getattr(mapping, key):
             keys[key] = getattr(mapping, key)
     lines = ["[data]"]

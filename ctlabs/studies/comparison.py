@@ -19,6 +19,7 @@ from ctlabs.filtering.comparison import Comparison, compare, flops, reference
 from ctlabs.filtering.filter import kalman_filter
 from ctlabs.filtering.results import Filtered
 from ctlabs.linalg.checks import Array
+from ctlabs.filtering.problem import by_instant
 from ctlabs.linalg.covariance import deviations
 from ctlabs.reporting.params import typed
 from ctlabs.reporting.plots import studies as pictures
@@ -281,7 +282,7 @@ def _case(model: ModelFile, record: Record | None, seed: int, steps: int | None)
     if record is None:
         length = min(steps or model.experiment.steps, affordable)
         discrete = model.discrete(steps=length)
-        z = montecarlo.simulate(discrete, length, 1, seed, first).z[:, :, 0]
+        z = by_instant(montecarlo.simulate(discrete, length, 1, seed, first).z, first)[:, :, 0]
         return Case(discrete, z, first, steps is None and length < model.experiment.steps)
     discrete, z, _t = timed(model, record)
     length = min(len(z) - 1, affordable)
