@@ -17,9 +17,9 @@ from ctlabs.files.clock import timed
 from ctlabs.filtering.algorithms.catalogue import FORMS
 from ctlabs.filtering.comparison import Comparison, compare, flops, reference
 from ctlabs.filtering.filter import kalman_filter
+from ctlabs.filtering.problem import by_instant
 from ctlabs.filtering.results import Filtered
 from ctlabs.linalg.checks import Array
-from ctlabs.filtering.problem import by_instant
 from ctlabs.linalg.covariance import deviations
 from ctlabs.reporting.params import typed
 from ctlabs.reporting.plots import studies as pictures
