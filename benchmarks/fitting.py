@@ -17,17 +17,15 @@ from ctlabs.analysis.fitting import Fit
 from ctlabs.models.discretisation import intervals
 
 IRREGULAR, REGULAR = 2_000, 100_000
-#: A position whose speed has a memory of tau, driven with the strength q, and a sensor of variance r with a lag of its own.
-TRUTH = {"tau": 4.0, "q": 0.5, "r": 0.2, "lag": 0.5}
+#: A position whose speed has a memory of tau and is driven with the strength q; sensors of the position and the speed, of variances r, s.
+TRUTH = {"tau": 4.0, "q": 0.5, "r": 0.2, "s": 0.3}
 POSITIVE = dict.fromkeys(TRUTH, (0.0, None))
-START = {"tau": 10.0, "q": 2.0, "r": 1.0, "lag": 1.0}
+START = {"tau": 10.0, "q": 2.0, "r": 1.0, "s": 1.0}
 
 
 def continuous(c: dict[str, float]) -> ContinuousModel:
-    """Speed and what the sensor shows of it."""
-    return ContinuousModel(
-        [[-1 / c["tau"], 0], [1 / c["lag"], -1 / c["lag"]]], [[1], [0]], [[c["q"]]], [[0, 1]], P0=np.eye(2)
-    )
+    """Position and speed."""
+    return ContinuousModel([[0, 1], [0, -1 / c["tau"]]], [[0], [1]], [[c["q"]]], np.eye(2), P0=np.eye(2))
 
 
 def sampled(times: np.ndarray) -> Callable[[dict[str, float]], DiscreteModel]:
@@ -39,7 +37,7 @@ def sampled(times: np.ndarray) -> Callable[[dict[str, float]], DiscreteModel]:
         model = continuous(c)
         Phi, Qd, _Gamma = intervals(model.F, model.G @ model.Q @ model.G.T, lengths)
         one = len(lengths) == 1
-        return DiscreteModel(Phi[0] if one else Phi[which], Qd[0] if one else Qd[which], model.H, [[c["r"]]], P0=model.P0)
+        return DiscreteModel(Phi[0] if one else Phi[which], Qd[0] if one else Qd[which], model.H, np.diag([c["r"], c["s"]]), P0=model.P0)
 
     return build
 

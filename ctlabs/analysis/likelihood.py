@@ -123,7 +123,8 @@ class Likelihood:
 
     def matrices(self, values: Array) -> Array:
         """All the numbers of the models with these values."""
-        return np.concatenate([gathered(piece.problem(self.names, values)) for piece in self.records])
+        problems = [piece.problem(self.names, values) for piece in self.records]
+        return np.concatenate([part for each in problems for part in (gathered(each), np.nan_to_num(each.z).ravel())])
 
     def extra(self, values: Array) -> float:
         """What the measurements that determine something unknown contribute."""

@@ -25,6 +25,8 @@ DRAWN = (0.5, 1.2)
 CONVERGED = 1e-8
 #: The gain that a point of a profile may leave to its model, which adds it.
 PROFILED = 1e-5
+#: Steps at most to the end of an interval, and to each point of a profile.
+AGAIN = 30
 #: The step of the differences of slopes that give a Hessian, in standard deviations.
 STEP = 0.02
 #: How near to the end of an interval (in standard deviations) a last step of Newton's finds it to 1e-6.
@@ -393,9 +395,9 @@ class _Path:
         if known is None and np.isfinite(own := self.top.hessian[np.ix_(self.others, self.others)]).all():
             known = own
         rest = self.f.without(x, self.i)
-        found = climb(rest, x[self.others], rest.box.log, known, left=PROFILED)
+        found = climb(rest, x[self.others], rest.box.log, known, left=PROFILED, steps=AGAIN)
         if not np.isfinite(found.value):
-            found = climb(rest, self.top.at[self.others], rest.box.log, None, left=PROFILED)
+            found = climb(rest, self.top.at[self.others], rest.box.log, None, left=PROFILED, steps=AGAIN)
         if np.isfinite(found.curvature).all():
             self.bends[float(x[self.i])] = found.curvature
         full = np.array(x)
@@ -411,7 +413,7 @@ def _end(path: _Path, side: int) -> float:
     if path.log[i]:  # the logarithm is nearer to normal
         d = abs(at * np.expm1(side * min(d / at, 3.0)))
     value = at + side * d
-    for _again in range(60):
+    for _again in range(AGAIN):
         value = max(value, bound) if side < 0 else min(value, bound)
         height = path(value)
         score = min(float(np.sqrt(2 * max(top - height, 0.0))), 30.0)  # nearly straight

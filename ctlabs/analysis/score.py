@@ -26,8 +26,11 @@ STEP = 1e-3
 SMOOTH = 1e-5
 #: What rounding may leave of a derivative before a longer step is tried.
 ROUGH = 1e-10
+#: Matrices that are so nearly quadratic in a constant are taken from two neighbours for so many scores.
+QUADRATIC, TRUSTED = 1e-10, 10
 #: Weights of the derivative at steps of h; the second row is of an order less, to compare with.
 CENTRAL = (np.array([-2, -1, 1, 2]), np.array([[1, -8, 8, -1], [0, -6, 6, 0]]) / 12)
+PAIR = (np.array([-1, 1]), np.array([[-1, 1], [-1, 1]]) / 2)
 FORWARD = (np.array([0, 1, 2, 3, 4]), np.array([[-25, 48, -36, 16, -3], [-18, 24, -6, 0, 0]]) / 12)
 
 
@@ -40,6 +43,7 @@ class Score:
     def __init__(self, posed: Posed, box: Box) -> None:
         self.posed, self.box = posed, box
         self.part = np.full(len(box.start), STEP)  # of the size, each constant's step
+        self.trust = np.zeros(len(box.start), dtype=int)  # for how many scores two neighbours do
         self.size = np.where(box.log, 0.0, np.where(box.start != 0, np.abs(box.start), box.size))
 
     def __call__(self, values: Array) -> tuple[float, Array] | None:
@@ -63,60 +67,72 @@ class Score:
                 self.part[i] /= 8
                 continue
             change, other, level = stencil
-            total = float(np.abs(weights) @ np.abs(change))
+            own_weights = weights[: len(change)]  # data that no constant moves are left out
+            total = _sum(np.abs(own_weights), np.abs(change))
             if total == 0:  # no matrix that the likelihood knows depends on it, or the step is below their last digits
                 if self.part[i] >= STEP:
                     return 0.0
                 self.part[i] *= 64
                 continue
-            curved = float(np.abs(weights) @ np.abs(change - other)) / total
-            rounded = float(np.abs(weights) @ level) / total
+            curved = _sum(np.abs(own_weights), np.abs(change - other)) / total
+            rounded = _sum(np.abs(own_weights), level) / total
             error = curved**2 + rounded
             if error < lowest:
-                best, lowest = float(weights @ change), error
+                best, lowest = _sum(own_weights, change), error
             if curved > max(SMOOTH, 20 * rounded):
                 self.part[i] /= 8
             elif rounded > ROUGH and curved < max(SMOOTH / 64, 20 * rounded) and self.part[i] < 1e12:
                 self.part[i] *= 8
             else:
-                return float(weights @ change)
+                if self.trust[i]:
+                    self.trust[i] -= 1
+                elif curved < max(QUADRATIC, 20 * rounded):
+                    self.trust[i] = TRUSTED
+                return _sum(own_weights, change)
         return best
 
     def _stencil(self, values: Array, i: int, h: float, own: Slopes) -> tuple[Array, Array, Array] | None:
         """The change of the matrices with θ_i by fourth and by second order, and its rounding; ``None`` where neighbours are missing."""
         low, high = self.box.lower[i], self.box.upper[i]
-        for side, (places, rows) in ((1, CENTRAL), (1, FORWARD), (-1, FORWARD)):
+        for side, (places, rows) in ((1, PAIR if self.trust[i] else CENTRAL), (1, FORWARD), (-1, FORWARD)):
             points = values[i] + side * h * places
             if (points < low).any() or (points > high).any():
                 continue
             try:
-                found = np.array([gathered(self.posed(moved(values, i, point)), own.begun) for point in points])
+                near = [self.posed(moved(values, i, point)) for point in points]
+                found = np.array([gathered(each, own.begun) for each in near])
             except (ValueError, ArithmeticError):
                 continue
             if not np.isfinite(found).all():
                 continue
+            if not all(np.array_equal(each.z, own.found.z, equal_nan=True) for each in near):
+                found = np.hstack([found, [np.nan_to_num(each.z[:, :, 0]).ravel() for each in near]])
             step = (points[-1] - points[0]) / (side * (places[-1] - places[0]))  # as the points came out in doubles
-            change, other = side * rows @ (found - found[0]) / step
+            change, other = np.einsum("ij,jk->ik", side * rows / step, found - found[0])
             level = np.finfo(float).eps * np.abs(found).max(axis=0) * (found != found[0]).any(axis=0) / abs(step)
             return change, other, level
         return None
 
 
+def _sum(a: Array, b: Array) -> float:
+    """a·b, without the threads that a library starts for so little."""
+    return float((a * b).sum())
+
+
 def _along(own: Slopes) -> Array:
-    """∂ℓ by everything that :func:`gathered` gathers."""
+    """∂ℓ by everything that :func:`gathered` gathers, and by the data."""
     parts = [getattr(own, name) for name in MATRICES]
-    return np.concatenate([part.ravel() for part in parts if part is not None] + [own.z.ravel()] + ([np.ones(1)] if own.begun else []))
+    return np.concatenate([part.ravel() for part in parts if part is not None] + ([np.ones(1)] if own.begun else []) + [own.z.ravel()])
 
 
 def gathered(problem: Problem, begun: int = 0) -> Array:
-    """All that the likelihood depends on; after the ``begun`` instants of a vague start, what they leave."""
+    """All matrices of a problem; after the ``begun`` instants of a vague start, what they leave in place of x0 and P0."""
     model, last = problem.model, []
     x0, P0 = model.x0, np.where(np.isfinite(model.P0), model.P0, 0.0)
     if begun:
         left = beginning(problem, begun)
         x0, P0, last = left.x, left.P, [np.array([left.log_likelihood])]
     matrices = [getattr(model, name) for name in MATRICES[:-2]] + [x0, P0]
-    z = np.where(np.isnan(problem.z[:, :, 0]), 0.0, problem.z[:, :, 0])
     found = [np.where(np.isinf(part), 0.0, part).ravel() for part in matrices if part is not None]
-    return np.concatenate([*found, z.ravel(), *last])
+    return np.concatenate([*found, *last])
 

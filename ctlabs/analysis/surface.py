@@ -113,7 +113,7 @@ class Surface:
 
 
 def climb(
-    surface: Surface, x: Array, log: NDArray[np.bool_], curvature: Array | None = None, left: float = LEFT
+    surface: Surface, x: Array, log: NDArray[np.bool_], curvature: Array | None = None, left: float = LEFT, steps: int = STEPS
 ) -> Climbed:
     """A maximum next to x, on a bound if it is there.
 
@@ -126,7 +126,7 @@ def climb(
     if not np.isfinite(way.value):
         nothing = np.full(len(x), np.nan)
         return Climbed(x, way.value, nothing, np.full((len(x),) * 2, np.nan), np.inf)
-    for _step in range(STEPS):
+    for _step in range(steps):
         if not (way.step() or way.settle()):
             break
     return way.found()

@@ -28,8 +28,8 @@ LAST = np.finfo(float).eps / 4
 WIDEST = 2.0**400
 
 
-#: Short intervals that differ by less than this factor are sums of the same terms.
-SHORT = 256.0
+#: Intervals that need no more doublings than these, and differ by less than this factor, are sums of the same terms.
+FEW, SHORT = 2, 256.0
 
 
 class Interval(NamedTuple):
@@ -96,7 +96,7 @@ def interval(F: ArrayLike, W: ArrayLike, h: float) -> Interval:
 def intervals(F: ArrayLike, W: ArrayLike, h: ArrayLike) -> Interval:
     r"""Many intervals of one system: :func:`interval` of each, in stacks.
 
-    Intervals within a factor of 2 share their units, their doublings and the terms of the series (short ones, which need no doubling,
+    Intervals within a factor of 2 share their units, their doublings and the terms of the series (short ones, with :data:`FEW` doublings,
     within a factor :data:`SHORT`): with ρ = h/h_max,
 
     .. math:: \Phi = \sum_j\rho^jP_j, \qquad Q_d = h\sum_m\frac{\rho^mD_m}{m+1}, \qquad
@@ -131,7 +131,7 @@ def intervals(F: ArrayLike, W: ArrayLike, h: ArrayLike) -> Interval:
         while left.any():
             most = float(left.max())
             scaling = _scaling(F, W, most) if np.isfinite(F * most).all() else None
-            alike = left > most / (SHORT if scaling is not None and scaling[-1] == 0 else 2)
+            alike = left > most / (SHORT if scaling is not None and scaling[-1] <= FEW else 2)
             for whole, part in zip(found, _alike(F, W, lengths[alike], scaling), strict=True):
                 whole[alike] = part
             left[alike] = 0.0
@@ -184,7 +184,7 @@ def _alike(F: Array, W: Array, h: Array, scaling: tuple[Array, Array, float, int
         moved = A @ D[-1]
         D.append((moved + moved.T) / m)
     index, step = np.arange(len(D)), np.ldexp(h, -doublings)[:, None, None]
-    weights = (h / most)[:, None] ** index
+    weights = np.vander(h / most, len(D), increasing=True)
 
     def summed(terms: Array, divided: Array) -> Array:
         own = weights[:, : len(terms)] / divided[: len(terms)]
