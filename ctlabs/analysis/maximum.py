@@ -64,7 +64,7 @@ def search(f: Function, box: Box, starts: int = 2, slope: Slope | None = None) -
     """The highest maximum found from the start, and from the best of some other points.
 
     >>> box = Box(np.array([1.0]), np.array([0.0]), np.array([np.inf]))
-    >>> search(lambda x: float(3 * np.log(x[0]) - x[0]), box).at.round(9)
+    >>> search(lambda x: float(3 * np.log(x[0]) - x[0]), box).at.round(6)
     array([3.])
     """
     surface = Surface(f, box, slope)
