@@ -51,7 +51,7 @@ def main() -> int:
         (f"{REGULAR} rows at regular times", 0.5 * np.arange(REGULAR + 1), 10.0),
     ):
         build = sampled(times)
-        z = simulate(build(TRUTH), len(times) - 1, 1, seed=1).z[1:, :, 0]
+        z = simulate(build(TRUTH), len(times) - 1, 1, seed=1).z[:, :, 0]
         found = once(build, z)
         seconds = timed(lambda build=build, z=z: once(build, z))
         missed += seconds > limit

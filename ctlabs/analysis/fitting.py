@@ -34,6 +34,7 @@ from ctlabs.analysis.symmetry import folded, principal
 from ctlabs.filtering.results import Contradiction
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
+from ctlabs.linalg.threads import one_thread
 from ctlabs.models import DiscreteModel
 from ctlabs.text import _, fill
 
@@ -158,7 +159,8 @@ def fit(
     likelihood.at_start(given.start)
     way = _Search(likelihood, given, watch)
     try:
-        way.run(starts, profiles)
+        with one_thread():  # its matrices are small: threads that wait for each other cost more than they save
+            way.run(starts, profiles)
     except KeyboardInterrupt:
         way.stop()
     top, fixed, followed = way.top, way.fixed, way.followed

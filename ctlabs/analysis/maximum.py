@@ -25,6 +25,8 @@ DRAWN = (0.5, 1.2)
 CONVERGED = 1e-8
 #: The gain that a point of a profile may leave to its model, which adds it.
 PROFILED = 1e-5
+#: A slope, per standard deviation, with which a profile rises.
+RISING = 1e-3
 #: Steps at most to the end of an interval, and to each point of a profile.
 AGAIN = 30
 #: The step of the differences of slopes that give a Hessian, in standard deviations.
@@ -62,7 +64,7 @@ def search(f: Function, box: Box, starts: int = 2, slope: Slope | None = None) -
     """The highest maximum found from the start, and from the best of some other points.
 
     >>> box = Box(np.array([1.0]), np.array([0.0]), np.array([np.inf]))
-    >>> search(lambda x: float(3 * np.log(x[0]) - x[0]), box).at.round(9)
+    >>> search(lambda x: float(3 * np.log(x[0]) - x[0]), box).at.round(6)
     array([3.])
     """
     surface = Surface(f, box, slope)
@@ -295,6 +297,7 @@ def profile(
             path(path.between(end, side, part))
         if np.isfinite(end) and end not in path.values:
             path.values[end] = top.value - DROP
+    path.look()
     first, last = (path.between(end, side, 2.0) for side, end in zip((-1, 1), ends, strict=True))  # far beyond nothing is drawn
     known = sorted((v, value) for v, value in path.values.items() if np.isfinite(value) and first <= v <= last)
     return ends, Profile(*(np.array(column) for column in zip(*known, strict=True))), path.best
@@ -309,6 +312,7 @@ class _Path:
         self.known: dict[float, Array] = {float(top.at[i]): top.at}
         self.values: dict[float, float] = {float(top.at[i]): top.value}
         self.bends: dict[float, Array] = {}
+        self.higher: Array | None = None
         self.log = self.box.log & (top.at > 0)
         self.tangent = self._tangent()
         self.width = self._width()
@@ -316,7 +320,16 @@ class _Path:
     @property
     def best(self) -> Array:
         """The highest point met."""
-        return max(self.known.values(), key=self.f)
+        return max(self.known.values(), key=self.f) if self.higher is None else self.higher
+
+    def look(self) -> None:
+        """Where the profile rises away from the top, another peak may be higher: climb it."""
+        at = float(self.top.at[self.i])
+        for v, x in list(self.known.items()) if self.f.exact else []:
+            if v != at and np.isfinite(self.values[v]) and np.sign(v - at) * self.fall(v) * self.width > RISING:
+                found = climb(self.f, x, self.box.log)
+                if found.value > max(self.top.value, self.f(self.best)) + 1e-6:
+                    self.higher = found.at
 
     def __call__(self, value: float) -> float:
         if value not in self.known:
@@ -386,7 +399,9 @@ class _Path:
             rest = np.array([straight(self.known[v]) - node * tangent for v, node in zip(near, nodes, strict=True)])
             powers = np.arange(len(near))
             found = found + d * d * d**powers @ np.linalg.solve(nodes[:, None] ** powers, rest / nodes[:, None] ** 2)
-        x = np.where(self.log, at * np.exp(np.clip(found, -700, 700)), at + found)
+        close = straight(self.known[near[0]]) if near else np.zeros(len(at))
+        found = np.where(self.log & (np.abs(found - close) > 3), close, found)  # too far to be foreseen
+        x = np.where(self.log, at * np.exp(np.where(self.log, found, 0.0)), at + found)
         return np.asarray(np.clip(x, self.box.lower, self.box.upper))
 
     def _highest(self, x: Array) -> tuple[Array, float]:
@@ -398,7 +413,8 @@ class _Path:
         found = climb(rest, x[self.others], rest.box.log, known, left=PROFILED, steps=AGAIN)
         if not np.isfinite(found.value):
             found = climb(rest, self.top.at[self.others], rest.box.log, None, left=PROFILED, steps=AGAIN)
-        if np.isfinite(found.curvature).all():
+        deep = self.log[self.others] & (found.at < 1e-6 * self.top.at[self.others])  # there a curvature is that of logarithms
+        if np.isfinite(found.curvature).all() and not deep.any():
             self.bends[float(x[self.i])] = found.curvature
         full = np.array(x)
         full[self.others] = found.at
@@ -433,7 +449,8 @@ def _end(path: _Path, side: int) -> float:
                 return float(value)
         else:
             farthest = at + side * max(4 * abs(value - at), path.width)
-            value = side * min(side * newton, side * farthest)
+            near = path.log[i] and side < 0 and value < 0.1 * at  # logarithms never get there
+            value = bound if near else side * min(side * newton, side * farthest)
     return float(value)
 
 

