@@ -94,6 +94,7 @@ class TestLab:
                 for label in named:
                     assert re.search(r", \S+|\(.+\)", label) or DIMENSIONLESS.search(label), f"{block.name}: {label}"
 
+    @pytest.mark.slow
     def test_results_do_not_depend_on_anything_but_parameters_and_seed(self, name):
         """Two runs give the same results, drawn or not."""
         assert numbers(LABS[name]).results() == default(name).results()
