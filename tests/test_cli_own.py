@@ -59,7 +59,8 @@ class TestFiles:
         rows = list(csv.DictReader(io.StringIO((tmp_path / "nile/estimates.csv").read_text(encoding="utf-8"))))
         assert len(rows) == 100
         assert list(rows[0]) == [
-            "k", "t", "level", "level_sd", "innovation_flow", "innovation_sd_flow", "level_smoothed", "level_smoothed_sd",
+            "k", "t", "level", "level_sd", "level_smoothed", "level_smoothed_sd",
+            "predicted_flow", "predicted_sd_flow", "innovation_flow", "innovation_sd_flow",
         ]  # fmt: skip
         assert re.search(r"^log_likelihood +-641\.59$", ctlabs.out, re.MULTILINE)
         assert ctlabs.out.endswith(f"{Path('nile/report.html')}\n")

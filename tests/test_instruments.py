@@ -51,11 +51,11 @@ def test_the_analysis_of_an_instrument(name: str, analysed: Any) -> None:
         largest = max(abs(complex(*pole)) for pole in values["filter_poles"]["value"])
         assert abs((1 - largest) / (1 - wanted["largest_pole"]) - 1) < 1e-4
         assert "no steady filter" not in text
-        assert "dashed: the steady values" in text
+        assert "Dotted: the steady values" in text
         assert "1/k" not in text
     else:
         assert values["P_minus_steady"]["value"] is None
-        assert "dashed" not in text
+        assert "Dotted" not in text
         assert printed.count("expected") == 1
         assert printed.count("as above") == 6
     if "continuous" in right:
@@ -68,7 +68,7 @@ def test_a_heading_of_ninety_degrees_names_the_state_that_is_hidden(analysed: An
     """One verdict in all places: rank 1, not detectable, north."""
     values, text, printed = analysed(cases.INSTRUMENTS / "heading90.toml")
     assert (values["rank"]["value"], values["observable"]["value"], values["detectable"]["value"]) == (1, False, False)
-    assert "1 of 2 dimensions are never seen (eigenvalue 1 of the states north)." in text
+    assert "1 of 2 dimensions are never seen: eigenvalue 1 of the states north." in text
     assert "There is no steady filter: expected every mode with |eigenvalue| >= 1 to be measured" in text
     assert "north, which no measurement sees" in printed
 

@@ -56,7 +56,9 @@ class Part(Generic[Value]):
     @property
     def reason(self) -> str:
         """Why there is none, in one line; empty where there is one."""
-        return "" if self.error is None else " ".join(str(self.error).split()) or type(self.error).__name__
+        if self.error is None:
+            return ""
+        return " ".join(str(self.error).removeprefix("steady state: ").split()) or type(self.error).__name__
 
     @property
     def value(self) -> Value:

@@ -84,7 +84,11 @@ def singled_out(model: DiscreteModel, z: Array, first: int, level: float) -> Can
         changed, left = _without(changed, left, event, first)
     if not events:
         return None
-    return _judged(model, z, _confirmed(model, z, first, events, level), first)
+    events = _confirmed(model, z, first, events, level)
+    outliers = sum(len(event.rows) for event in events if event.kind == "outlier")
+    if 2 * outliers >= np.isfinite(z[first:]).sum():  # what half of a record does is no exception
+        return None
+    return _judged(model, z, events, first)
 
 
 def _outlier(found: Shocks, place: Place, z: Array, first: int, level: float) -> Event:

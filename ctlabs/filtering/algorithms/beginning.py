@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 DIGITS = 50
 #: Doubles are enough where two ways differ by less than this fraction of the standard deviations.
 SAME = 1e-8
+#: Of more instants than ``LONG``, for which many digits take seconds, this is enough.
+LONG, ENOUGH = 50, 1e-6
 #: What rounding leaves of an estimate beside any standard deviation.
 ROUNDED = 16 * EPS
 
@@ -85,7 +87,10 @@ def begin(record: Record, P0: Numbers) -> Beginning | None:
     """
     used, state = record.used.copy(), vague.start(record.model, P0)
     found = _instants(record, state)
-    if found is None or record.kind is not float or _same(found, _elsewhere(record, used)):
+    if found is None or record.kind is not float:
+        return found
+    other = _elsewhere(record, used)
+    if _same(found, other, SAME) or (found.rows > LONG and _same(found, other, ENOUGH)):
         return found
     record.used[:] = used
     return precisely(record, P0, state.sight)
@@ -133,15 +138,15 @@ def _elsewhere(record: Record, used: NDArray[np.bool_]) -> Beginning | None:
     )  # fmt: skip
 
 
-def _same(one: Beginning, other: Beginning | None) -> bool:
-    """Whether two beginnings have the same estimates and covariances, in units of the standard deviations."""
+def _same(one: Beginning, other: Beginning | None, part: float) -> bool:
+    """Whether two beginnings have the same estimates and covariances, to a part of the standard deviations."""
     if other is None or one.rows != other.rows or (one.used != other.used).any():
         return False
     pairs = [(one.x_minus, other.x_minus, one.P_minus, other.P_minus), (one.x_plus, other.x_plus, one.P_plus, other.P_plus)]
     ahead = (one.x, other.x, one.P, other.P)
     if all(part is not None for part in ahead):
         pairs.append(ahead)  # type: ignore[arg-type]  # just seen
-    return all(close(*pair, SAME) for pair in pairs)
+    return all(close(*pair, part) for pair in pairs)
 
 
 def precisely(record: Record, P0: Numbers, sight: Array) -> Beginning | None:

@@ -35,18 +35,18 @@ def run(problem: Problem, form: str, kind: Any = float, *, own_start: bool = Fal
     given = model.P0
     record = Record(model, data, kind, entering(problem))
     steps, runs = len(data) - 1, data.shape[2]
-    begun = None if form == "steady" else beginning.begin(record, contract.numbers(given, kind))
-    own = None if own_start and np.isfinite(given).all() else begun
+    itself = form == "steady" or (own_start and bool(np.isfinite(given).all()))
+    begun = None if itself else beginning.begin(record, contract.numbers(given, kind))
     out = _Histories(steps, model.n, model.m, runs)
     seconds, begin, k = 0.0, 0, 0
-    if own is not None:
-        begin = out.begin(own)
+    if begun is not None:
+        begin = out.begin(begun)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # overflows are reported below, with their time
         try:
-            if own is None:
+            if begun is None:
                 state = how.start(model, contract.numbers(given, kind))
-            elif own.x is not None and own.P is not None:
-                state = taken_over(how, model, own.x, own.P)
+            elif begun.x is not None and begun.P is not None:
+                state = taken_over(how, model, begun.x, begun.P)
             for k in range(begin, steps + 1):
                 if k > begin:
                     step, before = record.motion(k - 1), perf_counter()
@@ -76,13 +76,13 @@ def run(problem: Problem, form: str, kind: Any = float, *, own_start: bool = Fal
     _finite(form, given, model.dt, out.x_plus, out.P_plus)
     P_minus, P_plus = symmetric(out.P_minus), symmetric(out.P_plus)
     K = gains(P_minus, model.H, out.S, record.used)
-    if own is not None:
-        K[:begin] = own.K
+    if begun is not None:
+        K[:begin] = begun.K
     found = Filtered(
         problem.t, P_minus, P_plus, K, out.S, record.used, form,
         x_minus=out.x_minus, x_plus=out.x_plus, innovation=out.innovation, nis=out.nis, z=data, model=model,
-        log_likelihood=out.log_likelihood + (0.0 if own is None else own.ordinary),
-        log_likelihood_diffuse=out.log_likelihood + (0.0 if own is None else own.diffuse),
+        log_likelihood=out.log_likelihood + (0.0 if begun is None else begun.ordinary),
+        log_likelihood_diffuse=out.log_likelihood + (0.0 if begun is None else begun.diffuse),
         start=None if begun is None else begun.start,
     )  # fmt: skip
     return contradictions.judged(model, found, problem.first), seconds / max(steps, 1)
