@@ -357,16 +357,6 @@ def test_another_address_needs_the_printed_token(tmp_path: Path) -> None:
         made.end(signal.SIGKILL)
 
 
-def test_a_missing_page_is_an_error_at_the_start(tmp_path: Path) -> None:
-    """Not when somebody opens it."""
-    made = Server(tmp_path)
-    (tmp_path / "trial" / "labs.py").unlink()
-    made.start()
-    made.process.wait(20)
-    assert "trial: expected a module for every page, received none for labs" in made.end()
-    assert made.process.returncode == 1
-
-
 # A real browser ------------------------------------------------------------------------------------------------------
 
 
