@@ -28,8 +28,8 @@ from tests.reference import EXACT, SOLVER
 
 TEXTS = [each for group in groups().values() for each in group.entries.values()]
 FIELDS = {
-    "model": "kind title states units measurements measurement_units constants F B D measurement_offset u G Q H R Rc N x0 P0 dt Phi Qd offset "
-    "t0 transfer psd",
+    "model": "kind title states units measurements measurement_units constants F B D measurement_offset u G Q H R Rc N x0 P0 dt Phi Qd "
+    "offset t0 transfer psd",
     "understand": "observability detectability poles steady transfer bode variance",
     "experiment": "steps runs seed first algorithms design anomalies data progress",
     "algorithm": " ".join(catalogue.FORMS),
