@@ -2,7 +2,6 @@
 
 import os
 import sys
-from collections.abc import Iterator
 from importlib import import_module
 
 os.environ["LANGUAGE"] = "en"  # read by gettext when ctlabs.text is imported
@@ -12,7 +11,7 @@ for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 import pytest  # noqa: E402  # after the environment is set
 from hypothesis import is_hypothesis_test, settings  # noqa: E402
 
-from tests.untraced import untraced, watched_at_first  # noqa: E402
+from tests.untraced import untraced  # noqa: E402
 
 # Derandomised: the same examples on every machine; the seeds of a failing run are those of the next one.
 settings.register_profile("ctlabs", deadline=None, derandomize=True, max_examples=50, print_blob=True)
@@ -51,13 +50,6 @@ def pytest_configure(config: pytest.Config) -> None:
     """Coverage looks away from the code of others that takes long (the pieces of ctlabs that are called back there are tiny)."""
     if sys.gettrace() is not None and config.getoption("dist", "no") == "no":  # the process that hands out the tests runs none
         _others()
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_protocol() -> Iterator[None]:
-    """Coverage looks at the beginning of each test, which is where a test comes to what others do not reach."""
-    with watched_at_first():
-        return (yield)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
