@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ctlabs.filtering.engines.common import entry, picked
+from ctlabs.filtering.engines.common import emptied, entry, mirror, picked, picked_inverse, similarity
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import kernel
 
@@ -73,23 +73,7 @@ def backward(Phi: Array, H: Array, seen: Passed, begin: int, out: Slopes) -> Non
         count = picked(seen.used[k], pick)
         if count > 0:
             J, P, S, K = entry(H, k), seen.P_minus[k], seen.S[k], seen.K[k]
-            for a in range(count):  # S = CCᵀ, V = S⁻¹
-                for b in range(a + 1):
-                    s = S[pick[a], pick[b]]
-                    for c in range(b):
-                        s -= C[a, c] * C[b, c]
-                    C[a, b] = np.sqrt(s) if a == b else s / C[b, b]
-            for c in range(count):
-                for a in range(count):
-                    s = 1.0 if a == c else 0.0
-                    for b in range(a):
-                        s -= C[a, b] * V[b, c]
-                    V[a, c] = s / C[a, a]
-                for a in range(count - 1, -1, -1):
-                    s = V[a, c]
-                    for b in range(a + 1, count):
-                        s -= C[b, a] * V[b, c]
-                    V[a, c] = s / C[a, a]
+            picked_inverse(S, pick, count, C, V)
             for a in range(count):
                 e[a] = 0.0
                 for b in range(count):
@@ -133,17 +117,11 @@ def backward(Phi: Array, H: Array, seen: Passed, begin: int, out: Slopes) -> Non
                         s += K[i, pick[a]] * NK[i, b]
                     out.R[g, pick[a], pick[b]] += 0.5 * (u[a] * u[b] - s)
                 out.z[k, pick[a]] = -u[a]
-            for i in range(n):
-                for j in range(n):
-                    s = 0.0
-                    for c in range(n):
-                        s += N[i, c] * B[c, j]
-                    work[i, j] = s
+            emptied(G, 0.0)
+            similarity(B.T, N, G, work)
             for i in range(n):
                 for j in range(i + 1):
-                    s = 0.0
-                    for c in range(n):
-                        s += B[c, i] * work[c, j]
+                    s = G[i, j]
                     for a in range(count):
                         s += J[pick[a], i] * SH[a, j]
                     N[i, j], N[j, i] = s, s
@@ -172,19 +150,12 @@ def backward(Phi: Array, H: Array, seen: Passed, begin: int, out: Slopes) -> Non
                 for j in range(n):
                     s += F[j, i] * r[j]
                 before[i] = s
-                for j in range(n):
-                    s = 0.0
-                    for b in range(n):
-                        s += N[i, b] * F[b, j]
-                    work[i, j] = s
             for i in range(n):
                 r[i] = before[i]
-            for i in range(n):
-                for j in range(i + 1):
-                    s = 0.0
-                    for b in range(n):
-                        s += F[b, i] * work[b, j]
-                    N[i, j], N[j, i] = s, s
+            emptied(G, 0.0)
+            similarity(F.T, N, G, work)
+            mirror(G)
+            N, G = G, N
     for i in range(n):
         out.x0[i] = r[i]
         for j in range(n):

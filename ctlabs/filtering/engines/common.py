@@ -171,6 +171,37 @@ def motion(system: System, k: int, pick: Array, count: int, Phi: Array, Q: Array
 
 
 @helper
+def factor_inverse(C: Array, count: int, out: Array) -> None:
+    """out = (CCᵀ)⁻¹ of a lower triangular C, in the leading rows and columns."""
+    for c in range(count):
+        for a in range(count):
+            s = 1.0 if a == c else 0.0
+            for b in range(a):
+                s -= C[a, b] * out[b, c]
+            out[a, c] = s / C[a, a]
+        for a in range(count - 1, -1, -1):
+            s = out[a, c]
+            for b in range(a + 1, count):
+                s -= C[b, a] * out[b, c]
+            out[a, c] = s / C[a, a]
+
+
+@helper
+def picked_inverse(S: Array, pick: Array, count: int, C: Array, out: Array) -> None:
+    """The inverse of the picked part of a covariance S, by its factor C in unit variances."""
+    for a in range(count):
+        for b in range(a + 1):
+            s = S[pick[a], pick[b]] / np.sqrt(S[pick[a], pick[a]] * S[pick[b], pick[b]])
+            for c in range(b):
+                s -= C[a, c] * C[b, c]
+            C[a, b] = np.sqrt(s) if a == b else s / C[b, b]
+    factor_inverse(C, count, out)
+    for a in range(count):
+        for b in range(count):
+            out[a, b] /= np.sqrt(S[pick[a], pick[a]] * S[pick[b], pick[b]])
+
+
+@helper
 def similarity(A: Array, P: Array, out: Array, work: Array) -> None:
     """out += A P Aᵀ for a symmetric P, its lower triangle."""
     n = A.shape[0]

@@ -20,6 +20,7 @@ from ctlabs.filtering.engines.common import (
     copied,
     crossed_out,
     entry,
+    factor_inverse,
     helper,
     mirror,
     motion,
@@ -200,17 +201,7 @@ def determined(
     """Exact zeros in P for states that perfect measurements determined: :func:`ctlabs.linalg.rounding.corrected`."""
     n = P.shape[0]
     inverse, size = np.zeros((count, count)), np.zeros((count, count))
-    for c in range(count):  # S⁻¹ = C⁻ᵀC⁻¹
-        for a in range(count):
-            s = 1.0 if a == c else 0.0
-            for b in range(a):
-                s -= C[a, b] * inverse[b, c]
-            inverse[a, c] = s / C[a, a]
-        for a in range(count - 1, -1, -1):
-            s = inverse[a, c]
-            for b in range(a + 1, count):
-                s -= C[b, a] * inverse[b, c]
-            inverse[a, c] = s / C[a, a]
+    factor_inverse(C, count, inverse)
     for a in range(count):
         for b in range(count):
             for c in range(count):

@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ctlabs.filtering.engines.common import EPS, crossed_out, entry, helper, picked
+from ctlabs.filtering.engines.common import EPS, crossed_out, entry, helper, picked, picked_inverse
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import kernel
 
@@ -44,31 +44,6 @@ class Told(NamedTuple):
     u: Array
     D: Array
     N0: Array
-
-
-@helper
-def inverted(S: Array, pick: Array, count: int, C: Array, inverse: Array) -> None:
-    """The inverse of the picked part of S, by its factor C of unit variances."""
-    for a in range(count):
-        for b in range(a + 1):
-            s = S[pick[a], pick[b]] / np.sqrt(S[pick[a], pick[a]] * S[pick[b], pick[b]])
-            for c in range(b):
-                s -= C[a, c] * C[b, c]
-            C[a, b] = np.sqrt(s) if a == b else s / C[b, b]
-    for c in range(count):
-        for a in range(count):
-            s = 1.0 if a == c else 0.0
-            for b in range(a):
-                s -= C[a, b] * inverse[b, c]
-            inverse[a, c] = s / C[a, a]
-        for a in range(count - 1, -1, -1):
-            s = inverse[a, c]
-            for b in range(a + 1, count):
-                s -= C[b, a] * inverse[b, c]
-            inverse[a, c] = s / C[a, a]
-    for a in range(count):
-        for b in range(count):
-            inverse[a, b] /= np.sqrt(S[pick[a], pick[a]] * S[pick[b], pick[b]])
 
 
 @helper
@@ -118,7 +93,7 @@ def backward(p: Passed, begin: int, out: Told) -> None:
     Kp, L, work, size, pick = np.zeros((n, m)), np.zeros((n, n)), np.zeros((n, n)), np.zeros(n), np.empty(m, dtype=np.int64)
     for k in range(last, begin - 1, -1):
         H, count = entry(p.H, k), picked(p.used[k], pick)
-        inverted(p.S[k], pick, count, C, inverse)
+        picked_inverse(p.S[k], pick, count, C, inverse)
         if k < last:
             stepped(p, k, pick, count, Kp, L)
         for a in range(count):
