@@ -8,6 +8,7 @@ about, and the comparison of a verb with its twin, in standard deviations.
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 from functools import reduce
 from operator import add
@@ -19,7 +20,7 @@ import scipy.linalg
 from flint import arb, arb_mat, ctx
 
 from ctlabs import kalman_filter, smooth
-from ctlabs.filtering import bucy, log_likelihood, steady
+from ctlabs.filtering import RoundingWarning, bucy, log_likelihood, steady
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.models.discretisation import discretise, interval
@@ -30,8 +31,6 @@ BITS, MOST = 100, 200_000
 UNKNOWN, UNSEEN = arb(2) ** 1600, arb(2) ** 800
 #: A verb is right within this part of a standard deviation, or says that it is not.
 RIGHT = 1e-6
-#: Estimates of so many of their standard deviations have no digits for more.
-DIGITS_LEFT = 1e8
 
 
 # --- matrices of balls -----------------------------------------------------------------------------------------------
@@ -399,7 +398,7 @@ def drawn(rng: np.random.Generator, P: Array) -> Array:
 class Outcome(NamedTuple):
     """A verb on a model: how far off, the bound that it gives (NaN without one), why it refused.
 
-    ``beyond``: numbers of the record have more digits before their noise than a double has; ``off`` is then that of covariances alone.
+    ``beyond``: the verb said that numbers of the record have more digits before their noise than a double has.
     """
 
     off: float
@@ -410,7 +409,7 @@ class Outcome(NamedTuple):
     @property
     def unsaid(self) -> bool:
         """Wrong, and not said so."""
-        return not self.refused and not self.off <= max(RIGHT, self.bound if self.bound > RIGHT else 0.0)
+        return not self.refused and not self.beyond and not self.off <= max(RIGHT, self.bound if self.bound > RIGHT else 0.0)
 
 
 Refusals = (ValueError, ArithmeticError, np.linalg.LinAlgError)
@@ -462,14 +461,22 @@ def _lost(P: arb_mat) -> Array:
     return np.array([bool(P[i, i] > UNSEEN) for i in range(P.nrows())])
 
 
-def beyond(right: Record) -> bool:
-    """Whether an estimate is so many of its standard deviations that its own rounding is near 1e-6 of one."""
-    most = 0.0
-    for x, P in zip((*right.x_minus, *right.x_plus, *right.x), (*right.P_minus, *right.P_plus, *right.P), strict=True):
-        lost, sd = _lost(P), deviations(P)
-        ratio = np.abs(floats(x)[:, 0]) / np.where(sd > 0, sd, np.inf)
-        most = max(most, ratio[~lost].max(initial=0.0))
-    return bool(most > DIGITS_LEFT)
+class _Heard(NamedTuple):
+    """What a verb gave, or why it refused, and whether it said that digits are missing."""
+
+    found: Any
+    refused: str
+    beyond: bool
+
+
+def _heard(verb: Callable[[], Any]) -> _Heard:
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        try:
+            found, refused = verb(), ""
+        except Refusals as error:
+            found, refused = None, str(error)
+    return _Heard(found, refused, any(issubclass(each.category, RoundingWarning) for each in said))
 
 
 def _compared(x: Array, P: Array, right_x: arb_mat, right_P: arb_mat) -> tuple[float, float]:
@@ -484,22 +491,20 @@ def _compared(x: Array, P: Array, right_x: arb_mat, right_P: arb_mat) -> tuple[f
     return off_estimate(x[kept], parts(right_x, kept, [0]), right), off(P[np.ix_(kept, kept)], right)
 
 
-def _judged(right: Record, pairs: list[tuple[float, float]]) -> Outcome:
-    """The worst of (estimate, covariance)."""
+def _judged(heard: _Heard, pairs: list[tuple[float, float]]) -> Outcome:
+    """The worst of (estimate, covariance); of covariances alone where digits are said to be missing."""
     x, P = np.array(pairs).max(axis=0)
-    far = beyond(right)
-    return Outcome(P if far else max(x, P), beyond=far)
+    return Outcome(P if heard.beyond and P > RIGHT else max(x, P), beyond=heard.beyond and P <= RIGHT)
 
 
 def filter_(seed: Any) -> Outcome:
     """:func:`ctlabs.kalman_filter`: every x and P, before and after the updates."""
     model = discrete(seed)
     z = data(model, seed)
-    try:
-        found = kalman_filter(model, z[1:])
-    except Refusals as error:
-        return Outcome(math.nan, refused=str(error))
-    right = filtered(model, z)
+    heard = _heard(lambda: kalman_filter(model, z[1:]))
+    if heard.refused:
+        return Outcome(math.nan, refused=heard.refused)
+    found, right = heard.found, filtered(model, z)
     pairs = [
         _compared(x[k], P[k], xs[k], Ps[k])
         for x, P, xs, Ps in (
@@ -508,18 +513,17 @@ def filter_(seed: Any) -> Outcome:
         )
         for k in range(len(z))
     ]
-    return _judged(right, pairs)
+    return _judged(heard, pairs)
 
 
 def smoother(seed: Any) -> Outcome:
     """:func:`ctlabs.smooth`: every x and P, and the covariances of neighbours."""
     model = discrete(seed)
     z = data(model, seed)
-    try:
-        found = smooth(model, z[1:])
-    except Refusals as error:
-        return Outcome(math.nan, refused=str(error))
-    right = filtered(model, z)
+    heard = _heard(lambda: smooth(model, z[1:]))
+    if heard.refused:
+        return Outcome(math.nan, refused=heard.refused)
+    found, right = heard.found, filtered(model, z)
     pairs = [_compared(found.x[k], found.P[k], right.x[k], right.P[k]) for k in range(len(z))]
     for k in range(1, len(z)):
         here, before = ~_lost(right.P[k]), ~_lost(right.P[k - 1])
@@ -532,7 +536,7 @@ def smoother(seed: Any) -> Outcome:
                 right_lag = parts(lag, np.flatnonzero(here).tolist(), np.flatnonzero(before).tolist())
                 difference = floats(balls(found.lag_one[k][both]) - right_lag)
             pairs.append((0.0, float((np.abs(difference) / np.outer(*sizes)).max())))
-    return _judged(right, pairs)
+    return _judged(heard, pairs)
 
 
 def likelihood(seed: Any) -> Outcome:
@@ -544,11 +548,10 @@ def likelihood(seed: Any) -> Outcome:
     except Refusals as error:
         return Outcome(math.nan, refused=str(error))
     right = filtered(model, z)
-    if beyond(right):
-        return Outcome(0.0, beyond=True)
+    beyond = _heard(lambda: kalman_filter(model, z[1:])).beyond
     with ctx.workprec(400):
         error = abs(float(arb(found) - right.log_likelihood))
-    return Outcome(max(0.0, error - float(np.spacing(abs(found)))))
+    return Outcome(max(0.0, error - float(np.spacing(abs(found)))), beyond=beyond)
 
 
 VERBS: dict[str, Callable[[Any], Outcome]] = {

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ctlabs.filtering.contradictions import corrected
+from ctlabs.filtering.gathered import corrected
 from ctlabs.filtering.results import Filtered
 from ctlabs.linalg.checks import Array
 from ctlabs.models.linear import DiscreteModel

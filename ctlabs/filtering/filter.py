@@ -8,7 +8,7 @@ from typing import Any, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ctlabs.filtering import bucy, measured
+from ctlabs.filtering import bucy, digits, measured
 from ctlabs.filtering.algorithms import beginning, catalogue
 from ctlabs.filtering.algorithms.vague import needed
 from ctlabs.filtering.engines import adapter, compiled, driver, gains
@@ -79,6 +79,11 @@ def kalman_filter(
     FloatingPointError
         The covariance overflows, or rounding makes S indefinite: the step and the time are in the message.
 
+    Warns
+    -----
+    RoundingWarning
+        Estimates so far from zero that doubles cannot hold them to 1e-6 of their standard deviations.
+
     Source: Maybeck vol. 1, eq. 5-36 to 5-42, with Joseph's form.
 
     >>> walk = DiscreteModel(Phi=[[1]], Qd=[[1]], H=[[1]], R=[[1]], P0=[[10]])
@@ -103,6 +108,7 @@ def kalman_filter(
             raise ValueError(msg)
         problem, left = gated(problem, rows_of(z, problem.model.m)[0], gate, _best)
     found = replace(_filtered(problem, algorithm, gains), left_out=left)
+    digits.warn(found, found.x_plus, found.P_plus, "filtered")
     return without_runs(found) if problem.single else found
 
 

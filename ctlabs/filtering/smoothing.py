@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ctlabs.filtering import digits
 from ctlabs.filtering.engines import compiled
 from ctlabs.filtering.filter import kalman_filter
 from ctlabs.filtering.motion import motion
@@ -75,6 +76,11 @@ def smooth(model: Any, z: ArrayLike | Filtered, *, lag: int | None = None, **opt
     FloatingPointError
         An overflow.
 
+    Warns
+    -----
+    RoundingWarning
+        As :func:`ctlabs.kalman_filter`.
+
     >>> m = DiscreteModel([[1]], [[1]], [[1]], [[1]], P0=[[10]])
     >>> found = smooth(m, [1.0, 2.0])
     >>> found.x[:, 0].round(6), found.P[:, 0, 0].round(6), found.lag_one[1:, 0, 0].round(6)
@@ -93,7 +99,9 @@ def smooth(model: Any, z: ArrayLike | Filtered, *, lag: int | None = None, **opt
         filtered = kalman_filter(model, z, **options)
     _finite(filtered)
     found = _smoothed(filtered)
-    return found if lag is None else _lagged(filtered, found, checks.count("lag", lag, least=0))
+    found = found if lag is None else _lagged(filtered, found, checks.count("lag", lag, least=0))
+    digits.warn(filtered, found.x, found.P, "smoothed")
+    return found
 
 
 def belongs(model: Any, filtered: Filtered) -> None:

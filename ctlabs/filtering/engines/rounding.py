@@ -1,4 +1,4 @@
-r"""What rounding may have left in the innovations of elements that are known already: :mod:`ctlabs.filtering.contradictions`.
+r"""What rounding may have left in the innovations of elements that are known already: :mod:`ctlabs.filtering.gathered`.
 
 The errors that an estimate has gathered lie in the ellipsoid of W, carried as its roots ``sd`` and its ``shape`` W/(sd sdᵀ),
 since the square of a small number may underflow.
@@ -43,8 +43,8 @@ class Passed(NamedTuple):
 
 @helper
 def moved(w: Rounding, A: Array, t: Array, B: Array, W: Array) -> None:
-    """W ← (1 + 1/j) A W Aᵀ + (1 + j) n diag(t²): an error in W moved by A, and one more within ±t."""
-    n, j = t.shape[0], w.j[0]
+    """W ← (1 + 1/p) A W Aᵀ + (1 + p) n diag(t²): an error in W moved by A, and one more within ±t."""
+    n, old, new = t.shape[0], 0.0, 0.0
     for i in range(n):
         unit = np.sqrt(n) * t[i]
         for h in range(n):
@@ -61,8 +61,18 @@ def moved(w: Rounding, A: Array, t: Array, B: Array, W: Array) -> None:
             for a in range(n):
                 for b in range(n):
                     s += B[i, a] * w.shape[a, b] * B[h, b]
-            W[i, h] = (1.0 + 1.0 / j) * s
-        W[i, i] += (1.0 + j) * n * t[i] * t[i]
+            W[i, h] = s
+        old += max(W[i, i], 0.0)
+        new += n * t[i] * t[i]
+    if old > 0.0 and new > 0.0:
+        p = np.sqrt(old / new)
+        for i in range(n):
+            for h in range(n):
+                W[i, h] *= 1.0 + 1.0 / p
+            W[i, i] += (1.0 + p) * n * t[i] * t[i]
+    else:
+        for i in range(n):
+            W[i, i] += n * t[i] * t[i]
     for i in range(n):
         w.sd[i] = np.sqrt(W[i, i]) if W[i, i] > 0.0 else 0.0
     for i in range(n):
@@ -71,7 +81,7 @@ def moved(w: Rounding, A: Array, t: Array, B: Array, W: Array) -> None:
             w.shape[i, h] = W[i, h] / both if both > 0.0 else 0.0
     for i in range(n):
         w.sd[i] *= B[i, n]
-    w.j[0] = j + 1.0
+    w.j[0] += 1.0
 
 
 @helper

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ctlabs.filtering import contradictions, measured
+from ctlabs.filtering import contradictions, gathered, measured
 from ctlabs.filtering.algorithms import contract, vague
 from ctlabs.filtering.algorithms.catalogue import form
 from ctlabs.filtering.engines.driver import innovation, taken_over
@@ -104,7 +104,7 @@ class Filter:
         none, S = np.zeros(len(z), dtype=bool), np.diag(np.full(len(z), np.inf))
         u = np.full(self._plant.given.r, np.nan) if u0 is None else self._plant.input(u0, "u0")
         perfect = self._plant.perfect and settled
-        exact = contradictions.begun(self._plant.model.x0, self._plant.P0) if perfect else None
+        exact = gathered.begun(self._plant.model.x0, self._plant.P0) if perfect else None
         told = (z, S, np.nan, 0.0, 0.0, exact, exact, z, z)
         H, R0 = self._plant.measured(0)
         start = Instant(0, self._plant.t0, u, z, np.zeros(len(z)), np.array(H), np.array(R0), none, state, state, known, known, *told)
@@ -297,11 +297,11 @@ class Filter:
         start, n = self._past[0], self._plant.model.n
         own = taken_over(self._form, self._plant.model, np.zeros((n, 1)), np.eye(n))
         exact = taken_over(JOSEPH, self._plant.model, np.zeros((n, 1)), np.eye(n))
-        gathered = contradictions.begun(np.zeros(n), np.eye(n))
+        begun = gathered.begun(np.zeros(n), np.eye(n))
         form_, vague_ = own, start.after if isinstance(start.after, vague.State) else vague.start(self._plant.model, self._plant.P0)
         states = [form_ if d is None else vague_._replace(A=np.zeros((n, d))) for d in (before, after)]
         first = start._replace(before=states[0], after=states[1], ahead=exact if ahead else None, known=exact if known else None)
-        return first._replace(approaching=gathered if ahead else None, gathered=gathered if known else None)
+        return first._replace(approaching=begun if ahead else None, gathered=begun if known else None)
 
     # What is measured, in its place ---------------------------------------------------------------------------------
 
@@ -378,12 +378,12 @@ class Filter:
                 x, P = before.x, before.P
                 before = taken_over(self._form, model, x, P)
                 if self._plant.perfect:
-                    ahead, exact = taken_over(JOSEPH, model, x, P), contradictions.begun(x[:, 0], P)
+                    ahead, exact = taken_over(JOSEPH, model, x, P), gathered.begun(x[:, 0], P)
         else:
             if ahead is not None:
                 ahead = JOSEPH.predict(ahead, *motion)
                 x, P, (Phi, c, Q) = self._form.mean(before), self._form.covariance(before), motion
-                exact = contradictions.predicted(exact, x, P, Phi, c, Q.matrix, model.m)
+                exact = gathered.predicted(exact, x, P, Phi, c, Q.matrix, model.m)
             before = self._form.predict(before, *motion)
         H, R = self._plant.measured(last.k + 1)
         H, R = np.array(H if given.H is None else given.H), np.array(R if given.R is None else given.R)
@@ -396,7 +396,7 @@ class Filter:
         used = np.isfinite(R.diagonal()) & ~np.isnan(z)
         if instant.ahead is None and not isinstance(instant.before, vague.State) and measured.perfect(R).any():
             x, P = _values(self._form, instant.before)
-            instant = instant._replace(ahead=taken_over(JOSEPH, self._plant.model, x, P), approaching=contradictions.begun(x[:, 0], P))
+            instant = instant._replace(ahead=taken_over(JOSEPH, self._plant.model, x, P), approaching=gathered.begun(x[:, 0], P))
         if instant.ahead is not None:
             used = measured.informative(instant.ahead.P, H, measured.without(R, ~used))
         nu, S = np.full(len(z), np.nan), np.diag(np.full(len(z), np.inf))
@@ -442,7 +442,7 @@ class Filter:
     def _compared(self, instant: Instant, H: Array, R: Array) -> Instant:
         """The instant with what its measurements say of what was known already."""
         x, P = ([f(each) for each in (instant.before, instant.after)] for f in (self._form.mean, self._form.covariance))
-        found = contradictions.updated(instant.approaching, instant.z - instant.seen, H, R, x, P, instant.used)
+        found = gathered.updated(instant.approaching, instant.z - instant.seen, H, R, x, P, instant.used)
         return instant._replace(gathered=found[0], excess=found[1], allowed=found[2])
 
     def _finite(self, t: float, state: Any, variances: Array) -> None:
