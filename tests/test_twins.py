@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from flint import arb, ctx
 
+from ctlabs.filtering import RoundingWarning, smooth
 from ctlabs.models import DiscreteModel
 from tests import reference, twin_smoother, twins
 
@@ -106,6 +107,14 @@ def test_a_wrong_answer_is_told_from_a_right_one() -> None:
     assert twins.Outcome(1e-3, 1e-4).unsaid
 
 
+@pytest.mark.parametrize("seed", [[11, 53], [13, 377], [12, 612]])
+def test_a_way_back_that_loses_digits_says_so(seed: list[int]) -> None:
+    """From a vague start, along directions that hardly a measurement tells of: another rounding shows it."""
+    here = twins.discrete(seed)
+    with pytest.warns(RoundingWarning, match="smooth: expected the same estimates in other units"):
+        smooth(here, twins.data(here, seed)[1:])
+
+
 @pytest.mark.parametrize(
     ("verb", "seed"),
     [
@@ -113,6 +122,7 @@ def test_a_wrong_answer_is_told_from_a_right_one() -> None:
         ("smooth", [11, 46]),
         ("smooth", [2, 295]),
         ("smooth", [2, 9]),
+        ("filter_record", [13, 149]),  # eight states of which one sensor leaves directions of 1e-10
     ],
 )
 def test_models_that_were_wrong_once(verb: str, seed: list[int]) -> None:

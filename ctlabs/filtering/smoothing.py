@@ -16,6 +16,7 @@ It equals the recursion of Rauch, Tung & Striebel (AIAA J. 3, 1965), where that 
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ctlabs.filtering import digits
+from ctlabs.filtering.algorithms.beginning import close, units
+from ctlabs.filtering.digits import RoundingWarning
 from ctlabs.filtering.engines import compiled
 from ctlabs.filtering.filter import kalman_filter
 from ctlabs.filtering.motion import motion
@@ -35,6 +38,8 @@ from ctlabs.models.linear import ContinuousModel, DiscreteModel
 if TYPE_CHECKING:
     from ctlabs.filtering.engines.backward import Backward, Prior
 
+#: Smoothed estimates that differ by this part of their standard deviations in other units of the states are said to.
+FAR = 1e-7
 #: Windows of the fixed-lag smoother that go back together where their matrices are the same.
 TOGETHER = 64
 
@@ -125,9 +130,28 @@ def belongs(model: Any, filtered: Filtered) -> None:
 def _smoothed(filtered: Filtered) -> Smoothed:
     single = filtered.x_plus.ndim == 2
     way, prior, x = _way(filtered)
+    elsewhere = None if filtered.start is None or digits.exact(filtered) else _elsewhere(way, prior, x)
     P, lag_one = np.empty_like(filtered.P_plus), np.full_like(filtered.P_plus, np.nan)
     _compiled("smooth", way, prior, x, P, lag_one)
+    if elsewhere is not None and not close(x, elsewhere[0], P, elsewhere[1], FAR):
+        msg = (
+            f"smooth: expected the same estimates in other units of the states, received some that differ by more than {FAR:.0e} of their "
+            "standard deviations: rounding has grown that much on the way back from a vague start; a smaller P0 leaves more digits"
+        )
+        warnings.warn(msg, RoundingWarning, stacklevel=3)
     return Smoothed(filtered.t, x[:, :, 0] if single else x, P, lag_one, filtered.contradictions)
+
+
+def _elsewhere(way: Backward, prior: Prior, x: Array) -> tuple[Array, Array]:
+    """The estimates and covariances computed in other units of the states, whose rounding is another."""
+    d = units(x.shape[1])
+    column, both = d[:, None], np.outer(d, d)
+    there = way._replace(
+        Phi=way.Phi * column / d, G=way.G * column, rows=way.rows / d, values=way.values.copy(), shift=way.shift * column
+    )
+    moved, P = x * column, np.empty_like(prior.P)
+    _compiled("smooth", there, prior._replace(P=prior.P * both, L=prior.L * column, A=prior.A * column), moved, P, np.empty_like(P))
+    return moved / column, P / both
 
 
 def _lagged(filtered: Filtered, whole: Smoothed, lag: int) -> Smoothed:

@@ -118,10 +118,15 @@ def _instants(record: Record, state: vague.State) -> Beginning | None:
     return Beginning(start, **found, x=x, P=P, L=L)
 
 
+def units(n: int) -> Array:
+    """Other units of n states, not the powers of two, which round alike."""
+    return np.asarray(1 + np.arange(1, n + 1) / (n + np.sqrt(2)))
+
+
 def _elsewhere(record: Record, used: NDArray[np.bool_]) -> Beginning | None:
     """The first instants computed in other units of the states, and given in those of the model."""
     model = record.model
-    d = 1 + np.arange(1, model.n + 1) / (model.n + np.sqrt(2))
+    d = units(model.n)
     with np.errstate(invalid="ignore"):
         P0 = np.where(model.P0 == 0, 0.0, model.P0 * np.outer(d, d))
     other = replace(

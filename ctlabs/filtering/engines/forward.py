@@ -45,6 +45,8 @@ PATIENCE = 4096
 DONE, PERFECT, OVERFLOW, INDEFINITE, LOSING = 0, 1, 2, 3, 4
 #: What rounding may leave of a variance before square roots are carried instead (:mod:`ctlabs.filtering.engines.roots`).
 LOST = 1e-10
+#: The least share of a variance that has digits enough in Joseph's form.
+THIN = 1e-8
 
 
 class Histories(NamedTuple):
@@ -252,6 +254,30 @@ def losing(P: Array, P_minus: Array, Kt: Array, H: Array, pick: Array, count: in
 
 
 @helper
+def thin(P: Array, W: Array) -> bool:
+    """Whether P is so much smaller along some direction than its elements say that their rounding, ε of them, may tell there.
+
+    The pivots of its correlations are the shares of variances that the states before do not explain. In units of P no closed loop
+    lets an error grow (APAᵀ ≤ P⁺), but there the rounding of one step is ε over the least share. One at the rounding level is none: P
+    is singular by its structure.
+    """
+    n = P.shape[0]
+    for i in range(n):
+        for j in range(i + 1):
+            W[i, j] = P[i, j]
+    for c in range(n):
+        if not W[c, c] > MARGIN * n * EPS * P[c, c]:
+            continue
+        if W[c, c] < THIN * P[c, c]:
+            return True
+        for i in range(c + 1, n):
+            factor = W[i, c] / W[c, c]
+            for j in range(c + 1, i + 1):
+                W[i, j] -= factor * W[j, c]
+    return False
+
+
+@helper
 def near(P: Array, before: Array) -> bool:
     """Whether one step changed P by less than the tolerance."""
     for i in range(P.shape[0]):
@@ -407,7 +433,7 @@ def forward(
             joseph(P_minus, R, Kt, B, pick, count, P, work, RKt)
             if perfect:
                 determined(P, P_minus, Kt, H, R, pick, count, B, S, C, work)
-            elif losing(P, P_minus, Kt, H, pick, count, sizes):
+            elif losing(P, P_minus, Kt, H, pick, count, sizes) or thin(P, work):
                 return LOSING, k, np.nan
             half = 0.5 * count * LOG_2PI
             for a in range(count):
