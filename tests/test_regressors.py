@@ -97,7 +97,7 @@ class TestRegressors:
         file = demand(0)
         record = datafile.parse(text.encode(), file.measurements, mapping=file.mapping)
         for bias in (0.3, -1.0):
-            model, z, _t = clock.over(file.replace({"bias": bias}), record)
+            model, z, _t = clock.timed(file.replace({"bias": bias}), record)
             library, arguments = plain(columns, 0)
             arguments["z"][:, 1] += (0.3 - bias) * columns["Price"]
             assert log_likelihood(model, z, 0) == pytest.approx(kalman_filter(library, **arguments).log_likelihood, rel=1e-12)
@@ -349,8 +349,8 @@ class TestSeveral:
         """ℓ of both at the joint estimate is the sum of each; the estimate of r is theirs together."""
         file = modelfile.loads(TVP).replace({"q": 0}).checked()
         records = reading.parsed([(regression(seed, 30), f"{seed}.csv") for seed in (1, 2)], file, Mapping())
-        builds = [lambda c, record=record: clock.over(file.replace(c), record)[0] for record in records]
-        data = [clock.over(file, record)[1][1:] for record in records]
+        builds = [lambda c, record=record: clock.timed(file.replace(c), record)[0] for record in records]
+        data = [clock.timed(file, record)[1][1:] for record in records]
         found = fit(builds, data, {"r": 1.0}, {"r": (0, None)})
         alone = [log_likelihood(build(found.estimates), z) for build, z in zip(builds, data, strict=True)]
         assert found.log_likelihood_diffuse == pytest.approx(sum(alone), rel=1e-12)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -47,7 +46,8 @@ def timed(model: ModelFile, record: Record) -> tuple[DiscreteModel, Array, Array
 
     With ``first = 1`` the first row is t1, and row 0 of z, at t0, is empty; with ``first = 0`` it is t0. Times in the file
     that are not uniform give every interval of a continuous model its own matrices; a model in discrete time has instants without
-    a row where the record leaves some out. What is known of the measurements (Du and their offset) is taken off z.
+    a row where the record leaves some out. z is the file's; what is known of the measurements (Du and their offset) is the model's
+    ``measurement_offset``, which a filter takes off.
 
     Raises
     ------
@@ -55,14 +55,6 @@ def timed(model: ModelFile, record: Record) -> tuple[DiscreteModel, Array, Array
         Too few rows; a first row before t0; times that a discrete model does not have; an input or a regressor that lacks: the line is
         named.
     """
-    discrete, z, t = over(model, record)
-    if discrete.measurement_offset is None:
-        return discrete, z, t
-    return dataclasses.replace(discrete, measurement_offset=None), z - discrete.measurement_offset, t
-
-
-def over(model: ModelFile, record: Record) -> tuple[DiscreteModel, Array, Array]:
-    """The same with what is known of the measurements in the model, and the data as they were read."""
     at = instants(model, record)
     steps, there = len(at.rows) - 1, at.rows >= 0
     inputs, regressors = _inputs(model, record, at), _regressors(model, record, at)
@@ -77,15 +69,15 @@ def over(model: ModelFile, record: Record) -> tuple[DiscreteModel, Array, Array]
 
 
 def building(model: ModelFile, record: Record) -> tuple[Callable[[dict[str, float]], DiscreteModel], Array]:
-    """From values of constants to the model over the record's instants, again and again; and the data z of :func:`over`."""
-    _model, z, _t = over(model, record)
+    """From values of constants to the model over the record's instants, again and again; and the data z of :func:`timed`."""
+    _model, z, _t = timed(model, record)
     at, clocked = instants(model, record), (model.dt, model.experiment.t0)
     inputs, regressors = _inputs(model, record, at), _regressors(model, record, at)
 
     def build(values: dict[str, float]) -> DiscreteModel:
         changed = model.replace(values)
         if (changed.dt, changed.experiment.t0) != clocked:  # another clock, which has to fit the record
-            return over(changed, record)[0]
+            return timed(changed, record)[0]
         if at.t is None:
             return changed.discrete(steps=len(z) - 1, inputs=inputs, regressors=regressors)
         return changed.discrete(times=at.t, inputs=inputs, regressors=regressors)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
@@ -32,8 +32,8 @@ ENORMOUS = 1e150
 class Run:
     """A record ready to be filtered, and what came of it.
 
-    ``model``, discrete, of the record's instants · ``z`` (steps+1, m), measured, and ``t`` (steps+1,) s, by instants · ``first``, the index
-    of the first row · ``algorithm`` · ``filtered``, ``smoothed`` or None · ``verdict`` on the model, None where nothing is left to test
+    ``model``, discrete, of the record's instants, with what is known of the measurements · ``z`` (steps+1, m), as the file has them, and
+    ``t`` (steps+1,) s, by instants · ``first``, the index of the first row · ``algorithm`` · ``filtered``, ``smoothed`` or None · ``verdict`` on the model, None where nothing is left to test
     or (``untested`` says why) the test has no digits · ``record``, as it was read · ``rows`` (steps+1,), its row at each instant, −1 where
     there is none
     """
@@ -53,7 +53,17 @@ class Run:
     @property
     def data(self) -> Array:
         """What was filtered: z without what is beyond the gate."""
-        return np.where(np.isnan(self.filtered.z), np.nan, self.z)
+        return self.filtered.asked[1]
+
+    @property
+    def bare(self) -> DiscreteModel:
+        """The model without what is known of the measurements, which moves no gain and may vary where all else is constant."""
+        return replace(self.model, measurement_offset=None)
+
+    @property
+    def told(self) -> Array:
+        """What the measurements say of the states: z without what is known of it."""
+        return self.z if self.filtered.known is None else self.z - self.filtered.known
 
     def called(self, row: int) -> str:
         """A row of z from the first measurement on as its owner finds it: its line and time."""
@@ -107,7 +117,7 @@ def names(record: Record, t: Array, rows: NDArray[np.int64]) -> Callable[[int], 
 def _diagnosed(model: DiscreteModel, found: Filtered, algorithm: str, first: int, where: Callable[[int], str]) -> Diagnosis:
     """The diagnosis by the optimal filter's innovations (the start of one with the steady gain is not the model's)."""
     if algorithm == "steady":
-        found = kalman_filter(model, found.z[first:], first=first)
+        found = kalman_filter(model, found.asked[1][first:], first=first)
     return diagnosis.diagnose(model, found, first=first, longest=diagnosis.LONG, where=where)
 
 

@@ -203,7 +203,7 @@ def _estimates(report: Report, run: Run) -> None:
 
 def _smoothed_route(report: Report, run: Run) -> None:
     """The smoother by conditioning all states on all measurements at once; of a long record its beginning, smoothed by itself."""
-    model, z, n = run.model, run.data, run.model.n
+    model, z, n = run.bare, run.filtered.z, run.model.n
     rows = min(len(z), max(2, CONDITIONED // max(n, model.m)))
     smoothed = run.smoothed
     if rows < len(z):
@@ -238,7 +238,7 @@ def _figures(report: Report, run: Run) -> None:
         curves = {_("filtered"): (found.x_plus[:, i], deviations(found.P_plus)[:, i])}
         if run.smoothed is not None:
             curves[_("smoothed")] = (run.smoothed.x[:, i], deviations(run.smoothed.P)[:, i])
-        data = None if measured is None else run.z[:, measured]
+        data = None if measured is None else run.told[:, measured]
         figure = estimates(run.t, curves, data=data, ylabel=common.label(name, unit))
         caption = _("Estimates of {name} with their ±σ bands.")
         if measured is not None:
@@ -283,7 +283,7 @@ def steady_route(report: Report, run: Run) -> None:
     """The estimates once more, by gains known beforehand; and what a constant gain means for the tests below."""
     steps = min(len(run.z) - 1, CHECKED)
     plan = covariances(run.model, steps, first=run.first)
-    limit = steady.solve(run.model)
+    limit = steady.solve(run.bare)
     updates = np.asarray(plan.used).any(axis=1).astype(np.float64)
     constant = dataclasses.replace(plan, K=np.multiply.outer(updates, limit.K))
     other = kalman_filter(run.model, run.data[run.first : steps + 1], first=run.first, gains=constant)
@@ -510,7 +510,7 @@ def export_gains(model: ModelFile, record: Record, path: Path) -> None:
 
     discrete, z, _t = clock.timed(model, record)
     try:
-        gains: Any = steady.solve(discrete)
+        gains: Any = steady.solve(dataclasses.replace(discrete, measurement_offset=None))  # which may vary where all else is constant
     except ValueError:  # it varies with time, or has no steady state
         gains = covariances(discrete, len(z) - 1, first=model.experiment.first)
     export.write(discrete, gains, path)

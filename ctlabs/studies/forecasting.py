@@ -69,7 +69,7 @@ def study(model: ModelFile, record: Record, steps: int | None = None) -> Report:
 
 def _free(model: ModelFile, record: Record, steps: int | None) -> tuple[DiscreteModel, Array, Array, Array]:
     """The model over the record and beyond, its data and times, and the times to come."""
-    discrete, z, t = clock.over(model, record)
+    discrete, z, t = clock.timed(model, record)
     steps = steps or STEPS
     later = t[-1] + float(np.median(np.diff(t))) * np.arange(1, steps + 1)
     if record.t is None:
@@ -81,7 +81,7 @@ def _free(model: ModelFile, record: Record, steps: int | None) -> tuple[Discrete
 
 def _known(model: ModelFile, record: Record, steps: int | None) -> tuple[DiscreteModel, Array, Array, Array]:
     """The same where the record tells its inputs and regressors beyond the last measurement."""
-    whole, z, t = clock.over(model, record)
+    whole, z, t = clock.timed(model, record)
     names = ", ".join([*record.mapping.inputs, *model.regressors])
     measured = np.flatnonzero(~np.isnan(record.z).all(axis=1))
     line = record.lines[measured[-1] if measured.size else -1]

@@ -160,7 +160,7 @@ def _figures(report: Report, records: Sequence[Record], runs: Sequence[Run]) -> 
             curves = {_("filtered"): (run.filtered.x_plus[:, i], deviations(run.filtered.P_plus)[:, i])}
             if run.smoothed is not None:
                 curves[_("smoothed")] = (run.smoothed.x[:, i], deviations(run.smoothed.P)[:, i])
-            data = None if measured is None else run.z[:, measured]
+            data = None if measured is None else run.told[:, measured]
             figure = estimates(run.t, curves, data=data, ylabel=common.label(name, unit))
             report.figure(
                 f"estimates_{i + 1}_{j + 1}", figure, _("Record {record}: estimates of {name} with their ±σ bands."),
