@@ -14,7 +14,7 @@ from ctlabs import DiscreteModel, diagnose, fit, forecast, kalman_filter, smooth
 from ctlabs.files import clock, datafile, look, modelfile, read_records, reading
 from ctlabs.files.mapping import Mapping
 from ctlabs.filtering import log_likelihood
-from ctlabs.studies import analysis, comparison, filtering, fitting, forecasting, several, simulation
+from ctlabs.studies import analysis, comparison, filtered, filtering, fitting, forecasting, several, simulation
 from tests import reference
 from tests.reference import EXACT, close
 
@@ -125,7 +125,7 @@ class TestRegressors:
         wanted = kalman_filter(library, **arguments, **({"u0": [0.7]} if first else {}))
         assert close(found.x_plus, wanted.x_plus, EXACT, 1.0)
         assert found.log_likelihood == pytest.approx(wanted.log_likelihood, rel=1e-12)
-        assert clock.notes(file, record) == ["demand in line 6 is left out: a regressor beside it has no value"]
+        assert clock.notes(file, record, clock.over(file, record)) == ["demand in line 6 is left out: a regressor beside it has no value"]
         assert np.isfinite(smooth(model, found).x).all()
         assert diagnose(model, z[first:], first=first).nis_p > 0
 
@@ -273,7 +273,7 @@ dt = 1
             dataclasses.replace(file.continuous()), [[1.0], [1.5]], t=[0.5, 2], R=[[0.01]], u=[[0.2], [0.1]], u0=[0.5]
         )
         assert close(kalman_filter(model, z[1:], first=1).x_plus, wanted.x_plus, EXACT, 1.0)
-        assert "in place of u" in clock.notes(file, record)[0]
+        assert "in place of u" in clock.notes(file, record, clock.over(file, record))[0]
 
     def test_the_input_before_the_first_row_is_asked_for(self):
         """And refused where nothing asks for it."""
@@ -296,7 +296,7 @@ dt = 1
         np.testing.assert_array_equal(model.offset[:, 0], [10, 12, 12])
         np.testing.assert_array_equal(np.isnan(z[:, 0]), [False, False, True, False])
         np.testing.assert_array_equal(t, [0, 1, 2, 3])
-        assert clock.notes(file, record) == ["1 instant of the model's grid without a row: not measured there"]
+        assert clock.notes(file, record, clock.over(file, record)) == ["1 instant of the model's grid without a row: not measured there"]
 
 
 class TestSeveral:
@@ -455,3 +455,57 @@ def test_a_look_suggests_the_columns_that_the_model_names():
     found = look.survey(b"run,y,Price [EUR],HDOP\nA,1,2,3\nB,4,5,6\n", "d.csv", told, ["y"])
     assert 'regressors = { price = "Price [EUR]", hdop = "HDOP" }\nrecord = "run"' in found.data
     assert found.options == '--regressor price="Price [EUR]" --regressor hdop=HDOP --record-column run'
+
+
+class TestWhatIsSaid:
+    """What was done with a record is said by every command, with the record's name where there are several."""
+
+    GAPPED = "t,demand,price\n" + "\n".join(f"{t},{8 - 0.1 * t:.1f},{'' if t == 4 else t % 3}" for t in (0, 1, 2, 4, 5, 6, 7, 8)) + "\n"
+    MODEL = (
+        'format = 1\ntitle = "Demand"\nkind = "discrete"\n[model]\nstates = ["base", "slope"]\nmeasurements = ["demand"]\n'
+        'Phi = [[1, 0], [0, 1]]\nQd = [["q", 0], [0, 0.01]]\nH = [[1, "price"]]\nR = [["r"]]\nP0 = [[100, 0], [0, 100]]\ndt = 1\n'
+        '[constants]\nq = 0.1\nr = 1\n[data]\nregressors = {price = "price"}\n[experiment]\nfirst = 0\n'
+    )
+
+    @pytest.fixture
+    def file(self):
+        return modelfile.loads(self.MODEL)
+
+    @pytest.mark.parametrize("command", ["filter", "fit", "compare", "forecast"])
+    def test_a_row_that_is_left_out_and_an_instant_without_one(self, command, file):
+        """Two rows to come are below the record of the forecast."""
+        text = self.GAPPED + ("9,,1\n10,,2\n" if command == "forecast" else "")
+        record = datafile.parse(text.encode(), ["demand"], "sales.csv", file.mapping)
+        report = {
+            "filter": lambda: filtering.study(file, record),
+            "fit": lambda: fitting.study(file, record, ["r"]),
+            "compare": lambda: comparison.study(file, record, algorithms="joseph"),
+            "forecast": lambda: forecasting.study(file, record, 2),
+        }[command]()
+        said = report.values["notes"].value
+        assert said.split("; ") == [
+            "1 instant of the model's grid without a row: not measured there",
+            "demand in line 5 is left out: a regressor beside it has no value",
+        ]
+        assert sum("demand in line 5" in getattr(block, "text", "") for block in report.blocks) == 1
+
+    def test_of_several_records_whose_it_is(self, file, monkeypatch):
+        """Notes and events have the name of their record before them; each record is diagnosed once."""
+        rng = np.random.default_rng(5)
+        tables = []
+        for name in ("a", "b"):
+            z = 5 + rng.normal(size=60)
+            z[30] = 60.0 if name == "b" else z[30]
+            rows = "\n".join(f"{t},{v:.4f},{t % 3 if t != 4 else ''}" for t, v in enumerate(z))
+            tables.append((f"t,demand,price\n{rows}\n".encode(), f"{name}.csv"))
+        asked = []
+        own = filtered.diagnosis.diagnose
+        monkeypatch.setattr(filtered.diagnosis, "diagnose", lambda *args, **more: asked.append(1) or own(*args, **more))
+        report = several.study(file.replace({"q": 0}), reading.parsed(tables, file, Mapping()))
+        assert len(asked) == 2
+        assert report.values["notes"].value.startswith("a: demand in line 6 is left out")
+        assert "; b: demand in line 6" in report.values["notes"].value
+        (events,) = (block for block in report.blocks if getattr(block, "name", "") == "events" and hasattr(block, "rows"))
+        assert [row[:2] for row in events.rows] == [("b", 32)]
+        assert events.rows[0][5] == 60.0
+        assert report.values["events"].value == 1

@@ -29,8 +29,8 @@ LONGEST = 10_000_000
 TOLD = 4
 
 
-class Instants(NamedTuple):
-    """The instants of a record: times ``t`` (steps+1,), or None (one period apart), and the row at each, ``rows``, −1 where there is none."""
+class Placing(NamedTuple):
+    """Where a record's rows are: the instants' times ``t`` (steps+1,), or None (one period apart), and the row at each, ``rows``, −1 where none is."""
 
     t: Array | None
     rows: NDArray[np.int64]
@@ -39,6 +39,21 @@ class Instants(NamedTuple):
     def held(self) -> NDArray[np.int64]:
         """The row that was last at each instant; −1 before the first."""
         return np.maximum.accumulate(self.rows)
+
+
+class Over(NamedTuple):
+    """A model over a record: :func:`timed`, the ``placing`` of the record's rows, and its ``inputs`` (steps+1, r) and ``regressors`` there.
+
+    ``absent`` (steps+1, m), the elements that a missing regressor leaves out of ``z``
+    """
+
+    model: DiscreteModel
+    z: Array
+    t: Array
+    placing: Placing
+    inputs: Array | None
+    regressors: Regressors | None
+    absent: NDArray[np.bool_]
 
 
 def timed(model: ModelFile, record: Record) -> tuple[DiscreteModel, Array, Array]:
@@ -55,64 +70,63 @@ def timed(model: ModelFile, record: Record) -> tuple[DiscreteModel, Array, Array
         Too few rows; a first row before t0; times that a discrete model does not have; an input or a regressor that lacks: the line is
         named.
     """
-    at = instants(model, record)
-    steps, there = len(at.rows) - 1, at.rows >= 0
+    found = over(model, record)
+    return found.model, found.z, found.t
+
+
+def over(model: ModelFile, record: Record) -> Over:
+    """:func:`timed`, and what it was made of."""
+    at = place(model, record)
     inputs, regressors = _inputs(model, record, at), _regressors(model, record, at)
-    z = np.full((steps + 1, record.z.shape[1]), np.nan)
+    z = np.full((len(at.rows), record.z.shape[1]), np.nan)
+    there = at.rows >= 0
     z[there] = record.z[at.rows[there]]
-    if regressors is not None:
-        z[model.absent(regressors)] = np.nan
+    absent = np.zeros(z.shape, dtype=bool) if regressors is None else model.absent(regressors)
+    z[absent] = np.nan
+    discrete = _discrete(model, at, inputs, regressors)
+    t = float(model.experiment.t0) + np.arange(len(z)) * discrete.dt if at.t is None else at.t
+    return Over(discrete, z, t, at, inputs, regressors, absent)
+
+
+def _discrete(model: ModelFile, at: Placing, inputs: Array | None, regressors: Regressors | None) -> DiscreteModel:
     if at.t is None:
-        discrete = model.discrete(steps=steps, inputs=inputs, regressors=regressors)
-        return discrete, z, float(model.experiment.t0) + np.arange(steps + 1) * discrete.dt
-    return model.discrete(times=at.t, inputs=inputs, regressors=regressors), z, at.t
+        return model.discrete(steps=len(at.rows) - 1, inputs=inputs, regressors=regressors)
+    return model.discrete(times=at.t, inputs=inputs, regressors=regressors)
 
 
 def building(model: ModelFile, record: Record) -> tuple[Callable[[dict[str, float]], DiscreteModel], Array]:
     """From values of constants to the model over the record's instants, again and again; and the data z of :func:`timed`."""
-    _model, z, _t = timed(model, record)
-    at, clocked = instants(model, record), (model.dt, model.experiment.t0)
-    inputs, regressors = _inputs(model, record, at), _regressors(model, record, at)
+    found, clocked = over(model, record), (model.dt, model.experiment.t0)
 
     def build(values: dict[str, float]) -> DiscreteModel:
         changed = model.replace(values)
         if (changed.dt, changed.experiment.t0) != clocked:  # another clock, which has to fit the record
-            return timed(changed, record)[0]
-        if at.t is None:
-            return changed.discrete(steps=len(z) - 1, inputs=inputs, regressors=regressors)
-        return changed.discrete(times=at.t, inputs=inputs, regressors=regressors)
+            return over(changed, record).model
+        return _discrete(changed, found.placing, found.inputs, found.regressors)
 
-    return build, z
+    return build, found.z
 
 
-def notes(model: ModelFile, record: Record) -> list[str]:
-    """What is done beyond reading: instants without a row, measurements that a missing regressor leaves out, inputs in place of u."""
-    at, found = instants(model, record), []
-    lacking = int((at.rows < 0).sum()) - int(at.rows[0] < 0)
+def notes(model: ModelFile, record: Record, found: Over) -> list[str]:
+    """What :func:`over` does beyond reading: instants without a row, measurements that a missing regressor leaves out, inputs in place of u."""
+    rows, told = found.placing.rows, list[str]()
+    lacking = int((rows < 0).sum()) - int(rows[0] < 0)
     if lacking:
-        found.append(f"{lacking} instant{'s' if lacking > 1 else ''} of the model's grid without a row: not measured there")
-    regressors = _regressors(model, record, at)
-    if regressors is not None:
-        there = np.flatnonzero(at.rows >= 0)
-        lost = model.absent(regressors)[there] & ~np.isnan(record.z[at.rows[there]])
-        for j, name in enumerate(model.measurements):
-            if lost[:, j].any():
-                lines = record.lines[at.rows[there[lost[:, j]]]]
-                where = ", ".join(map(str, lines[:TOLD])) + (f" and {len(lines) - TOLD} more" if len(lines) > TOLD else "")
-                plural = "s" if len(lines) > 1 else ""
-                found.append(f"{name} in line{plural} {where} is left out: a regressor beside it has no value")
+        told.append(f"{lacking} instant{'s' if lacking > 1 else ''} of the model's grid without a row: not measured there")
+    there = np.flatnonzero(rows >= 0)
+    lost = found.absent[there] & ~np.isnan(record.z[rows[there]])
+    for j, name in enumerate(model.measurements):
+        if lost[:, j].any():
+            lines = record.lines[rows[there[lost[:, j]]]]
+            where = ", ".join(map(str, lines[:TOLD])) + (f" and {len(lines) - TOLD} more" if len(lines) > TOLD else "")
+            plural = "s" if len(lines) > 1 else ""
+            told.append(f"{name} in line{plural} {where} is left out: a regressor beside it has no value")
     if record.u is not None and model.moved and not model.driven:
-        found.append(f"the known input is the record's ({', '.join(record.mapping.inputs)}), in place of u under [model]")
-    return found
+        told.append(f"the known input is the record's ({', '.join(record.mapping.inputs)}), in place of u under [model]")
+    return told
 
 
-def unusable(model: ModelFile, record: Record) -> NDArray[np.bool_]:
-    """The elements of z, (steps+1, m), that a missing regressor leaves out."""
-    regressors = _regressors(model, record, instants(model, record))
-    return np.zeros((0, model.m), dtype=bool) if regressors is None else model.absent(regressors)
-
-
-def instants(model: ModelFile, record: Record) -> Instants:
+def place(model: ModelFile, record: Record) -> Placing:
     """Where the rows of a record are on the model's clock.
 
     A first row at t0 in which nothing is measured is t0 itself, also with ``first = 1``: it may tell the input from there on.
@@ -123,18 +137,18 @@ def instants(model: ModelFile, record: Record) -> Instants:
         raise ValueError(msg)
     rows = np.arange(record.rows)
     if record.t is None:
-        return Instants(None, np.concatenate([[-1] * first, rows]).astype(np.int64))
+        return Placing(None, np.concatenate([[-1] * first, rows]).astype(np.int64))
     begins = bool(first and np.isnan(record.z[0]).all() and abs(record.t[0] - t0) <= NEAR * model.dt and record.rows > 1)
     _plausible(model, record, t0)
     if model.kind == "discrete":
         return _on_grid(model, record, first and not begins)
     if begins:
-        return Instants(np.concatenate([[t0], record.t[1:]]), rows)
+        return Placing(np.concatenate([[t0], record.t[1:]]), rows)
     _begins(record, t0, first)
-    return Instants(np.concatenate([[t0][:first], record.t]), np.concatenate([[-1] * first, rows]).astype(np.int64))
+    return Placing(np.concatenate([[t0][:first], record.t]), np.concatenate([[-1] * first, rows]).astype(np.int64))
 
 
-def _on_grid(model: ModelFile, record: Record, before: int) -> Instants:
+def _on_grid(model: ModelFile, record: Record, before: int) -> Placing:
     """The instants of a model in discrete time: multiples of its period from the first row on; rows may be left out."""
     assert record.t is not None
     t, dt = record.t, model.dt
@@ -170,10 +184,10 @@ def _on_grid(model: ModelFile, record: Record, before: int) -> Instants:
     grid[places] = t
     rows = np.full(len(grid), -1)
     rows[places] = np.arange(record.rows)
-    return Instants(grid, rows)
+    return Placing(grid, rows)
 
 
-def _inputs(model: ModelFile, record: Record, at: Instants) -> Array | None:
+def _inputs(model: ModelFile, record: Record, at: Placing) -> Array | None:
     """The known inputs of the instants, (steps+1, r): each row's holds until the next row."""
     if record.u is None:
         if model.driven:
@@ -202,7 +216,7 @@ def _inputs(model: ModelFile, record: Record, at: Instants) -> Array | None:
     return u
 
 
-def _regressors(model: ModelFile, record: Record, at: Instants) -> Regressors | None:
+def _regressors(model: ModelFile, record: Record, at: Placing) -> Regressors | None:
     """The columns that elements of the model name, by instants."""
     names = model.regressors
     if not names:

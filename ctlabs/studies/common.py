@@ -88,6 +88,14 @@ def show(report: Report, model: ContinuousModel | DiscreteModel) -> None:
         report.says(_("The model has {n} states and {m} measurements."), n=model.n, m=model.m)
 
 
+def notes(report: Report, told: Sequence[str]) -> None:
+    """What was done with a record beyond reading it."""
+    for note in dict.fromkeys(told):
+        report.says("**{note}.**", note=note)
+    if told:
+        report.value("notes", "; ".join(dict.fromkeys(told)))
+
+
 def label(name: str, unit: str = "") -> str:
     """A name and its unit for an axis; a dollar sign in it begins no formula."""
     shown = f"{name}, {unit}" if unit and unit != "1" else name

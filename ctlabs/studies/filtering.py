@@ -96,8 +96,6 @@ def study(
     report = common.begin("filter", _("a record filtered"), used, "abcde", given, data=record.source, **own)
     report.section("a", _("Model and data"))
     _data(report, run, record)
-    for note in clock.notes(used, record):
-        report.says("{note}.", note=note)
     report.section("b", _("Estimates"))
     _estimates(report, run)
     report.section("c", _("What the data say of the model"))
@@ -115,6 +113,7 @@ def study(
 def add(report: Report, model: ModelFile, record: Record) -> None:
     """A filtered record in another study's report: the figures, the verdict, ``estimates.csv``."""
     run = compute(model, record, "joseph")
+    common.notes(report, run.notes)
     _figures(report, run)
     _verdict(report, run, model.measurement_units)
     report.csv("estimates", *table(run))
@@ -130,10 +129,7 @@ def _data(report: Report, run: Run, record: Record) -> None:
     if record.ignored:
         report.says(_("Columns that were not used: {names}."), names=", ".join(record.ignored))
         report.value("columns_not_used", ", ".join(record.ignored))
-    for note in record.notes:
-        report.says("**{note}.**", note=note)
-    if record.notes:
-        report.value("notes", "; ".join(record.notes))
+    common.notes(report, run.notes)
     common.show(report, run.model)
     report.value("steps", len(run.z) - 1)
     report.value("missing", record.missing)
@@ -325,7 +321,7 @@ def _verdict(report: Report, run: Run, units: Sequence[str]) -> None:
         return
     _innovations(report, run, run.verdict, units)
     _tests(report, run, run.verdict)
-    _events(report, run, run.verdict)
+    events(report, [run])
     if len(run.z) > diagnosis.LONG:
         report.says(
             _("The tests of whiteness and the factors are those of the first {rows} rows."), rows=diagnosis.LONG
@@ -426,22 +422,22 @@ def _tests(report: Report, run: Run, verdict: Diagnosis) -> None:
     )  # fmt: skip
 
 
-def _events(report: Report, run: Run, verdict: Diagnosis) -> None:
-    """The rows that speak against the model, one by one."""
-    if not verdict.events:
+def events(report: Report, runs: Sequence[Run], record: Sequence[str] = ()) -> None:
+    """The rows that speak against the model, one by one; of several records after each one's name, in a column ``record``."""
+    found = [(run, event) for run in runs if run.verdict is not None for event in run.verdict.events]
+    if not found:
         return
     kinds = {"outlier": _("outlier"), "break": _("break before this row"), "stuck": _("stuck")}
-    rows = []
-    for event in verdict.events:
+    rows: list[tuple[Any, ...]] = []
+    for run, event in found:
         name = (run.model.states if event.kind == "break" else run.model.measurements)[event.place]
-        for row in event.rows:
-            size = event.size if len(event.rows) == 1 else None
-            value = None if np.isnan(event.value) else event.value
-            rows.append((run.line(row), _time(run, row), name, kinds[event.kind], value, size))
-    report.value("events", len(verdict.events))
+        value, size = None if np.isnan(event.value) else event.value, event.size if len(event.rows) == 1 else None
+        own = [run.record.name] if record else []
+        rows += [(*own, run.line(row), _time(run, row), name, kinds[event.kind], value, size) for row in event.rows]
+    report.value("events", len(found))
     report.table(
         "events",
-        [_("line"), _("time"), _("quantity"), _("kind"), _("value"), _("differs by")],
+        [*record, _("line"), _("time"), _("quantity"), _("kind"), _("value"), _("differs by")],
         rows,
         _("Rows that speak against the model. What a value differs by is told by the rest of the record."),
     )

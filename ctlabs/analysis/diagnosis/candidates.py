@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -136,7 +136,8 @@ def constants(model: DiscreteModel, z: Array, first: int) -> list[Candidate]:
 
             def changed(c: float, name: str = name, unit: Array = unit) -> DiscreteModel:
                 own = getattr(model, name)
-                return replace(model, **{name: c * unit + (0.0 if own is None else own)})
+                change: dict[str, Any] = {name: c * unit + (0.0 if own is None else own)}
+                return replace(model, **change)
 
             best = _quadratic(lambda c: log_likelihood(changed(c), z[first:], first), here, float(sizes[i]))
             if best is not None:
