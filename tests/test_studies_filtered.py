@@ -13,6 +13,7 @@ from ctlabs import DiscreteModel, kalman_filter
 from ctlabs.files import datafile, modelfile, tables
 from ctlabs.files.mapping import Mapping
 from ctlabs.filtering import draws
+from ctlabs.montecarlo import chance
 from ctlabs.studies import estimates, filtered, filtering, paths
 
 LEVEL = """\
@@ -204,7 +205,7 @@ def test_functions_of_the_path_are_those_of_the_draws():
     assert len(rows_of(report, "draws")) == 400
     assert report.values["level_reaches_15_probability"].value == np.isfinite(first).mean()
     wrong = replace(found, x=found.x + 0.5)
-    assert not paths.means(wrong.x, x.mean(axis=1)[:, None], x.std(axis=1)[:, None]).passed
+    assert not chance.means(wrong.x, x.mean(axis=1)[:, None], x.std(axis=1)[:, None]).passed
 
 
 @pytest.mark.parametrize(
@@ -315,3 +316,45 @@ def test_gains_of_a_varying_offset_are_constant(datum, tmp_path):
     found = np.load(tmp_path / "gains.npz")
     assert found["K"].shape == (1, 1)
     assert found["measurement_offset"].ravel() == pytest.approx(datum[2])
+
+
+@pytest.mark.parametrize(
+    ("cells", "kind"),
+    [
+        (["1717156800123456789", "", "1717156800123456790"], "Int64"),
+        (["1", "2", "3"], "int64"),
+        (["0.5", "", "1e-09"], "float64"),
+        (["1.0", "2.5", "-0.0"], "float64"),
+        (["", "", ""], "float64"),
+        (["001", "002", "010"], "text"),
+        (["1", "02", ""], "text"),
+        (["0.10", "0.20", "0.30"], "text"),
+        (["1_000", "2", "3"], "text"),
+        (["99999999999999999999", "1", ""], "text"),
+        (["9007199254740993", "0.5", ""], "text"),
+        (["2024-05-31", "", "x"], "text"),
+    ],
+)
+def test_a_column_of_parquet_loses_nothing_of_its_cells(cells, kind):
+    """Whole numbers with all digits, also beside an empty cell; what a number would write otherwise stays text."""
+    table = "k,c\n" + "".join(f"{k},{cell}\n" for k, cell in enumerate(cells))
+    found = pd.read_parquet(io.BytesIO(tables.parquet(table.encode())))["c"]
+    assert str(found.dtype) == kind or (kind == "text" and found.tolist() == cells)
+    if kind == "Int64":
+        assert [None if value is pd.NA else int(value) for value in found] == [int(cell) if cell else None for cell in cells]
+
+
+def test_a_row_at_t0_stands_in_the_table_too():
+    """A first row in which nothing is measured is t0: it has the initial estimate, and no row of the file lacks."""
+    rows = rows_of(filtering.study(modelfile.loads(LEVEL), record(["0,", "1,11", "2.5,12"], "t,gauge")))
+    assert tuple(rows[0][name] for name in ("k", "t", "level")) == ("0", "0.0", "10.0")
+    assert [row["t"] for row in rows] == ["0.0", "1.0", "2.5"]
+    assert [row["innovation_gauge"] == "" for row in rows] == [True, False, False]
+
+
+def test_instants_between_the_rows_of_a_grid_stand_in_the_table():
+    """A discrete model's record with a row left out: a row of the table for every instant."""
+    text = LEVEL.replace("continuous", "discrete").replace("F = [[0]]\nG = [[1]]\nQ", "Phi = [[1]]\nQd")
+    rows = rows_of(filtering.study(modelfile.loads(text), record(["1,11", "2,12", "4,11", "5,10"], "t,gauge")))
+    assert [row["t"] for row in rows] == ["1.0", "2.0", "3.0", "4.0", "5.0"]
+    assert rows[2]["innovation_gauge"] == ""
