@@ -1,5 +1,7 @@
 """``ctlabs forecast``: what comes after a record."""
 
+import datetime as dt
+
 import numpy as np
 import pytest
 
@@ -128,3 +130,31 @@ def test_a_measured_row_without_its_regressor_is_no_row_to_come():
     assert "4 rows from t = 0 to 3 s" in said
     assert "demand in line 5 is left out" in said
     assert report.passed
+
+
+@pytest.mark.parametrize(
+    ("unit", "text", "step"),
+    [
+        ("dmy", "{:%d.%m.%Y %H:%M}", 3600),
+        ("dmy", "{:%d/%m/%y}", 86400),
+        ("mdy", "{:%m/%d/%Y %H:%M:%S}", 1),
+        ("ymd", "{:%Y/%m/%d}", 172800),
+        ("iso", "{:%Y-%m-%d}", 86400),
+        ("iso", "{:%Y-%m-%dT%H:%M:%S}+05:30", 600),
+    ],
+)
+def test_times_that_go_on_are_read_as_the_seconds_beside_them(unit, text, step):
+    """What is written after the last row is that instant by the reading of the record itself, also past the end of a year."""
+    start, model = dt.datetime(2024, 12, 30), modelfile.loads(DRIFT.replace("first = 1", "first = 0"))
+    stamps = [text.format(start + dt.timedelta(seconds=i * step)) for i in range(3)]
+    mapping = Mapping(time="at", unit=unit, t0="first")
+
+    def read(stamps):
+        rows = "\n".join(f"{stamp},0.{i + 1}" for i, stamp in enumerate(stamps))
+        return datafile.parse(f"at,reading\n{rows}\n".encode(), ["reading"], mapping=mapping)
+
+    head, *rows = forecasting.study(model, read(stamps), 5).files["forecast.csv"].decode().splitlines()
+    assert head.split(",")[:3] == ["k", "at", "t"]
+    later = [row.split(",") for row in rows]
+    again = read([*stamps, *(row[1] for row in later)])
+    assert [float(row[2]) for row in later] == again.t[3:].tolist()
