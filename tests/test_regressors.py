@@ -509,3 +509,42 @@ class TestWhatIsSaid:
         assert [row[:2] for row in events.rows] == [("b", 32)]
         assert events.rows[0][5] == 60.0
         assert report.values["events"].value == 1
+
+
+class TestCalendar:
+    """Dates on the grid of a model in discrete time whose period is another one than that of the rows."""
+
+    MODEL = (
+        'format = 1\nkind = "discrete"\n[model]\nPhi = [[1]]\nQd = [[1]]\nH = [[1]]\nR = [[1]]\nP0 = [[9]]\ndt = 1\n'
+        "[experiment]\nfirst = 0\n"
+    )
+
+    @staticmethod
+    def record(stamps, unit, **told):
+        rows = "\n".join(f"{stamp},{i}.5" for i, stamp in enumerate(stamps))
+        return datafile.parse(f"at,z1\n{rows}\n".encode(), ["z1"], "log.csv", Mapping(time="at", unit=unit, t0="first", **told))
+
+    @pytest.mark.parametrize(
+        ("stamps", "unit", "apart"),
+        [([f"2024-05-{i:02d}" for i in (1, 2, 4)], "iso", 86400), ([f"{45000 + i / 4}" for i in range(3)], "excel", 21600)],
+    )
+    def test_days_are_no_seconds(self, stamps, unit, apart):
+        """Every row thousands of periods after the one before: refused with the period, or another reading, to set."""
+        with pytest.raises(ValueError, match=rf"no two rows are less than {apart} periods .* set dt = {apart} under .*--time none takes"):
+            clock.timed(modelfile.loads(self.MODEL), self.record(stamps, unit))
+        model = modelfile.loads(self.MODEL.replace("dt = 1", f"dt = {apart}"))
+        assert len(clock.timed(model, self.record(stamps, unit))[2]) == (4 if unit == "iso" else 3)
+
+    def test_a_unit_of_seconds_is_meant(self):
+        """Who says in which unit the times are has told how far apart they are."""
+        model = modelfile.loads(self.MODEL)
+        record = datafile.parse(b"at,z1\n0,1\n2,1.5\n4,1\n", ["z1"], mapping=Mapping(time="at", unit="h", t0="first"))
+        assert len(clock.timed(model, record)[2]) == 4 * 3600 + 1
+
+    def test_some_periods_apart_is_said(self):
+        """Every ten seconds at dt = 1: filtered, and told with the other reading."""
+        model, stamps = modelfile.loads(self.MODEL), [f"2024-05-31T12:00:{s:02d}" for s in (0, 10, 20)]
+        record = self.record(stamps, "iso")
+        (note,) = clock.notes(model, record, clock.over(model, record))
+        assert note.startswith("18 instants of the model's grid without a row")
+        assert note.endswith("(no two rows are less than 10 periods apart; --time none: they are one apart)")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ctlabs.files.mapping import NO_TIME, pasted
+from ctlabs.files.mapping import NO_TIME, RELATIVE, pasted
 from ctlabs.files.modelfile.values import Regressors
 from ctlabs.files.times import choice
 from ctlabs.linalg.checks import Array
@@ -112,7 +112,9 @@ def notes(model: ModelFile, record: Record, found: Over) -> list[str]:
     rows, told = found.placing.rows, list[str]()
     lacking = int((rows < 0).sum()) - int(rows[0] < 0)
     if lacking:
-        told.append(f"{lacking} instant{'s' if lacking > 1 else ''} of the model's grid without a row: not measured there")
+        by = int(np.diff(np.flatnonzero(rows >= 0)).min()) if record.rows > 1 else 1
+        apart = f" (no two rows are less than {by} periods apart; {pasted(('--time', NO_TIME))}: they are one apart)" if by > 1 else ""
+        told.append(f"{lacking} instant{'s' if lacking > 1 else ''} of the model's grid without a row: not measured there{apart}")
     there = np.flatnonzero(rows >= 0)
     lost = found.absent[there] & ~np.isnan(record.z[rows[there]])
     for j, name in enumerate(model.measurements):
@@ -169,8 +171,14 @@ def _on_grid(model: ModelFile, record: Record, before: int) -> Placing:
         row = int(twice[0]) + 1
         msg = f"{where.format(record.lines[row])} expected one row at each instant, received a second at {moment(t[row])}"
         raise ValueError(msg)
-    if len(t) > 1 and not record.mapping.unit and np.diff(steps).min() > 1:
-        by = int(np.diff(steps).min())
+    by = int(np.diff(steps).min()) if len(t) > 1 else 1
+    if by > MANY and record.mapping.unit not in ("", *RELATIVE):
+        msg = (
+            f"{where.format(record.lines[1])} no two rows are less than {by} periods (dt = {moment(dt)} s) apart: expected rows a few periods "
+            f"apart; set dt = {moment(by * dt)} under [model], or {pasted(('--time', NO_TIME))} takes the rows for one period apart"
+        )
+        raise ValueError(msg)
+    if by > 1 and not record.mapping.unit:
         msg = (
             f"{where.format(record.lines[1])} no two rows are one period (dt = {moment(dt)} s) apart, but {by} or more: expected a choice, "
             f"{pasted(('--time', record.clock + ':s'))} (nothing was measured between them) or {pasted(('--time', NO_TIME))} (one period apart)"
