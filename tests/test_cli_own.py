@@ -14,7 +14,7 @@ import pytest
 from ctlabs import cli
 from ctlabs.files import modelfile
 from ctlabs.reporting import render
-from ctlabs.studies import filtering
+from ctlabs.studies import filtering, forecasting
 from tests.nile import FLOW
 from tests.test_cli import Console, files
 from tests.test_studies import GAPS, NILE
@@ -350,3 +350,32 @@ def test_a_word_on_a_terminal_while_it_works_and_nothing_left_of_it(ctlabs, plai
     shown = terminal.getvalue()
     assert "computing" in shown
     assert shown.endswith("\r\x1b[K")
+
+
+class TestSeveral:
+    """Options that are about one record are refused beside several, not answered for the first."""
+
+    @pytest.mark.parametrize("option", [["--gate", "5"], ["--draws", "9"], ["--reach", "level=9"], ["--seed", "0"], ["--export", "g.npz"]])
+    def test_what_is_about_one_record(self, option, ctlabs, tmp_path):
+        """The option is named, and nothing is written."""
+        (tmp_path / "second.csv").write_text(table(FLOW[:20]), encoding="utf-8")
+        assert ctlabs("filter", "nile.toml", "flow.csv", "second.csv", *option) == 2
+        assert f"{option[0]}: expected one record, received 2" in ctlabs.err
+        assert not (tmp_path / "nile").exists()
+        assert not (tmp_path / "g.npz").exists()
+
+
+def test_a_column_that_h_names_is_met_below_what_the_file_says_to_skip(ctlabs, tmp_path, plain):
+    """The header is read as the model file's table [data] says: its encoding, and the lines above it."""
+    text = NILE.replace("H = [[1]]", 'H = [["Größe"]]') + '\n[data]\nskip = 2\nencoding = "cp1252"\n'
+    (tmp_path / "sized.toml").write_text(text, encoding="utf-8")
+    rows = "\n".join(f"{value},1" for value in FLOW)
+    (tmp_path / "sized.csv").write_bytes(f"a,b,c\nd,e,f\nflow,Größe\n{rows}\n".encode("cp1252"))
+    assert ctlabs("filter", "sized.toml", "sized.csv") == 0, ctlabs.err
+    assert "Größe in the model: the column of sized.csv of that name" in ctlabs.err
+
+
+def test_the_help_of_forecast_tells_how_many_instants():
+    """The number is that of the study."""
+    option = next(one for one in cli.cli.commands["forecast"].params if one.name == "steps")
+    assert f"default: {forecasting.STEPS};" in option.help

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ctlabs.files import datafile, decode
+from ctlabs.files import datafile, decode, reading
 
 NAN = float("nan")
 
@@ -145,7 +145,7 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path):
     """None, a folder."""
     for path in (tmp_path / "none.csv", tmp_path):
         with pytest.raises(ValueError, match=r"expected a file that can be read, received: "):
-            datafile.read(path, ["flow"])
+            reading.read_record(path, ["flow"])
 
 
 def test_a_file_beyond_the_limit_is_refused(tmp_path, monkeypatch):
@@ -153,16 +153,16 @@ def test_a_file_beyond_the_limit_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(decode, "LARGEST", 2**20)
     (tmp_path / "big.csv").write_bytes(b"flow\n" + b"1\n" * 2**19)
     with pytest.raises(ValueError, match=r"big\.csv: expected at most 1 MB, received more"):
-        datafile.read(tmp_path / "big.csv", ["flow"])
+        reading.read_record(tmp_path / "big.csv", ["flow"])
 
 
 def test_a_dash_is_the_standard_input(monkeypatch):
     """For pipes; messages call it stdin."""
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(b"flow\n1\nx\n")))
     with pytest.raises(ValueError, match=r'stdin: line 3, column flow: expected a number, received "x"'):
-        datafile.read("-", ["flow"])
+        reading.read_record("-", ["flow"])
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=io.BytesIO(b"flow\n1\n2\n")))
-    assert datafile.read("-", ["flow"]).z.ravel().tolist() == [1, 2]
+    assert reading.read_record("-", ["flow"]).z.ravel().tolist() == [1, 2]
 
 
 numbers = st.one_of(st.floats(allow_nan=False, allow_infinity=False), st.just(NAN))

@@ -482,3 +482,53 @@ class TestRows:
         found = diagnosis.diagnose(model, kalman_filter(model, [0.5, 0.8]))
         assert found.verdict == "contradiction"
         assert found.suggestion == "z1 = 0.8 in row 1 contradicts what is known exactly, 0.25: the record is impossible for this model"
+
+
+def moved(d):
+    """A random walk measured with what is known of its measurements, d (steps+1, 1): two of −9999, an outlier and a stuck sensor."""
+    rng = np.random.default_rng(4)
+    z = np.round(np.cumsum(rng.normal(size=120)) + rng.normal(size=120), 2)[:, None] + d[1:]
+    z[[20, 90]] = -9999.0
+    z[50] = 160.0
+    z[100:112] = z[99]
+    return DiscreteModel([[1]], [[1]], [[1]], [[1]], P0=[[10]], measurement_offset=d), z
+
+
+class TestWhatIsKnown:
+    """Of a record with known inputs or an offset in its measurements everything that is said is in its own values."""
+
+    @pytest.mark.parametrize("d", [np.full((121, 1), 100.0), 30 * np.sin(np.arange(121.0))[:, None]], ids=["constant", "varying"])
+    def test_values_are_those_of_the_record(self, d):
+        """Values of outliers and runs are the record's, also where no two of them are equal once the known part is off."""
+        model, z = moved(d)
+        found = diagnosis.diagnose(model, z)
+        told = {(event.kind, event.rows): event.value for event in found.events}
+        assert told[("outlier", (20, 90))] == -9999.0
+        outliers = {event.rows: event.value for event in diagnosis.diagnose(model, np.where(z == -9999, np.nan, z)[:95]).events}
+        assert outliers[(50,)] == 160.0
+        run = diagnosis.diagnose(model, np.where((z == -9999) | (z == 160), np.nan, z)).events
+        assert [(event.kind, event.rows, event.value) for event in run] == [("stuck", tuple(range(99, 112)), z[99, 0])]
+        assert "--missing -9999" in found.suggestion
+
+    def test_an_input_is_known_as_an_offset_is(self):
+        """Du given to the filter, and the same numbers as an offset: one verdict."""
+        d = 30 * np.sin(np.arange(121.0))[:, None]
+        model, z = moved(d)
+        driven = replace(model, measurement_offset=None, D=[[1]])
+        found = diagnosis.diagnose(driven, kalman_filter(driven, z, u=d[1:]))
+        assert found.suggestion == diagnosis.diagnose(model, z).suggestion
+
+    def test_the_rest_of_a_biased_record_is_told_in_its_own_values(self):
+        """A bias is a change of the model, so that a row that is told after it keeps its value."""
+        rng = np.random.default_rng(4)
+        z = rng.normal(size=(200, 1)) + 3.0
+        model = DiscreteModel([[0.5]], [[1]], [[1]], [[0.25]], P0=[[1]])
+        (bias,) = [c for c in diagnosis.constants(model, z, 1) if c.kind == "bias"]
+        assert np.array_equal(bias.z, z)
+        assert bias.model.measurement_offset == pytest.approx(bias.size)
+        assert log_likelihood(bias.model, z) == pytest.approx(log_likelihood(model, z - bias.size))
+
+    def test_a_contradiction_is_told_in_the_values_of_the_record(self):
+        """Both the value and the one that was possible."""
+        model = DiscreteModel([[0.5]], [[0]], [[1]], [[0]], x0=[1], P0=[[1]], measurement_offset=[7])
+        assert diagnosis.diagnose(model, [7.5, 7.5]).suggestion.startswith("z1 = 7.5 in row 1 contradicts what is known exactly, 7.25")

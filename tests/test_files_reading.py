@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from ctlabs import DiscreteModel, kalman_filter, read_model, read_record
-from ctlabs.files import clock, datafile, modelfile
+from ctlabs.files import clock, datafile, look, modelfile
 from ctlabs.files.mapping import Mapping
 from ctlabs.reporting import render
 from tests.test_cli import Console
@@ -233,3 +233,34 @@ def test_what_has_two_readings_is_refused_with_the_option_that_decides(text, tol
     with pytest.raises(ValueError) as error:
         datafile.parse(text.encode(), ["position"], "d.csv", Mapping(**told))
     assert re.fullmatch(rf"d\.csv: {line}", str(error.value)), error.value
+
+
+@pytest.mark.parametrize(("head", "foot"), [("", ""), ("Umsatz 2023;;\r\n", ""), ("Umsatz 2023;;\r\n", "Summe;123.456,00;\r\n")])
+def test_decimal_commas_and_thousands_part_no_columns(head, foot):
+    """A spreadsheet whose rows have as many commas as separators: the cells have to be values; the unit of its dates is told."""
+    rows = [f"{i:02d}.01.2023;1.{500 + 7 * i},95;8,{90 + i}" for i in range(1, 9)]
+    text = head + "\r\n".join(["Datum;Menge [Stück];Preis (€)", *rows, foot])
+    with pytest.raises(ValueError, match=r'expected the column flow, received "Datum", "Menge \[Stück\]", "Preis'):
+        datafile.parse(text.encode("cp1252"), ["flow"], "sales.csv")
+    told = {"columns": {"flow": "Menge [Stück]"}, "time": "Datum"}
+    with pytest.raises(ValueError, match=r"received the date .*--time Datum:dmy --t0 first$"):
+        datafile.parse(text.encode("cp1252"), ["flow"], "sales.csv", Mapping(**told))
+    told |= {"unit": "dmy", "t0": "first"}
+    if foot:
+        with pytest.raises(ValueError, match=r'received "Summe"; if the line is not part of the table, remove it or begin it with #$'):
+            datafile.parse(text.encode("cp1252"), ["flow"], "sales.csv", Mapping(**told))
+    else:
+        assert datafile.parse(text.encode("cp1252"), ["flow"], "sales.csv", Mapping(**told)).z[0, 0] == 1507.95
+
+
+def test_the_names_of_a_logger_stand_above_its_units_and_kinds():
+    """TOA5: four lines above the numbers, of which the last has equal and empty cells."""
+    lines = [
+        '"TOA5","Station","CR1000","12345","CR1000.Std.27","CPU:prog.CR1","4321","Table1"',
+        '"TIMESTAMP","RECORD","BattV_Avg","AirTC_Avg"', '"TS","RN","Volts","Deg C"', '"","","Avg","Avg"',
+        '"2024-05-31 12:00:00",0,12.5,15.1', '"2024-05-31 12:15:00",1,12.5,"NAN"', '"2024-05-31 12:30:00",2,12.4,15.3',
+    ]  # fmt: skip
+    assert datafile.header("\r\n".join(lines).encode(), "toa5.dat") == ("TIMESTAMP", "RECORD", "BattV_Avg", "AirTC_Avg")
+    found = look.survey("\r\n".join(lines).encode(), "toa5.dat", Mapping(), ["air"])
+    assert [column.name for column in found.columns] == ["TIMESTAMP", "RECORD", "BattV_Avg", "AirTC_Avg"]
+    assert "--time TIMESTAMP:iso --t0 first" in found.options

@@ -14,7 +14,7 @@ from ctlabs import DiscreteModel, diagnose, fit, forecast, kalman_filter, smooth
 from ctlabs.files import clock, datafile, look, modelfile, read_records, reading
 from ctlabs.files.mapping import Mapping
 from ctlabs.filtering import log_likelihood
-from ctlabs.studies import analysis, comparison, filtering, fitting, forecasting, several, simulation
+from ctlabs.studies import analysis, comparison, filtered, filtering, fitting, forecasting, several, simulation
 from tests import reference
 from tests.reference import EXACT, close
 
@@ -97,7 +97,7 @@ class TestRegressors:
         file = demand(0)
         record = datafile.parse(text.encode(), file.measurements, mapping=file.mapping)
         for bias in (0.3, -1.0):
-            model, z, _t = clock.over(file.replace({"bias": bias}), record)
+            model, z, _t = clock.timed(file.replace({"bias": bias}), record)
             library, arguments = plain(columns, 0)
             arguments["z"][:, 1] += (0.3 - bias) * columns["Price"]
             assert log_likelihood(model, z, 0) == pytest.approx(kalman_filter(library, **arguments).log_likelihood, rel=1e-12)
@@ -125,7 +125,7 @@ class TestRegressors:
         wanted = kalman_filter(library, **arguments, **({"u0": [0.7]} if first else {}))
         assert close(found.x_plus, wanted.x_plus, EXACT, 1.0)
         assert found.log_likelihood == pytest.approx(wanted.log_likelihood, rel=1e-12)
-        assert clock.notes(file, record) == ["demand in line 6 is left out: a regressor beside it has no value"]
+        assert clock.notes(file, record, clock.over(file, record)) == ["demand in line 6 is left out: a regressor beside it has no value"]
         assert np.isfinite(smooth(model, found).x).all()
         assert diagnose(model, z[first:], first=first).nis_p > 0
 
@@ -273,7 +273,7 @@ dt = 1
             dataclasses.replace(file.continuous()), [[1.0], [1.5]], t=[0.5, 2], R=[[0.01]], u=[[0.2], [0.1]], u0=[0.5]
         )
         assert close(kalman_filter(model, z[1:], first=1).x_plus, wanted.x_plus, EXACT, 1.0)
-        assert "in place of u" in clock.notes(file, record)[0]
+        assert "in place of u" in clock.notes(file, record, clock.over(file, record))[0]
 
     def test_the_input_before_the_first_row_is_asked_for(self):
         """And refused where nothing asks for it."""
@@ -296,7 +296,7 @@ dt = 1
         np.testing.assert_array_equal(model.offset[:, 0], [10, 12, 12])
         np.testing.assert_array_equal(np.isnan(z[:, 0]), [False, False, True, False])
         np.testing.assert_array_equal(t, [0, 1, 2, 3])
-        assert clock.notes(file, record) == ["1 instant of the model's grid without a row: not measured there"]
+        assert clock.notes(file, record, clock.over(file, record)) == ["1 instant of the model's grid without a row: not measured there"]
 
 
 class TestSeveral:
@@ -349,8 +349,8 @@ class TestSeveral:
         """ℓ of both at the joint estimate is the sum of each; the estimate of r is theirs together."""
         file = modelfile.loads(TVP).replace({"q": 0}).checked()
         records = reading.parsed([(regression(seed, 30), f"{seed}.csv") for seed in (1, 2)], file, Mapping())
-        builds = [lambda c, record=record: clock.over(file.replace(c), record)[0] for record in records]
-        data = [clock.over(file, record)[1][1:] for record in records]
+        builds = [lambda c, record=record: clock.timed(file.replace(c), record)[0] for record in records]
+        data = [clock.timed(file, record)[1][1:] for record in records]
         found = fit(builds, data, {"r": 1.0}, {"r": (0, None)})
         alone = [log_likelihood(build(found.estimates), z) for build, z in zip(builds, data, strict=True)]
         assert found.log_likelihood_diffuse == pytest.approx(sum(alone), rel=1e-12)
@@ -455,3 +455,96 @@ def test_a_look_suggests_the_columns_that_the_model_names():
     found = look.survey(b"run,y,Price [EUR],HDOP\nA,1,2,3\nB,4,5,6\n", "d.csv", told, ["y"])
     assert 'regressors = { price = "Price [EUR]", hdop = "HDOP" }\nrecord = "run"' in found.data
     assert found.options == '--regressor price="Price [EUR]" --regressor hdop=HDOP --record-column run'
+
+
+class TestWhatIsSaid:
+    """What was done with a record is said by every command, with the record's name where there are several."""
+
+    GAPPED = "t,demand,price\n" + "\n".join(f"{t},{8 - 0.1 * t:.1f},{'' if t == 4 else t % 3}" for t in (0, 1, 2, 4, 5, 6, 7, 8)) + "\n"
+    MODEL = (
+        'format = 1\ntitle = "Demand"\nkind = "discrete"\n[model]\nstates = ["base", "slope"]\nmeasurements = ["demand"]\n'
+        'Phi = [[1, 0], [0, 1]]\nQd = [["q", 0], [0, 0.01]]\nH = [[1, "price"]]\nR = [["r"]]\nP0 = [[100, 0], [0, 100]]\ndt = 1\n'
+        '[constants]\nq = 0.1\nr = 1\n[data]\nregressors = {price = "price"}\n[experiment]\nfirst = 0\n'
+    )
+
+    @pytest.fixture
+    def file(self):
+        return modelfile.loads(self.MODEL)
+
+    @pytest.mark.parametrize("command", ["filter", "fit", "compare", "forecast"])
+    def test_a_row_that_is_left_out_and_an_instant_without_one(self, command, file):
+        """Two rows to come are below the record of the forecast."""
+        text = self.GAPPED + ("9,,1\n10,,2\n" if command == "forecast" else "")
+        record = datafile.parse(text.encode(), ["demand"], "sales.csv", file.mapping)
+        report = {
+            "filter": lambda: filtering.study(file, record),
+            "fit": lambda: fitting.study(file, record, ["r"]),
+            "compare": lambda: comparison.study(file, record, algorithms="joseph"),
+            "forecast": lambda: forecasting.study(file, record, 2),
+        }[command]()
+        said = report.values["notes"].value
+        assert said.split("; ") == [
+            "1 instant of the model's grid without a row: not measured there",
+            "demand in line 5 is left out: a regressor beside it has no value",
+        ]
+        assert sum("demand in line 5" in getattr(block, "text", "") for block in report.blocks) == 1
+
+    def test_of_several_records_whose_it_is(self, file, monkeypatch):
+        """Notes and events have the name of their record before them; each record is diagnosed once."""
+        rng = np.random.default_rng(5)
+        tables = []
+        for name in ("a", "b"):
+            z = 5 + rng.normal(size=60)
+            z[30] = 60.0 if name == "b" else z[30]
+            rows = "\n".join(f"{t},{v:.4f},{t % 3 if t != 4 else ''}" for t, v in enumerate(z))
+            tables.append((f"t,demand,price\n{rows}\n".encode(), f"{name}.csv"))
+        asked = []
+        own = filtered.diagnosis.diagnose
+        monkeypatch.setattr(filtered.diagnosis, "diagnose", lambda *args, **more: asked.append(1) or own(*args, **more))
+        report = several.study(file.replace({"q": 0}), reading.parsed(tables, file, Mapping()))
+        assert len(asked) == 2
+        assert report.values["notes"].value.startswith("a: demand in line 6 is left out")
+        assert "; b: demand in line 6" in report.values["notes"].value
+        (events,) = (block for block in report.blocks if getattr(block, "name", "") == "events" and hasattr(block, "rows"))
+        assert [row[:2] for row in events.rows] == [("b", 32)]
+        assert events.rows[0][5] == 60.0
+        assert report.values["events"].value == 1
+
+
+class TestCalendar:
+    """Dates on the grid of a model in discrete time whose period is another one than that of the rows."""
+
+    MODEL = (
+        'format = 1\nkind = "discrete"\n[model]\nPhi = [[1]]\nQd = [[1]]\nH = [[1]]\nR = [[1]]\nP0 = [[9]]\ndt = 1\n'
+        "[experiment]\nfirst = 0\n"
+    )
+
+    @staticmethod
+    def record(stamps, unit, **told):
+        rows = "\n".join(f"{stamp},{i}.5" for i, stamp in enumerate(stamps))
+        return datafile.parse(f"at,z1\n{rows}\n".encode(), ["z1"], "log.csv", Mapping(time="at", unit=unit, t0="first", **told))
+
+    @pytest.mark.parametrize(
+        ("stamps", "unit", "apart"),
+        [([f"2024-05-{i:02d}" for i in (1, 2, 4)], "iso", 86400), ([f"{45000 + i / 4}" for i in range(3)], "excel", 21600)],
+    )
+    def test_days_are_no_seconds(self, stamps, unit, apart):
+        """Every row thousands of periods after the one before: refused with the period, or another reading, to set."""
+        with pytest.raises(ValueError, match=rf"no two rows are less than {apart} periods .* set dt = {apart} under .*--time none takes"):
+            clock.timed(modelfile.loads(self.MODEL), self.record(stamps, unit))
+        model = modelfile.loads(self.MODEL.replace("dt = 1", f"dt = {apart}"))
+        assert len(clock.timed(model, self.record(stamps, unit))[2]) == (4 if unit == "iso" else 3)
+
+    def test_a_unit_of_seconds_is_meant(self):
+        """Who says in which unit the times are has told how far apart they are."""
+        model = modelfile.loads(self.MODEL)
+        record = datafile.parse(b"at,z1\n0,1\n2,1.5\n4,1\n", ["z1"], mapping=Mapping(time="at", unit="h", t0="first"))
+        assert len(clock.timed(model, record)[2]) == 4 * 3600 + 1
+
+    def test_some_periods_apart_is_said(self):
+        """Every ten seconds at dt = 1: filtered, and told with the other reading."""
+        model, stamps = modelfile.loads(self.MODEL), [f"2024-05-31T12:00:{s:02d}" for s in (0, 10, 20)]
+        record = self.record(stamps, "iso")
+        (note,) = clock.notes(model, record, clock.over(model, record))
+        assert note.startswith("18 instants of the model's grid without a row")
+        assert note.endswith("(no two rows are less than 10 periods apart; --time none: they are one apart)")

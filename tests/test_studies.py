@@ -11,6 +11,7 @@ import pytest
 from scipy.optimize import minimize
 
 from ctlabs.analysis import sensitivity
+from ctlabs.analysis.naming import selection
 from ctlabs.files import clock, datafile, modelfile
 from ctlabs.filtering import steady
 from ctlabs.filtering.algorithms import catalogue
@@ -383,9 +384,9 @@ class TestRefusals:
 
     def test_states_that_are_the_truths_in_part_stand_for_none(self):
         """v, s of a truth x, v: no place decides; other names altogether stand for their places."""
-        assert common.selection(["x", "v"], ["v", "s"]) is None
-        assert common.selection(["x", "v"], ["a", "b"]).tolist() == np.eye(2).tolist()
-        assert common.selection(["x", "v"], ["v", "x"]).tolist() == [[0, 1], [1, 0]]
+        assert selection(["x", "v"], ["v", "s"]) is None
+        assert selection(["x", "v"], ["a", "b"]).tolist() == np.eye(2).tolist()
+        assert selection(["x", "v"], ["v", "x"]).tolist() == [[0, 1], [1, 0]]
 
     def test_a_gap_that_leaves_no_digits_is_refused(self):
         """After 10¹² s without data a constant velocity is not known to any digit: refused, with what would help."""

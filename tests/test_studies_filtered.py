@@ -13,6 +13,7 @@ from ctlabs import DiscreteModel, kalman_filter
 from ctlabs.files import datafile, modelfile, tables
 from ctlabs.files.mapping import Mapping
 from ctlabs.filtering import draws
+from ctlabs.montecarlo import chance
 from ctlabs.studies import estimates, filtered, filtering, paths
 
 LEVEL = """\
@@ -40,6 +41,12 @@ def record(cells, head="gauge", mapping=Mapping()):  # noqa: B008  # frozen
 
 def rows_of(report, name="estimates"):
     return list(csv.DictReader(io.StringIO(report.files[f"{name}.csv"].decode())))
+
+
+def told(report, name):
+    """The rows of one of its tables."""
+    (table,) = (block for block in report.blocks if getattr(block, "name", "") == name and hasattr(block, "rows"))
+    return table.rows
 
 
 def test_every_row_has_its_prediction_with_its_deviation_also_where_nothing_was_measured():
@@ -198,7 +205,7 @@ def test_functions_of_the_path_are_those_of_the_draws():
     assert len(rows_of(report, "draws")) == 400
     assert report.values["level_reaches_15_probability"].value == np.isfinite(first).mean()
     wrong = replace(found, x=found.x + 0.5)
-    assert not paths.means(wrong.x, x.mean(axis=1)[:, None], x.std(axis=1)[:, None]).passed
+    assert not chance.means(wrong.x, x.mean(axis=1)[:, None], x.std(axis=1)[:, None]).passed
 
 
 @pytest.mark.parametrize(
@@ -222,3 +229,132 @@ def test_a_table_that_cannot_be_written_is_refused_first(word, message):
     """Before anything is computed."""
     with pytest.raises(ValueError, match=message):
         tables.wanted(word)
+
+
+KNOWN = """\
+format = 1
+title = "A level above a known datum"
+kind = "discrete"
+[model]
+states = ["level"]
+measurements = ["gauge"]
+Phi = [[1]]
+Qd = [[1]]
+H = [[1]]
+D = [[1]]
+measurement_offset = [40]
+R = [[1]]
+P0 = [[10]]
+dt = 1
+[data]
+inputs = ["datum"]
+[experiment]
+first = 0
+"""
+
+
+@pytest.fixture
+def datum():
+    """A record that a known input and an offset move by 100 and more, with a sentinel twice and one value far off; the same without."""
+    rng = np.random.default_rng(8)
+    u = np.round(60 + 20 * np.cos(np.arange(80.0)), 2)
+    z = np.round(np.cumsum(rng.normal(size=80)) + rng.normal(size=80) + u + 40, 2)
+    z[[20, 60]], z[33] = -9999.0, 260.0
+    model = modelfile.loads(KNOWN)
+    cells = "\n".join(["gauge,datum", *(f"{a:.2f},{b:.2f}" for a, b in zip(z, u, strict=True))]).encode()
+    plain = modelfile.loads(KNOWN.replace("D = [[1]]\nmeasurement_offset = [40]\n", "").replace('[data]\ninputs = ["datum"]\n', ""))
+    less = "\n".join(["gauge", *(f"{a - b - 40:.2f}" for a, b in zip(z, u, strict=True))]).encode()
+    return (
+        (model, datafile.parse(cells, ["gauge"], "log.csv", model.mapping)),
+        (plain, datafile.parse(less, ["gauge"], "less.csv", plain.mapping)), u + 40,
+    )  # fmt: skip
+
+
+def test_what_is_known_of_the_measurements_moves_predictions_and_nothing_else(datum):
+    """Du + d: the table is that of the record without it, but for predictions, which are higher by it, at every row."""
+    known, plain, d = datum
+    with_it, without = (rows_of(filtering.study(*each)) for each in (known, plain))
+    assert len(with_it) == len(without) == 80
+    for one, other, more in zip(with_it, without, d, strict=True):
+        for name in other:
+            value = float(other[name] or "nan") + (more if name == "predicted_gauge" else 0.0)
+            assert float(one[name] or "nan") == pytest.approx(value, rel=1e-9, abs=1e-9, nan_ok=True)
+
+
+def test_values_are_told_as_the_file_has_them(datum):
+    """In the verdict, in the table of events and beyond a gate: −9999 and 260, whatever is known of the measurements."""
+    known, plain, _d = datum
+    report, other = filtering.study(*known), filtering.study(*plain)
+    events = {line: value for line, _time, _name, _kind, value, _size in told(report, "events")}
+    assert (events[22], events[62], events[35]) == (-9999.0, -9999.0, 260.0)
+    assert "--missing -9999)" in report.values["suggestion"].value
+    assert report.values["nis_mean"].value == pytest.approx(other.values["nis_mean"].value)
+    gated = filtering.study(*known, gate=5)
+    assert [row[3] for row in told(gated, "left_out")] == [-9999.0, 260.0, -9999.0]
+    assert gated.passed
+
+
+@pytest.mark.parametrize("algorithm", ["joseph", "ud", "steady", "filterpy"])
+def test_the_second_routes_know_what_is_known(algorithm, datum):
+    """Smoother, constant gains and filterpy, where the offset of the measurements varies."""
+    known, _plain, _d = datum
+    report = filtering.study(*known, algorithm=algorithm, smooth=True, gate=None if algorithm == "steady" else 5)
+    assert report.passed
+    assert len(report.checks) == (1 if algorithm == "steady" else 4)
+
+
+def test_a_design_with_the_offset_of_the_truth_is_judged():
+    """The same offset in both models is no difference; the estimates are worth what they claim."""
+    model = modelfile.loads(LEVEL.replace("x0 = [10]", "x0 = [10]\nmeasurement_offset = [100]"))
+    report = filtering.study(model, record(["111", "113", "", "112", "109"]), design=model)
+    assert report.values["cost"].value == pytest.approx([1.0])
+
+
+def test_gains_of_a_varying_offset_are_constant(datum, tmp_path):
+    """Steady gains are exported where only what is known of the measurements varies, and it is exported with them."""
+    filtering.export_gains(*datum[0], tmp_path / "gains.npz")
+    found = np.load(tmp_path / "gains.npz")
+    assert found["K"].shape == (1, 1)
+    assert found["measurement_offset"].ravel() == pytest.approx(datum[2])
+
+
+@pytest.mark.parametrize(
+    ("cells", "kind"),
+    [
+        (["1717156800123456789", "", "1717156800123456790"], "Int64"),
+        (["1", "2", "3"], "int64"),
+        (["0.5", "", "1e-09"], "float64"),
+        (["1.0", "2.5", "-0.0"], "float64"),
+        (["", "", ""], "float64"),
+        (["001", "002", "010"], "text"),
+        (["1", "02", ""], "text"),
+        (["0.10", "0.20", "0.30"], "text"),
+        (["1_000", "2", "3"], "text"),
+        (["99999999999999999999", "1", ""], "text"),
+        (["9007199254740993", "0.5", ""], "text"),
+        (["2024-05-31", "", "x"], "text"),
+    ],
+)
+def test_a_column_of_parquet_loses_nothing_of_its_cells(cells, kind):
+    """Whole numbers with all digits, also beside an empty cell; what a number would write otherwise stays text."""
+    table = "k,c\n" + "".join(f"{k},{cell}\n" for k, cell in enumerate(cells))
+    found = pd.read_parquet(io.BytesIO(tables.parquet(table.encode())))["c"]
+    assert str(found.dtype) == kind or (kind == "text" and found.tolist() == cells)
+    if kind == "Int64":
+        assert [None if value is pd.NA else int(value) for value in found] == [int(cell) if cell else None for cell in cells]
+
+
+def test_a_row_at_t0_stands_in_the_table_too():
+    """A first row in which nothing is measured is t0: it has the initial estimate, and no row of the file lacks."""
+    rows = rows_of(filtering.study(modelfile.loads(LEVEL), record(["0,", "1,11", "2.5,12"], "t,gauge")))
+    assert tuple(rows[0][name] for name in ("k", "t", "level")) == ("0", "0.0", "10.0")
+    assert [row["t"] for row in rows] == ["0.0", "1.0", "2.5"]
+    assert [row["innovation_gauge"] == "" for row in rows] == [True, False, False]
+
+
+def test_instants_between_the_rows_of_a_grid_stand_in_the_table():
+    """A discrete model's record with a row left out: a row of the table for every instant."""
+    text = LEVEL.replace("continuous", "discrete").replace("F = [[0]]\nG = [[1]]\nQ", "Phi = [[1]]\nQd")
+    rows = rows_of(filtering.study(modelfile.loads(text), record(["1,11", "2,12", "4,11", "5,10"], "t,gauge")))
+    assert [row["t"] for row in rows] == ["1.0", "2.0", "3.0", "4.0", "5.0"]
+    assert rows[2]["innovation_gauge"] == ""

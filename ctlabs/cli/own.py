@@ -145,9 +145,8 @@ def filter_(
         _outside("--table", written, folder)
     records = _records(tables, other or chosen, mapping)
     if len(records) > 1:
-        only_one = {"--gate": gate is not None, "--draws": bool(draws), "--reach": bool(reach)}
-        if any(only_one.values()):
-            name = next(name for name, given in only_one.items() if given)
+        only_one = {"--gate": gate, "--draws": draws, "--reach": reach or None, "--seed": seed, "--export": export}
+        for name in (name for name, given in only_one.items() if given is not None):
             raise ValueError(f"{name}: expected one record, received {len(records)}: filter them one by one")
         report = several.study(chosen, records, algorithm=algorithm, smooth=smooth, design=other)
     else:
@@ -472,7 +471,7 @@ def _declared(model: ModelFile, mapping: Mapping, tables: Sequence[tuple[bytes, 
     model = model.declaring(mapping.regressors)
     if not (tables and model.unknown):
         return model
-    columns = datafile.header(*tables[0], mapping)
+    columns = datafile.header(*tables[0], model.mapping.over(mapping))
     met = {name: name for name in model.unknown if name in columns}
     if met:
         _clear()

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ctlabs.files.mapping import NO_TIME, pasted
+from ctlabs.files.mapping import NO_TIME, RELATIVE, pasted
 from ctlabs.files.modelfile.values import Regressors
 from ctlabs.files.times import choice
 from ctlabs.linalg.checks import Array
@@ -30,8 +29,8 @@ LONGEST = 10_000_000
 TOLD = 4
 
 
-class Instants(NamedTuple):
-    """The instants of a record: times ``t`` (steps+1,), or None (one period apart), and the row at each, ``rows``, −1 where there is none."""
+class Placing(NamedTuple):
+    """Where a record's rows are: the instants' times ``t`` (steps+1,), or None (one period apart), and the row at each, ``rows``, −1 where none is."""
 
     t: Array | None
     rows: NDArray[np.int64]
@@ -42,12 +41,28 @@ class Instants(NamedTuple):
         return np.maximum.accumulate(self.rows)
 
 
+class Over(NamedTuple):
+    """A model over a record: :func:`timed`, the ``placing`` of the record's rows, and its ``inputs`` (steps+1, r) and ``regressors`` there.
+
+    ``absent`` (steps+1, m), the elements that a missing regressor leaves out of ``z``
+    """
+
+    model: DiscreteModel
+    z: Array
+    t: Array
+    placing: Placing
+    inputs: Array | None
+    regressors: Regressors | None
+    absent: NDArray[np.bool_]
+
+
 def timed(model: ModelFile, record: Record) -> tuple[DiscreteModel, Array, Array]:
     """The model over the record's instants, the data z (steps+1, m) and the times t (steps+1,).
 
     With ``first = 1`` the first row is t1, and row 0 of z, at t0, is empty; with ``first = 0`` it is t0. Times in the file
     that are not uniform give every interval of a continuous model its own matrices; a model in discrete time has instants without
-    a row where the record leaves some out. What is known of the measurements (Du and their offset) is taken off z.
+    a row where the record leaves some out. z is the file's; what is known of the measurements (Du and their offset) is the model's
+    ``measurement_offset``, which a filter takes off.
 
     Raises
     ------
@@ -55,72 +70,65 @@ def timed(model: ModelFile, record: Record) -> tuple[DiscreteModel, Array, Array
         Too few rows; a first row before t0; times that a discrete model does not have; an input or a regressor that lacks: the line is
         named.
     """
-    discrete, z, t = over(model, record)
-    if discrete.measurement_offset is None:
-        return discrete, z, t
-    return dataclasses.replace(discrete, measurement_offset=None), z - discrete.measurement_offset, t
+    found = over(model, record)
+    return found.model, found.z, found.t
 
 
-def over(model: ModelFile, record: Record) -> tuple[DiscreteModel, Array, Array]:
-    """The same with what is known of the measurements in the model, and the data as they were read."""
-    at = instants(model, record)
-    steps, there = len(at.rows) - 1, at.rows >= 0
+def over(model: ModelFile, record: Record) -> Over:
+    """:func:`timed`, and what it was made of."""
+    at = place(model, record)
     inputs, regressors = _inputs(model, record, at), _regressors(model, record, at)
-    z = np.full((steps + 1, record.z.shape[1]), np.nan)
+    z = np.full((len(at.rows), record.z.shape[1]), np.nan)
+    there = at.rows >= 0
     z[there] = record.z[at.rows[there]]
-    if regressors is not None:
-        z[model.absent(regressors)] = np.nan
+    absent = np.zeros(z.shape, dtype=bool) if regressors is None else model.absent(regressors)
+    z[absent] = np.nan
+    discrete = _discrete(model, at, inputs, regressors)
+    t = float(model.experiment.t0) + np.arange(len(z)) * discrete.dt if at.t is None else at.t
+    return Over(discrete, z, t, at, inputs, regressors, absent)
+
+
+def _discrete(model: ModelFile, at: Placing, inputs: Array | None, regressors: Regressors | None) -> DiscreteModel:
     if at.t is None:
-        discrete = model.discrete(steps=steps, inputs=inputs, regressors=regressors)
-        return discrete, z, float(model.experiment.t0) + np.arange(steps + 1) * discrete.dt
-    return model.discrete(times=at.t, inputs=inputs, regressors=regressors), z, at.t
+        return model.discrete(steps=len(at.rows) - 1, inputs=inputs, regressors=regressors)
+    return model.discrete(times=at.t, inputs=inputs, regressors=regressors)
 
 
 def building(model: ModelFile, record: Record) -> tuple[Callable[[dict[str, float]], DiscreteModel], Array]:
-    """From values of constants to the model over the record's instants, again and again; and the data z of :func:`over`."""
-    _model, z, _t = over(model, record)
-    at, clocked = instants(model, record), (model.dt, model.experiment.t0)
-    inputs, regressors = _inputs(model, record, at), _regressors(model, record, at)
+    """From values of constants to the model over the record's instants, again and again; and the data z of :func:`timed`."""
+    found, clocked = over(model, record), (model.dt, model.experiment.t0)
 
     def build(values: dict[str, float]) -> DiscreteModel:
         changed = model.replace(values)
         if (changed.dt, changed.experiment.t0) != clocked:  # another clock, which has to fit the record
-            return over(changed, record)[0]
-        if at.t is None:
-            return changed.discrete(steps=len(z) - 1, inputs=inputs, regressors=regressors)
-        return changed.discrete(times=at.t, inputs=inputs, regressors=regressors)
+            return over(changed, record).model
+        return _discrete(changed, found.placing, found.inputs, found.regressors)
 
-    return build, z
+    return build, found.z
 
 
-def notes(model: ModelFile, record: Record) -> list[str]:
-    """What is done beyond reading: instants without a row, measurements that a missing regressor leaves out, inputs in place of u."""
-    at, found = instants(model, record), []
-    lacking = int((at.rows < 0).sum()) - int(at.rows[0] < 0)
+def notes(model: ModelFile, record: Record, found: Over) -> list[str]:
+    """What :func:`over` does beyond reading: instants without a row, measurements that a missing regressor leaves out, inputs in place of u."""
+    rows, told = found.placing.rows, list[str]()
+    lacking = int((rows < 0).sum()) - int(rows[0] < 0)
     if lacking:
-        found.append(f"{lacking} instant{'s' if lacking > 1 else ''} of the model's grid without a row: not measured there")
-    regressors = _regressors(model, record, at)
-    if regressors is not None:
-        there = np.flatnonzero(at.rows >= 0)
-        lost = model.absent(regressors)[there] & ~np.isnan(record.z[at.rows[there]])
-        for j, name in enumerate(model.measurements):
-            if lost[:, j].any():
-                lines = record.lines[at.rows[there[lost[:, j]]]]
-                where = ", ".join(map(str, lines[:TOLD])) + (f" and {len(lines) - TOLD} more" if len(lines) > TOLD else "")
-                plural = "s" if len(lines) > 1 else ""
-                found.append(f"{name} in line{plural} {where} is left out: a regressor beside it has no value")
+        by = int(np.diff(np.flatnonzero(rows >= 0)).min()) if record.rows > 1 else 1
+        apart = f" (no two rows are less than {by} periods apart; {pasted(('--time', NO_TIME))}: they are one apart)" if by > 1 else ""
+        told.append(f"{lacking} instant{'s' if lacking > 1 else ''} of the model's grid without a row: not measured there{apart}")
+    there = np.flatnonzero(rows >= 0)
+    lost = found.absent[there] & ~np.isnan(record.z[rows[there]])
+    for j, name in enumerate(model.measurements):
+        if lost[:, j].any():
+            lines = record.lines[rows[there[lost[:, j]]]]
+            where = ", ".join(map(str, lines[:TOLD])) + (f" and {len(lines) - TOLD} more" if len(lines) > TOLD else "")
+            plural = "s" if len(lines) > 1 else ""
+            told.append(f"{name} in line{plural} {where} is left out: a regressor beside it has no value")
     if record.u is not None and model.moved and not model.driven:
-        found.append(f"the known input is the record's ({', '.join(record.mapping.inputs)}), in place of u under [model]")
-    return found
+        told.append(f"the known input is the record's ({', '.join(record.mapping.inputs)}), in place of u under [model]")
+    return told
 
 
-def unusable(model: ModelFile, record: Record) -> NDArray[np.bool_]:
-    """The elements of z, (steps+1, m), that a missing regressor leaves out."""
-    regressors = _regressors(model, record, instants(model, record))
-    return np.zeros((0, model.m), dtype=bool) if regressors is None else model.absent(regressors)
-
-
-def instants(model: ModelFile, record: Record) -> Instants:
+def place(model: ModelFile, record: Record) -> Placing:
     """Where the rows of a record are on the model's clock.
 
     A first row at t0 in which nothing is measured is t0 itself, also with ``first = 1``: it may tell the input from there on.
@@ -131,18 +139,18 @@ def instants(model: ModelFile, record: Record) -> Instants:
         raise ValueError(msg)
     rows = np.arange(record.rows)
     if record.t is None:
-        return Instants(None, np.concatenate([[-1] * first, rows]).astype(np.int64))
+        return Placing(None, np.concatenate([[-1] * first, rows]).astype(np.int64))
     begins = bool(first and np.isnan(record.z[0]).all() and abs(record.t[0] - t0) <= NEAR * model.dt and record.rows > 1)
     _plausible(model, record, t0)
     if model.kind == "discrete":
         return _on_grid(model, record, first and not begins)
     if begins:
-        return Instants(np.concatenate([[t0], record.t[1:]]), rows)
+        return Placing(np.concatenate([[t0], record.t[1:]]), rows)
     _begins(record, t0, first)
-    return Instants(np.concatenate([[t0][:first], record.t]), np.concatenate([[-1] * first, rows]).astype(np.int64))
+    return Placing(np.concatenate([[t0][:first], record.t]), np.concatenate([[-1] * first, rows]).astype(np.int64))
 
 
-def _on_grid(model: ModelFile, record: Record, before: int) -> Instants:
+def _on_grid(model: ModelFile, record: Record, before: int) -> Placing:
     """The instants of a model in discrete time: multiples of its period from the first row on; rows may be left out."""
     assert record.t is not None
     t, dt = record.t, model.dt
@@ -163,8 +171,14 @@ def _on_grid(model: ModelFile, record: Record, before: int) -> Instants:
         row = int(twice[0]) + 1
         msg = f"{where.format(record.lines[row])} expected one row at each instant, received a second at {moment(t[row])}"
         raise ValueError(msg)
-    if len(t) > 1 and not record.mapping.unit and np.diff(steps).min() > 1:
-        by = int(np.diff(steps).min())
+    by = int(np.diff(steps).min()) if len(t) > 1 else 1
+    if by > MANY and record.mapping.unit not in ("", *RELATIVE):
+        msg = (
+            f"{where.format(record.lines[1])} no two rows are less than {by} periods (dt = {moment(dt)} s) apart: expected rows a few periods "
+            f"apart; set dt = {moment(by * dt)} under [model], or {pasted(('--time', NO_TIME))} takes the rows for one period apart"
+        )
+        raise ValueError(msg)
+    if by > 1 and not record.mapping.unit:
         msg = (
             f"{where.format(record.lines[1])} no two rows are one period (dt = {moment(dt)} s) apart, but {by} or more: expected a choice, "
             f"{pasted(('--time', record.clock + ':s'))} (nothing was measured between them) or {pasted(('--time', NO_TIME))} (one period apart)"
@@ -178,10 +192,10 @@ def _on_grid(model: ModelFile, record: Record, before: int) -> Instants:
     grid[places] = t
     rows = np.full(len(grid), -1)
     rows[places] = np.arange(record.rows)
-    return Instants(grid, rows)
+    return Placing(grid, rows)
 
 
-def _inputs(model: ModelFile, record: Record, at: Instants) -> Array | None:
+def _inputs(model: ModelFile, record: Record, at: Placing) -> Array | None:
     """The known inputs of the instants, (steps+1, r): each row's holds until the next row."""
     if record.u is None:
         if model.driven:
@@ -210,7 +224,7 @@ def _inputs(model: ModelFile, record: Record, at: Instants) -> Array | None:
     return u
 
 
-def _regressors(model: ModelFile, record: Record, at: Instants) -> Regressors | None:
+def _regressors(model: ModelFile, record: Record, at: Placing) -> Regressors | None:
     """The columns that elements of the model name, by instants."""
     names = model.regressors
     if not names:

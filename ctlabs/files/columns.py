@@ -240,6 +240,8 @@ def likely(name: str, columns: Sequence[str]) -> str:
 
     >>> likely("position", ["time", "pos [m]", "temp"]), likely("flow", ["Flow (m3/s)", "level"]), likely("x", ["a", "b"])
     ('pos [m]', 'Flow (m3/s)', '')
+    >>> likely("position", ["lat", "pos_m", "speed"]), likely("flow", ["lat", "lon"])
+    ('pos_m', '')
     """
     for kind in (str.lower, lambda text: _UNIT.sub("", text.lower())):
         same = [column for column in columns if kind(column) == kind(name)]
@@ -247,9 +249,11 @@ def likely(name: str, columns: Sequence[str]) -> str:
             return same[0]
     bare = {column: _UNIT.sub("", column.lower()).strip() for column in columns}
     begun = [column for column, text in bare.items() if len(text) > 1 and (name.lower().startswith(text) or text.startswith(name.lower()))]
+    words = {column: re.split(r"[\s_]", text)[0] for column, text in bare.items()}
+    begun = begun or [column for column, word in words.items() if len(word) > 2 and name.lower().startswith(word)]
     if len(begun) == 1:
         return begun[0]
-    close = difflib.get_close_matches(name.lower(), [column.lower() for column in columns], n=1, cutoff=0.5)
+    close = difflib.get_close_matches(name.lower(), [column.lower() for column in columns], n=1)
     return next((column for column in columns if close and column.lower() == close[0]), "")
 
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 from collections.abc import Mapping as Table
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -70,32 +69,6 @@ class Record:
     def missing(self) -> int:
         """How many elements were not measured."""
         return int(np.isnan(self.z).sum())
-
-
-def read(path: str | Path, measurements: Sequence[str], mapping: Mapping = PLAIN) -> Record:
-    r"""The record in a table.
-
-    Parameters
-    ----------
-    path : the file, or "-" for the standard input
-    measurements : names of the model's measurements
-    mapping : how the table names and writes them
-
-    Raises
-    ------
-    ValueError
-        One line: file, line, column, what was expected and what was received, and what to do.
-
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = Path(folder) / "river.csv"
-    ...     _ = file.write_text("t;flow\n0,5;1120\n1;\n1,5;963,5\n", encoding="utf-8")
-    ...     river = read(file, ["flow"])
-    >>> river.t, river.z.ravel(), river.missing
-    (array([0.5, 1. , 1.5]), array([1120. ,    nan,  963.5]), 1)
-    """
-    source = "stdin" if str(path) == "-" else Path(path).name
-    return parse(decode.content(path, source), measurements, source, mapping)
 
 
 def parse(content: bytes, measurements: Sequence[str], source: str = "data", mapping: Mapping = PLAIN) -> Record:

@@ -12,7 +12,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ctlabs.files.spelling import INSTANT, NUMBER, WORDS, short
+from ctlabs.files.spelling import GROUPED, INSTANT, NUMBER, WORDS, short
 
 #: The separators, the likelier first; a blank stands for any number of blanks and tabs.
 SEPARATORS = (",", ";", "\t", "|", " ")
@@ -103,6 +103,15 @@ def is_data(cells: list[str]) -> bool:
     return bool(numbers) and all(cell in numbers or cell.lower() in WORDS for cell in told)
 
 
+def is_value(cell: str) -> bool:
+    """Whether a cell holds one number, with marks between its thousands or not, a time, or a word for a missing value.
+
+    >>> [is_value(cell) for cell in ("1.518,95", "02.01.2023", "02.01.2023;1.518", "95;8", "NaN")]
+    [True, True, False, False, True]
+    """
+    return any(kind.fullmatch(cell) for kind in (NUMBER, INSTANT, GROUPED)) or cell.lower() in WORDS
+
+
 def layout(text: str, wanted: Collection[str], source: str, skip: int = 0) -> Layout:
     """The separator and the line of names: those that show most of the ``wanted`` names (the last is that of the times), else the
     most regular.
@@ -173,8 +182,10 @@ def _bare(cells: list[str]) -> list[str]:
 
 def _fitness(
     text: str, mark: str, names: set[str], own: set[str], source: str, skip: int
-) -> tuple[int, float, int, int, int, str]:
-    """How well a separator suits: measurements named in one row, rows of the width of the names, wanted names, columns, rank."""
+) -> tuple[int, float, int, float, int, int, str]:
+    """How well a separator suits: measurements named in one row, rows of the width of the names, wanted names, cells that are values,
+    columns, rank.
+    """
     head = [cells for _, cells in _head(text, mark, source, skip) if not is_blank(cells)]
     hits = [len(names & set(_bare(cells))) for cells in head]
     best = max(hits, default=0)
@@ -187,11 +198,29 @@ def _fitness(
     if mark == " " and any(cell in SEPARATORS for cells in head for cell in cells):
         share = 0.0
     share *= 1 if best or width > 1 else 0.99
-    return measured, share, best, min(width, common), -SEPARATORS.index(mark), mark
+    cells = [cell.strip() for row in body if len(row) == common for cell in row if cell.strip()]
+    values = sum(is_value(cell) for cell in cells) / max(len(cells), 1)
+    return measured, share, best, values, min(width, common), -SEPARATORS.index(mark), mark
 
 
 def _first(head: list[list[str]]) -> int:
-    """The row of names where none of the wanted ones is there: the last before the data that is as wide as they are."""
+    """The row of names where none of the wanted ones is there: the last before the data that is as wide as they are, or, where that has
+    cells that are empty or equal (kinds of values), the first of that width that has not.
+    """
+    at = _last(head)
+    if not head or is_data(head[at]):
+        return at
+    alike = [i for i in range(at + 1) if len(head[i]) == len(head[at]) and not is_comment(head[i])]
+    return at if _differ(head[at]) else next((i for i in alike if _differ(head[i])), at)
+
+
+def _differ(cells: list[str]) -> bool:
+    """Whether no two cells are equal, and none but the first (a column of row numbers) is empty."""
+    return all(cells[1:]) and len(set(cells)) == len(cells)
+
+
+def _last(head: list[list[str]]) -> int:
+    """The last row before the data that is as wide as they are."""
     told = [i for i, cells in enumerate(head) if not is_comment(cells)]
     for place, i in enumerate(told):
         after = head[told[place + 1]] if place + 1 < len(told) else []

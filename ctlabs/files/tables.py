@@ -8,6 +8,9 @@ import io
 from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 
 def wanted(word: str) -> Path:
@@ -49,10 +52,20 @@ def parquet(table: bytes) -> bytes:
     return made.getvalue()
 
 
-def _numbers(cells: Sequence[str]) -> list[int] | list[float] | list[str]:
-    """The cells of a column as whole numbers, as numbers with NaN for an empty one, or as they are."""
-    with contextlib.suppress(ValueError):
-        return [int(cell) for cell in cells]
-    with contextlib.suppress(ValueError):
-        return [float(cell or "nan") for cell in cells]
+def _numbers(cells: Sequence[str]) -> Any:
+    """The cells of a column as whole numbers or as numbers, none where a cell is empty; as they are where a number would be written
+    otherwise: "001", "0.10", or more digits than it has.
+    """
+    import pandas as pd
+
+    if not any(cells):
+        return [float("nan")] * len(cells)
+    with contextlib.suppress(ValueError, OverflowError):
+        whole = [int(cell) if cell else None for cell in cells]
+        if [str(number) if cell else "" for cell, number in zip(cells, whole, strict=True)] == list(cells):
+            return pd.array(whole, dtype="Int64") if None in whole else np.array(whole, dtype=np.int64)
+    with contextlib.suppress(ValueError, OverflowError):
+        numbers = [float(cell or "nan") for cell in cells]
+        if all(cell in ("", repr(number), f"{number:.0f}") for cell, number in zip(cells, numbers, strict=True)):
+            return numbers
     return list(cells)

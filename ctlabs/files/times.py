@@ -91,9 +91,8 @@ def several(
 
 def _refuse_written(cells: Sequence[str], lines: Sequence[int], numbers: Numbers) -> None:
     """Dates where numbers are expected: the unit to paste."""
-    found = sorted(
-        set.intersection(*(set(ways(cell)) or {"iso"} for cell in cells[:1000])) or {"iso"}, key=WRITTEN.index
-    )
+    told = [set(way) for way in map(ways, cells[:1000]) if way]  # a line below the table is no instant
+    found = sorted((set.intersection(*told) if told else set()) or {"iso"}, key=WRITTEN.index)
     choice = " or ".join(pasted(("--time", f"{numbers.name}:{unit}"), ("--t0", "first")) for unit in found)
     kind = "the time of day" if found == ["clock"] else "the date"
     which = ", which has several readings" if len(found) > 1 else ""
@@ -147,6 +146,8 @@ def _written(cells: Sequence[str], lines: Sequence[int], numbers: Numbers, unit:
         except ValueError:
             others = [way for way in ways(text) if way != unit]
             hint = f" ({' or '.join(pasted(('--time', f'{numbers.name}:{way}')) for way in others)})" if others else ""
+            if not others and i and i == len(cells) - 1:
+                hint = "; if the line is not part of the table, remove it or begin it with #"
             raise ValueError(f"{where}: expected {_MEANT[unit]}, received {shown(text)}{hint}") from None
         if zoned not in (None, zone):
             other = cells[int(done.argmax())] if done.any() else cells[0]

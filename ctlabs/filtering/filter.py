@@ -14,7 +14,7 @@ from ctlabs.filtering.algorithms.vague import needed
 from ctlabs.filtering.engines import adapter, compiled, driver, gains
 from ctlabs.filtering.engines.record import Record
 from ctlabs.filtering.gate import gated
-from ctlabs.filtering.problem import Problem, pose, rows_of
+from ctlabs.filtering.problem import Problem, by_instant, pose, rows_of
 from ctlabs.filtering.results import Covariances, Filtered, LeftOut, Mask, without_runs
 from ctlabs.linalg.checks import Array
 from ctlabs.models.linear import ContinuousModel, DiscreteModel
@@ -101,14 +101,16 @@ def kalman_filter(
             raise ValueError(msg)
         return extended.filtered(model, z, first=first, R=R, H=H, t=t, u=u, u0=u0, algorithm=algorithm, gains=gains, P0=P0)
     problem = pose(model, z, first=first, t=t, H=H, R=R, u=u, u0=u0, P0=P0)
-    left: tuple[LeftOut, ...] = ()
+    given, left = rows_of(z, problem.model.m)[0], tuple[LeftOut, ...]()
     if gate is not None:
         if gains is not None:
             msg = "gate: expected none beside given gains, which hold for data that are all there; received one"
             raise ValueError(msg)
-        problem, left = gated(problem, rows_of(z, problem.model.m)[0], gate, _best)
+        problem, left = gated(problem, given, gate, _best)
     found = replace(_filtered(problem, algorithm, gains), left_out=left)
     digits.warn(found, found.x_plus, found.P_plus, "filtered")
+    if problem.known is not None:
+        found = replace(found, known=problem.known, given=np.where(np.isnan(problem.z), np.nan, by_instant(given, problem.first)))
     return without_runs(found) if problem.single else found
 
 

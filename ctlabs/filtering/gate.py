@@ -73,7 +73,7 @@ def gated(
             "away): the initial estimate, R or Qd is wrong, and a record without a gate tells which"
         )
         raise ValueError(msg)
-    return Problem(problem.model, z, problem.t, problem.first, problem.single), tuple(left)
+    return replace(problem, z=z), tuple(left)
 
 
 def _piece(model: DiscreteModel, begin: int, end: int) -> DiscreteModel:

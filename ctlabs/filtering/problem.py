@@ -48,7 +48,7 @@ class Problem:
 
     ``model``, with what is known of its inputs in ``offset`` · ``z`` (steps+1, m, runs), NaN where nothing is measured and before
     ``first``, without what known inputs bring into it · ``t`` (steps+1,), s · ``first``, the index of the first row of data ·
-    ``single``, whether the data had no axis for runs
+    ``single``, whether the data had no axis for runs · ``known`` (steps+1, m), what known inputs bring into the data, None where nothing
     """
 
     model: DiscreteModel
@@ -56,6 +56,7 @@ class Problem:
     t: Array
     first: int
     single: bool
+    known: Array | None = None
 
     @cached_property
     def absent(self) -> Mask:
@@ -97,8 +98,15 @@ def pose(
     if changes:
         discrete = replace(discrete, **changes)
     discrete, seen = driven(discrete, len(rows), begin, u, u0)
-    data = by_instant(rows - seen[:, :, None] if seen is not None else rows, begin)
-    return Problem(discrete, data, np.arange(steps + 1) * discrete.dt, begin, single)
+    data, known = _less(rows, seen, begin)
+    return Problem(discrete, data, np.arange(steps + 1) * discrete.dt, begin, single, known)
+
+
+def _less(rows: Array, seen: Array | None, first: int) -> tuple[Array, Array | None]:
+    """Data without what is known of them, ``seen`` (rows, m), and that; both by instants."""
+    if seen is None or not seen.any():
+        return by_instant(rows, first), None
+    return by_instant(rows - seen[:, :, None], first), np.concatenate([np.zeros((first, seen.shape[1])), seen])
 
 
 def _known(model: Any) -> int:
@@ -172,7 +180,7 @@ def driven(
     if model.D is not None:
         seen += np.array([at(model.D, k + first, 2) @ inputs[k] for k in range(rows)])
     if model.measurement_offset is not None:
-        seen += np.array([at(model.measurement_offset, k + first, 1) for k in range(rows)])
+        seen += model.measurement_offset if model.measurement_offset.ndim == 1 else model.measurement_offset[first : first + rows]
     if model.B is None and model.D is None and model.measurement_offset is None:
         return model, None
     return replace(model, B=None, D=None, measurement_offset=None, offset=c), seen
@@ -242,7 +250,8 @@ def _sampled(
         Phi, Qd, H, noise, x0=model.x0, P0=model.P0 if P0 is None else P0, offset=offset, first=begin,
         states=model.states, measurements=model.measurements, units=model.units, measurement_units=model.measurement_units,
     )  # fmt: skip
-    return Problem(discrete, by_instant(rows - seen[:, :, None], begin), instants, begin, single)
+    data, known = _less(rows, seen, begin)
+    return Problem(discrete, data, instants, begin, single, known)
 
 
 def _times(t: ArrayLike | None, rows: int) -> Array:

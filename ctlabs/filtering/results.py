@@ -110,7 +110,8 @@ class Filtered(Covariances):
     (steps+1, m[, runs]), the data, by instants, without what known inputs bring into them · ``model``, the discrete model of these
     instants that was used · ``truth`` (steps+1, n[, runs]), the states that were estimated, where they are
     known from a simulation · ``start``, what the smoother needs of the first instants after a vague start · ``left_out``, what was
-    beyond the gate, and is NaN in ``z``.
+    beyond the gate, and is NaN in ``z`` · ``known`` (steps+1, m), what known inputs bring into the measurements, and ``given``, ``z`` with
+    it, as the data were given; None where they bring nothing.
 
     ``log_likelihood`` is the density of what is measured after something is known of every state, given what was measured
     before. ``log_likelihood_diffuse`` counts every
@@ -130,6 +131,15 @@ class Filtered(Covariances):
     start: Start | None = None
     contradictions: tuple[Contradiction, ...] = ()
     left_out: tuple[LeftOut, ...] = ()
+    known: Array | None = None
+    given: Array | None = None
+
+    @property
+    def asked(self) -> tuple[Any, Array]:
+        """The model with what is known of the measurements in ``measurement_offset``, and the data as they were given, by instants."""
+        if self.known is None or self.given is None:
+            return self.model, self.z
+        return replace(self.model, measurement_offset=self.known), self.given
 
     def error(self, when: str = "plus") -> Array:
         """e = x̂ − x, (steps+1, n[, runs]), after (``"plus"``) or before (``"minus"``) the update."""
@@ -143,6 +153,7 @@ def without_runs(found: Filtered) -> Filtered:
     """The estimates of one record without the last axis."""
     names = ("x_minus", "x_plus", "innovation", "nis", "z")
     parts: dict[str, Any] = {name: getattr(found, name)[..., 0] for name in names}
+    parts["given"] = None if found.given is None else found.given[..., 0]
     truth = None if found.truth is None else found.truth[..., 0]
     both: dict[str, Any] = {name: float(getattr(found, name)[0]) for name in ("log_likelihood", "log_likelihood_diffuse")}
     return replace(found, truth=truth, **parts, **both)

@@ -108,6 +108,22 @@ def mean_square(sample: ArrayLike, variance: ArrayLike) -> Verdict:
     return _verdict(scores, ~zero, critical)
 
 
+def means(sample: ArrayLike, expected: ArrayLike, sd: ArrayLike) -> Verdict:
+    """Means over the runs (last axis of ``sample``) of independent Gaussian quantities, N(``expected``, ``sd``²), which miss by σ/√runs.
+
+    Where σ is zero they must be met to rounding.
+
+    >>> draws = 3 + np.random.default_rng(1).standard_normal((2, 500))
+    >>> bool(means(draws, [3, 3], [1, 1])), bool(means(draws, [3, 4], [1, 1]))
+    (True, False)
+    """
+    x = checks.array("sample", sample)
+    wanted, unit = (checks.shaped(name, each, x.shape[:-1]) for name, each in (("expected", expected), ("sd", sd)))
+    size = np.where(unit > 0, unit / np.sqrt(x.shape[-1]), ROUNDING * np.maximum(np.abs(wanted), np.finfo(float).tiny))
+    scores = (x.mean(axis=-1) - wanted) / size
+    return _verdict(scores, np.ones(scores.shape), _critical(scores.size))
+
+
 def nees(stats: Statistics) -> Verdict:
     """The normalised estimation error squared against χ²(dof·runs) at every step (a matched, linear design)."""
     return _consistency(stats.nees, stats.nees_dof, stats.runs)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ctlabs.analysis.naming import selection, stands_for
+from ctlabs.analysis.naming import stands_for
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.reporting import plots
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ctlabs.files.modelfile import ModelFile
 
 __all__ = [
-    "Settings", "begin", "condition", "cost", "delicacy", "distinct", "label", "measured", "model_name", "selection", "settings", "show",
+    "Settings", "begin", "condition", "cost", "delicacy", "distinct", "label", "measured", "model_name", "settings", "show",
     "stands_for", "states_table", "units", "wide",
 ]  # fmt: skip
 
@@ -86,6 +86,14 @@ def show(report: Report, model: ContinuousModel | DiscreteModel) -> None:
         report.model(model)
     else:
         report.says(_("The model has {n} states and {m} measurements."), n=model.n, m=model.m)
+
+
+def notes(report: Report, told: Sequence[str]) -> None:
+    """What was done with a record beyond reading it."""
+    for note in dict.fromkeys(told):
+        report.says("**{note}.**", note=note)
+    if told:
+        report.value("notes", "; ".join(dict.fromkeys(told)))
 
 
 def label(name: str, unit: str = "") -> str:

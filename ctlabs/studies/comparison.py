@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ctlabs import montecarlo
-from ctlabs.files.clock import timed
+from ctlabs.files import clock
 from ctlabs.filtering.algorithms.catalogue import FORMS
 from ctlabs.filtering.comparison import Comparison, compare, flops, reference
 from ctlabs.filtering.filter import kalman_filter
@@ -43,12 +43,13 @@ MANY = 50
 
 
 class Case(NamedTuple):
-    """A model and a record: what every form is given; ``cut``, whether a longer one was shortened."""
+    """A model and a record: what every form is given; ``cut``, whether a longer one was shortened, and ``notes``, on how it was read."""
 
     model: DiscreteModel
     z: Array
     first: int
     cut: bool
+    notes: tuple[str, ...] = ()
 
     @property
     def rows(self) -> Array:
@@ -284,9 +285,10 @@ def _case(model: ModelFile, record: Record | None, seed: int, steps: int | None)
         discrete = model.discrete(steps=length)
         z = by_instant(montecarlo.simulate(discrete, length, 1, seed, first).z, first)[:, :, 0]
         return Case(discrete, z, first, steps is None and length < model.experiment.steps)
-    discrete, z, _t = timed(model, record)
-    length = min(len(z) - 1, affordable)
-    return Case(discrete.cut(length), z[: length + 1], first, length < len(z) - 1)
+    made = clock.over(model, record)
+    length = min(len(made.z) - 1, affordable)
+    notes = (*record.notes, *clock.notes(model, record, made))
+    return Case(made.model.cut(length), made.z[: length + 1], first, length < len(made.z) - 1, notes)
 
 
 def _sweep(text: str, model: ModelFile) -> tuple[str, list[float]]:
@@ -323,6 +325,7 @@ def report(found: Compared) -> Report:
     common.show(made, case.model)
     if found.source:
         made.says(_("{source}: {steps} steps."), source=found.source, steps=steps)
+        common.notes(made, case.notes)
     else:
         made.says(_("A record of {steps} steps is simulated (seed {seed})."), steps=steps, seed=found.seed)
     if case.cut:

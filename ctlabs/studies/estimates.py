@@ -1,4 +1,6 @@
-"""``estimates.csv``: the estimates, predictions and innovations of a filtered record, a row for each of its rows."""
+"""``estimates.csv``: the estimates, predictions and innovations of a filtered record, a row for each instant: of every row of the record,
+and of the model's grid between them.
+"""
 
 from __future__ import annotations
 
@@ -33,10 +35,11 @@ def table(run: Run) -> tuple[list[str], list[list[Any]]]:
         for i, name in enumerate(names):
             columns += pattern.format(name, name).split("|")
             values += [value[:, i], deviation[:, i]]
-    rows = np.column_stack(values)[run.first :].tolist()
-    head, times = clocks(run.record, run.t[run.first :], columns, run.rows[run.first :])
+    begin = 0 if run.rows[0] >= 0 else run.first  # a row at t0 is one although nothing is measured in it
+    rows = np.column_stack(values)[begin:].tolist()
+    head, times = clocks(run.record, run.t[begin:], columns, run.rows[begin:])
     common.distinct("estimates.csv", ["k", *head, *columns])
-    return ["k", *head, *columns], [[k, *time, *row] for k, (time, row) in enumerate(zip(times, rows, strict=True), run.first)]
+    return ["k", *head, *columns], [[k, *time, *row] for k, (time, row) in enumerate(zip(times, rows, strict=True), begin)]
 
 
 def predictions(model: DiscreteModel, x: Array, P: Array) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NoReturn
 
 import numpy as np
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from ctlabs.filtering.results import Filtered
     from ctlabs.filtering.smoothing import Smoothed
 
+#: The probability that the tests of one record, or of several together, suspect a right model.
+LEVEL = 0.01
 #: Standard deviations whose square is beyond double precision.
 ENORMOUS = 1e150
 
@@ -32,10 +34,11 @@ ENORMOUS = 1e150
 class Run:
     """A record ready to be filtered, and what came of it.
 
-    ``model``, discrete, of the record's instants · ``z`` (steps+1, m), measured, and ``t`` (steps+1,) s, by instants · ``first``, the index
-    of the first row · ``algorithm`` · ``filtered``, ``smoothed`` or None · ``verdict`` on the model, None where nothing is left to test
-    or (``untested`` says why) the test has no digits · ``record``, as it was read · ``rows`` (steps+1,), its row at each instant, −1 where
-    there is none
+    ``model``, discrete, of the record's instants, with what is known of the measurements · ``z`` (steps+1, m), as the file has them, and
+    ``t`` (steps+1,) s, by instants · ``first``, the index of the first row · ``algorithm`` · ``filtered``, ``smoothed`` or None · ``verdict`` on the model, None where (``untested`` says why)
+    nothing is left to test or the test has no digits · ``record``, as it was read · ``rows`` (steps+1,), its row at each instant, −1 where
+    there is none · ``called``, how a row of z from the first measurement on is called: by its line and time · ``notes``, what was done
+    beyond reading
     """
 
     model: DiscreteModel
@@ -49,24 +52,36 @@ class Run:
     untested: str
     record: Record
     rows: NDArray[np.int64]
+    called: Callable[[int], str]
+    notes: tuple[str, ...]
 
     @property
     def data(self) -> Array:
         """What was filtered: z without what is beyond the gate."""
-        return np.where(np.isnan(self.filtered.z), np.nan, self.z)
+        return self.filtered.asked[1]
 
-    def called(self, row: int) -> str:
-        """A row of z from the first measurement on as its owner finds it: its line and time."""
-        return names(self.record, self.t[self.first :], self.rows[self.first :])(row)
+    @property
+    def bare(self) -> DiscreteModel:
+        """The model without what is known of the measurements, which moves no gain and may vary where all else is constant."""
+        return replace(self.model, measurement_offset=None)
+
+    @property
+    def told(self) -> Array:
+        """What the measurements say of the states: z without what is known of it."""
+        return self.z if self.filtered.known is None else self.z - self.filtered.known
 
     def line(self, row: int) -> int | None:
-        """The line of the file that such a row stands in, or ``None``."""
+        """The line of the file that a row of z from the first measurement on stands in, or ``None``."""
         at = self.rows[self.first + row]
         return int(self.record.lines[at]) if at >= 0 else None
 
 
-def compute(model: ModelFile, record: Record, algorithm: str, *, smooth: bool = False, gate: float | None = None) -> Run:
+def compute(
+    model: ModelFile, record: Record, algorithm: str, *, smooth: bool = False, gate: float | None = None, level: float = LEVEL
+) -> Run:
     """The record with its model, filtered by a form, without what is beyond the ``gate``; diagnosed; and smoothed where asked for.
+
+    A right model is suspected with probability ``level``.
 
     Raises
     ------
@@ -75,20 +90,20 @@ def compute(model: ModelFile, record: Record, algorithm: str, *, smooth: bool = 
     FloatingPointError
         Values that the model cannot give, or a form that rounding has defeated.
     """
-    discrete, z, t = clock.timed(model, record)
-    rows = clock.instants(model, record).rows
-    first = model.experiment.first
+    made, first = clock.over(model, record), model.experiment.first
+    discrete, z, t, rows = made.model, made.z, made.t, made.placing.rows
     found = kalman_filter(discrete, z[first:], first=first, algorithm=algorithm, gate=gate)
     if not (np.isfinite(found.log_likelihood) or found.contradictions):
         _refuse(discrete, found, algorithm, record, rows)
     smoothed = smooth_(discrete, found) if smooth else None
-    verdict, untested = None, ""
+    verdict, untested, called = None, _("nothing was measured"), names(record, t[first:], rows[first:])
     if np.isfinite(found.innovation).any():
         try:
-            verdict = _diagnosed(discrete, found, algorithm, first, names(record, t[first:], rows[first:]))
+            verdict = _diagnosed(discrete, found, algorithm, first, level, called)
         except ArithmeticError as error:  # the diagnosis filters in Joseph's form, whatever the form chosen here
             untested = str(error)
-    return Run(discrete, z, t, first, algorithm, found, smoothed, verdict, untested, record, rows)
+    notes = (*record.notes, *clock.notes(model, record, made))
+    return Run(discrete, z, t, first, algorithm, found, smoothed, verdict, untested, record, rows, called, notes)
 
 
 def names(record: Record, t: Array, rows: NDArray[np.int64]) -> Callable[[int], str]:
@@ -104,11 +119,13 @@ def names(record: Record, t: Array, rows: NDArray[np.int64]) -> Callable[[int], 
     return called
 
 
-def _diagnosed(model: DiscreteModel, found: Filtered, algorithm: str, first: int, where: Callable[[int], str]) -> Diagnosis:
+def _diagnosed(
+    model: DiscreteModel, found: Filtered, algorithm: str, first: int, level: float, where: Callable[[int], str]
+) -> Diagnosis:
     """The diagnosis by the optimal filter's innovations (the start of one with the steady gain is not the model's)."""
     if algorithm == "steady":
-        found = kalman_filter(model, found.z[first:], first=first)
-    return diagnosis.diagnose(model, found, first=first, longest=diagnosis.LONG, where=where)
+        found = kalman_filter(model, found.asked[1][first:], first=first)
+    return diagnosis.diagnose(model, found, first=first, level=level, longest=diagnosis.LONG, where=where)
 
 
 def _refuse(model: DiscreteModel, filtered: Filtered, algorithm: str, record: Record, rows: NDArray[np.int64]) -> NoReturn:

@@ -96,8 +96,6 @@ def study(
     report = common.begin("filter", _("a record filtered"), used, "abcde", given, data=record.source, **own)
     report.section("a", _("Model and data"))
     _data(report, run, record)
-    for note in clock.notes(used, record):
-        report.says("{note}.", note=note)
     report.section("b", _("Estimates"))
     _estimates(report, run)
     report.section("c", _("What the data say of the model"))
@@ -115,6 +113,7 @@ def study(
 def add(report: Report, model: ModelFile, record: Record) -> None:
     """A filtered record in another study's report: the figures, the verdict, ``estimates.csv``."""
     run = compute(model, record, "joseph")
+    common.notes(report, run.notes)
     _figures(report, run)
     _verdict(report, run, model.measurement_units)
     report.csv("estimates", *table(run))
@@ -130,10 +129,7 @@ def _data(report: Report, run: Run, record: Record) -> None:
     if record.ignored:
         report.says(_("Columns that were not used: {names}."), names=", ".join(record.ignored))
         report.value("columns_not_used", ", ".join(record.ignored))
-    for note in record.notes:
-        report.says("**{note}.**", note=note)
-    if record.notes:
-        report.value("notes", "; ".join(record.notes))
+    common.notes(report, run.notes)
     common.show(report, run.model)
     report.value("steps", len(run.z) - 1)
     report.value("missing", record.missing)
@@ -203,7 +199,7 @@ def _estimates(report: Report, run: Run) -> None:
 
 def _smoothed_route(report: Report, run: Run) -> None:
     """The smoother by conditioning all states on all measurements at once; of a long record its beginning, smoothed by itself."""
-    model, z, n = run.model, run.data, run.model.n
+    model, z, n = run.bare, run.filtered.z, run.model.n
     rows = min(len(z), max(2, CONDITIONED // max(n, model.m)))
     smoothed = run.smoothed
     if rows < len(z):
@@ -238,7 +234,7 @@ def _figures(report: Report, run: Run) -> None:
         curves = {_("filtered"): (found.x_plus[:, i], deviations(found.P_plus)[:, i])}
         if run.smoothed is not None:
             curves[_("smoothed")] = (run.smoothed.x[:, i], deviations(run.smoothed.P)[:, i])
-        data = None if measured is None else run.z[:, measured]
+        data = None if measured is None else run.told[:, measured]
         figure = estimates(run.t, curves, data=data, ylabel=common.label(name, unit))
         caption = _("Estimates of {name} with their ±σ bands.")
         if measured is not None:
@@ -283,7 +279,7 @@ def steady_route(report: Report, run: Run) -> None:
     """The estimates once more, by gains known beforehand; and what a constant gain means for the tests below."""
     steps = min(len(run.z) - 1, CHECKED)
     plan = covariances(run.model, steps, first=run.first)
-    limit = steady.solve(run.model)
+    limit = steady.solve(run.bare)
     updates = np.asarray(plan.used).any(axis=1).astype(np.float64)
     constant = dataclasses.replace(plan, K=np.multiply.outer(updates, limit.K))
     other = kalman_filter(run.model, run.data[run.first : steps + 1], first=run.first, gains=constant)
@@ -325,7 +321,7 @@ def _verdict(report: Report, run: Run, units: Sequence[str]) -> None:
         return
     _innovations(report, run, run.verdict, units)
     _tests(report, run, run.verdict)
-    _events(report, run, run.verdict)
+    events(report, [run])
     if len(run.z) > diagnosis.LONG:
         report.says(
             _("The tests of whiteness and the factors are those of the first {rows} rows."), rows=diagnosis.LONG
@@ -426,22 +422,22 @@ def _tests(report: Report, run: Run, verdict: Diagnosis) -> None:
     )  # fmt: skip
 
 
-def _events(report: Report, run: Run, verdict: Diagnosis) -> None:
-    """The rows that speak against the model, one by one."""
-    if not verdict.events:
+def events(report: Report, runs: Sequence[Run], record: Sequence[str] = ()) -> None:
+    """The rows that speak against the model, one by one; of several records after each one's name, in a column ``record``."""
+    found = [(run, event) for run in runs if run.verdict is not None for event in run.verdict.events]
+    if not found:
         return
     kinds = {"outlier": _("outlier"), "break": _("break before this row"), "stuck": _("stuck")}
-    rows = []
-    for event in verdict.events:
+    rows: list[tuple[Any, ...]] = []
+    for run, event in found:
         name = (run.model.states if event.kind == "break" else run.model.measurements)[event.place]
-        for row in event.rows:
-            size = event.size if len(event.rows) == 1 else None
-            value = None if np.isnan(event.value) else event.value
-            rows.append((run.line(row), _time(run, row), name, kinds[event.kind], value, size))
-    report.value("events", len(verdict.events))
+        value, size = None if np.isnan(event.value) else event.value, event.size if len(event.rows) == 1 else None
+        own = [run.record.name] if record else []
+        rows += [(*own, run.line(row), _time(run, row), name, kinds[event.kind], value, size) for row in event.rows]
+    report.value("events", len(found))
     report.table(
         "events",
-        [_("line"), _("time"), _("quantity"), _("kind"), _("value"), _("differs by")],
+        [*record, _("line"), _("time"), _("quantity"), _("kind"), _("value"), _("differs by")],
         rows,
         _("Rows that speak against the model. What a value differs by is told by the rest of the record."),
     )
@@ -510,7 +506,7 @@ def export_gains(model: ModelFile, record: Record, path: Path) -> None:
 
     discrete, z, _t = clock.timed(model, record)
     try:
-        gains: Any = steady.solve(discrete)
+        gains: Any = steady.solve(dataclasses.replace(discrete, measurement_offset=None))  # which may vary where all else is constant
     except ValueError:  # it varies with time, or has no steady state
         gains = covariances(discrete, len(z) - 1, first=model.experiment.first)
     export.write(discrete, gains, path)

@@ -59,7 +59,7 @@ def study(
     given = common.settings(
         model, ("free", list(names), "", _("constants that are estimated; above, where the search began"))
     )
-    report = common.begin("fit", _("constants fitted to a record"), model, "abcd", given, data=", ".join(each.source for each in records))
+    report = common.begin("fit", _("constants fitted to a record"), model, "abcd", given, data=several.sources(records))
     report.section("a", _("Estimates"))
     _estimates(report, model, found)
     report.section("b", _("What the record says of each constant"))

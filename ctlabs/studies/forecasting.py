@@ -19,18 +19,17 @@ from ctlabs.studies.estimates import clocks
 from ctlabs.text import _, fill, moment
 
 if TYPE_CHECKING:
+    from ctlabs.files.clock import Over
     from ctlabs.files.datafile import Record
     from ctlabs.files.modelfile import ModelFile
     from ctlabs.filtering.results import Filtered
     from ctlabs.linalg.checks import Array
     from ctlabs.models.linear import DiscreteModel
 
-#: Rows of the record that are drawn before the forecast, as a multiple of its length.
-BEFORE = 4
-
-
 #: Instants after a record that are predicted unless it is said how many.
 STEPS = 12
+#: Rows of the record that are drawn before the forecast, as a multiple of its length.
+BEFORE = 4
 
 
 def study(model: ModelFile, record: Record, steps: int | None = None) -> Report:
@@ -44,10 +43,11 @@ def study(model: ModelFile, record: Record, steps: int | None = None) -> Report:
     ValueError
         Times that do not fit the model; a known input or a regressor without values for the time to come; a model given for fewer steps.
     """
-    first = model.experiment.first
-    whole, z, t, later = _known(model, record, steps) if record.u is not None or model.regressors else _free(model, record, steps)
-    steps, last = len(later), len(t) - 1
-    discrete = whole.cut(last)
+    first, made = model.experiment.first, clock.over(model, record)
+    known = record.u is not None or bool(model.regressors)
+    whole, last, later = _known(model, record, made, steps) if known else _free(model, record, made, steps)
+    steps, t, z = len(later), made.t[: last + 1], made.z[: last + 1]
+    discrete, held = whole.cut(last), int(made.placing.held[last])
     found = kalman_filter(discrete, z[first:], first=first)
     ahead = forecast(whole, found, steps)
     given = common.settings(model, ("steps", steps, "1", _("instants after the record")))
@@ -55,52 +55,59 @@ def study(model: ModelFile, record: Record, steps: int | None = None) -> Report:
     report.section("a", _("Model and data"))
     report.says(
         _("{source}: {rows} rows from t = {start} to {end} s."),
-        source=record.source, rows=record.rows, start=float(t[first]), end=float(t[-1]),
+        source=record.source, rows=held + 1, start=float(t[first]), end=float(t[-1]),
     )  # fmt: skip
+    common.notes(report, (*record.notes, *clock.notes(model, record, made)))
     common.show(report, discrete)
     report.section("b", _("Forecast"))
     report.says(_("All estimates are given the whole record, and nothing after it. σ counts what the measurement adds of its own noise."))
     _numbers(report, model, discrete, ahead, later)
     _pictures(report, discrete, found, ahead, t, later)
     _checked(report, whole, z, first, ahead)
-    report.csv("forecast", *_table(discrete, ahead, last, later, record, int(clock.instants(model, record).held[last])))
+    own = _columns(discrete, ahead)
+    names = [name for name, _values in own]
+    if known:
+        head, times = clocks(record, later, names, made.placing.rows[last + 1 : last + 1 + steps])
+    else:
+        head, times = _continued(record, held, later, names)
+    columns = ["k", *head, *names]
+    common.distinct("forecast.csv", columns)
+    values = np.column_stack([values for _name, values in own]).tolist()
+    report.csv("forecast", columns, [[k, *time, *row] for k, (time, row) in enumerate(zip(times, values, strict=True), last + 1)])
     return report
 
 
-def _free(model: ModelFile, record: Record, steps: int | None) -> tuple[DiscreteModel, Array, Array, Array]:
-    """The model over the record and beyond, its data and times, and the times to come."""
-    discrete, z, t = clock.over(model, record)
-    steps = steps or STEPS
-    later = t[-1] + float(np.median(np.diff(t))) * np.arange(1, steps + 1)
+def _free(model: ModelFile, record: Record, made: Over, steps: int | None) -> tuple[DiscreteModel, int, Array]:
+    """The model over the record and beyond, the last instant of the record, and the times to come."""
+    steps, t = steps or STEPS, made.t
     if record.t is None:
-        return model.discrete(steps=len(t) - 1 + steps), z, t, later
-    if model.kind == "discrete":
-        later = t[-1] + discrete.dt * np.arange(1, steps + 1)
-    return model.discrete(times=np.concatenate([t, later])), z, t, later
+        return model.discrete(steps=len(t) - 1 + steps), len(t) - 1, t[-1] + made.model.dt * np.arange(1, steps + 1)
+    interval = made.model.dt if model.kind == "discrete" else float(np.median(np.diff(t)))
+    later = t[-1] + interval * np.arange(1, steps + 1)
+    return model.discrete(times=np.concatenate([t, later])), len(t) - 1, later
 
 
-def _known(model: ModelFile, record: Record, steps: int | None) -> tuple[DiscreteModel, Array, Array, Array]:
-    """The same where the record tells its inputs and regressors beyond the last measurement."""
-    whole, z, t = clock.over(model, record)
-    names = ", ".join([*record.mapping.inputs, *model.regressors])
+def _known(model: ModelFile, record: Record, made: Over, steps: int | None) -> tuple[DiscreteModel, int, Array]:
+    """The same where the record tells its inputs and regressors beyond the last row in which something was measured."""
     measured = np.flatnonzero(~np.isnan(record.z).all(axis=1))
-    line = record.lines[measured[-1] if measured.size else -1]
-    last = int(np.flatnonzero(~np.isnan(z).all(axis=1))[-1]) if measured.size else len(t) - 1
-    left = len(t) - 1 - last
+    row = int(measured[-1]) if measured.size else record.rows - 1
+    last = int(np.flatnonzero(made.placing.rows == row)[0])
+    left = len(made.t) - 1 - last
     if left < (steps or 1):
+        names = ", ".join([*record.mapping.inputs, *model.regressors])
         what = f"{left} such row{'s' if left > 1 else ''}" if left else "none"
         msg = (
-            f"{record.source}: expected rows below the last measurement (line {line}) with {names} of the time to come, received {what}: "
-            f"write {steps or 'as many as are to be predicted'} below it, with empty cells for what will be measured"
+            f"{record.source}: expected rows below the last measurement (line {record.lines[row]}) with {names} of the time to come, "
+            f"received {what}: write {steps or 'as many as are to be predicted'} below it, with empty cells for what will be measured"
         )
         raise ValueError(msg)
-    steps = steps or left
-    unknown = clock.unusable(model, record)[last + 1 : last + 1 + steps].any(axis=1)
+    end = last + (steps or left)
+    unknown = made.absent[last + 1 : end + 1].any(axis=1)
     if unknown.any():
-        k = last + 1 + int(unknown.argmax())
-        msg = f"{record.source}: expected {', '.join(model.regressors)} at every instant to come, received none at t = {moment(t[k])}"
+        t = moment(made.t[last + 1 + int(unknown.argmax())])
+        msg = f"{record.source}: expected {', '.join(model.regressors)} at every instant to come, received none at t = {t}"
         raise ValueError(msg)
-    return whole.cut(last + steps), z[: last + 1], t[: last + 1], t[last + 1 : last + 1 + steps]
+    return made.model.cut(end), last, made.t[last + 1 : end + 1]
 
 
 def _numbers(report: Report, file: ModelFile, model: DiscreteModel, ahead: Forecast, later: Array) -> None:
@@ -150,23 +157,23 @@ def _checked(report: Report, whole: DiscreteModel, z: Array, first: int, ahead: 
     )
 
 
-def _table(
-    model: DiscreteModel, ahead: Forecast, last: int, later: Array, record: Record, row: int
-) -> tuple[list[str], list[list[Any]]]:
-    """Columns and rows of forecast.csv; times are written as those of the record are, of which ``row`` is the last that was filtered."""
+def _columns(model: DiscreteModel, ahead: Forecast) -> list[tuple[str, Array]]:
+    """The columns of forecast.csv after the times: states and measurements, each with its standard deviation."""
     with np.errstate(invalid="ignore"):
         sd = np.sqrt(np.diagonal(ahead.S, axis1=1, axis2=2))
-    columns, parts = ["k", "t"], [last + 1.0 + np.arange(len(later))[:, None], later[:, None]]
+    found: list[tuple[str, Array]] = []
     for names, values, spread in ((model.states, ahead.x, ahead.sd), (model.measurements, ahead.z, sd)):
         for i, name in enumerate(names):
             own = fill("measured_{name}", name=name) if names is model.measurements and name in model.states else name
-            columns += [own, f"{own}_sd"]
-            parts += [values[:, i, None], spread[:, i, None]]
-    rows = [[int(row[0]), *row[1:]] for row in np.hstack(parts).tolist()]
-    clocked = record.clocked and record.t is not None
-    stamps = continued(record.stamps[row], record.mapping.unit, later - record.t[row]) if clocked else None  # type: ignore[index]
-    if stamps is not None:
-        head, times = clocks(replace(record, stamps=stamps), later, columns[2:])
-        columns, rows = ["k", *head, *columns[2:]], [[row[0], *time, *row[2:]] for row, time in zip(rows, times, strict=True)]
-    common.distinct("forecast.csv", columns)
-    return columns, rows
+            found += [(own, values[:, i]), (f"{own}_sd", spread[:, i])]
+    return found
+
+
+def _continued(record: Record, row: int, later: Array, others: list[str]) -> tuple[list[str], list[list[Any]]]:
+    """The columns of times after a record's ``row``: written as its own are, or in seconds alone where they cannot be."""
+    if not record.clocked or record.t is None:
+        return ["t"], [[each] for each in later.tolist()]
+    stamps = continued(record.stamps[row], record.mapping.unit, later - record.t[row])
+    if stamps is None:
+        return ["seconds" if record.clock == "t" else "t"], [[each] for each in later.tolist()]
+    return clocks(replace(record, stamps=stamps), later, others)

@@ -22,11 +22,6 @@ DRAWN = 6
 
 
 def study(content: bytes, source: str, mapping: Mapping, model: ModelFile | None = None) -> Report:
-    """:func:`compute` as a report."""
-    return report(compute(content, source, mapping, model), source, named=model is not None)
-
-
-def compute(content: bytes, source: str, mapping: Mapping, model: ModelFile | None = None) -> Survey:
     """The columns of a table, its sampling, what looks suspicious, and the [data] by which ``model`` would read it.
 
     Raises
@@ -34,7 +29,8 @@ def compute(content: bytes, source: str, mapping: Mapping, model: ModelFile | No
     ValueError
         What is no table.
     """
-    return look.survey(content, source, mapping, () if model is None else model.measurements)
+    found = look.survey(content, source, mapping, () if model is None else model.measurements)
+    return report(found, source, named=model is not None)
 
 
 def report(found: Survey, source: str, *, named: bool) -> Report:

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy import special
 
 from ctlabs.filtering.forecasting import draws
 from ctlabs.filtering.smoothing import smooth
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import deviations
-from ctlabs.montecarlo.chance import FALSE_ALARM, Verdict
+from ctlabs.montecarlo import chance
 from ctlabs.reporting.plots.studies import paths as picture
 from ctlabs.studies import common
 from ctlabs.text import _, fill
@@ -109,21 +108,10 @@ def report(made: Report, run: Run, found: Paths, seed: int) -> None:
     for i, (name, unit) in enumerate(list(zip(run.model.states, run.model.units, strict=True))[: common.SHOWN]):
         figure = picture(found.t, found.x[:, i, :DRAWN], (x[:, i], sd[:, i]), ylabel=common.label(name, unit))
         made.figure(f"draws_{i + 1}", figure, _("Draws of {name} given the record, and the smoothed estimate ± 2σ."), name=name)
-    made.chance(_("means of the draws"), means(found.x, x, sd), (_("draws"), _("smoother")))
+    made.chance(_("means of the draws"), chance.means(found.x, x, sd), (_("draws"), _("smoother")))
     columns = ["draw", *found.functions]
     table = np.column_stack(list(found.functions.values())).tolist()
     made.csv("draws", columns, [[i, *row] for i, row in enumerate(table)])
-
-
-def means(x: Array, expected: Array, sd: Array) -> Verdict:
-    """Whether the means of draws x (rows, n, number) are those of the smoother, which they miss by σ/√number."""
-    unit = sd / np.sqrt(x.shape[2])
-    size = np.where(unit > 0, unit, 1e-9 * np.maximum(np.abs(expected), np.finfo(float).tiny))
-    scores = np.abs(x.mean(axis=2) - expected) / size
-    k, i = (int(at) for at in np.unravel_index(np.argmax(scores), scores.shape))
-    critical = float(-special.ndtri(FALSE_ALARM / (2 * scores.size)))
-    worst = float(scores[k, i])
-    return Verdict(worst, critical, worst <= critical, (k, i), scores.size)
 
 
 def levels(words: tuple[str, ...]) -> dict[str, list[float]]:

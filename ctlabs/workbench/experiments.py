@@ -167,7 +167,7 @@ def _measured(file: ModelFile, other: ModelFile | None, plan: Plan) -> Outcome:
         k=k,
         t=t[k],
         **_labels(used, model),
-        z=z[k, :, None],
+        z=own.z[k, :, None],
         truth=None,
         **_histories(many, k),
         estimates={name: f.x_plus[k] for name, (f, _, _) in tried.items() if f is not None},

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -130,20 +130,20 @@ def constants(model: DiscreteModel, z: Array, first: int) -> list[Candidate]:
     """The most likely constant input of each state and bias of each measurement; the likelihood is quadratic in them."""
     here, found = log_likelihood(model, z[first:], first), []
     spread, noise = _sizes(model, z, first)
-    for kind, count, sizes in (("input", model.n, spread), ("bias", model.m, noise)):
+    for kind, name, count, sizes in (("input", "offset", model.n, spread), ("bias", "measurement_offset", model.m, noise)):
         for i in range(count):
             unit = np.eye(count)[i]
 
-            def changed(c: float, kind: str = kind, unit: Array = unit) -> tuple[DiscreteModel, Array]:
-                if kind == "bias":
-                    return model, z - c * unit
-                return replace(model, offset=c * unit + (0.0 if model.offset is None else model.offset)), z
+            def changed(c: float, name: str = name, unit: Array = unit) -> DiscreteModel:
+                own = getattr(model, name)
+                change: dict[str, Any] = {name: c * unit + (0.0 if own is None else own)}
+                return replace(model, **change)
 
-            best = _quadratic(lambda c: _likelihood(*changed(c), first), here, float(sizes[i]))
+            best = _quadratic(lambda c: log_likelihood(changed(c), z[first:], first), here, float(sizes[i]))
             if best is not None:
                 c, gain = best
                 p = float(special.chdtrc(1, gain))
-                found.append(Candidate(kind, i, (c,), gain, p, 2.0, *changed(c)))
+                found.append(Candidate(kind, i, (c,), gain, p, 2.0, changed(c), z))
     return found
 
 
@@ -176,10 +176,6 @@ def _sizes(model: DiscreteModel, z: Array, first: int) -> tuple[Array, Array]:
     seen = np.isfinite(S)
     noise = np.sqrt(np.where(seen, S, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1))
     return np.where(spread > 0, spread, noise.max()), noise
-
-
-def _likelihood(model: DiscreteModel, z: Array, first: int) -> float:
-    return log_likelihood(model, z[first:], first)
 
 
 def _quadratic(f: Callable[[float], float], here: float, c: float) -> tuple[float, float] | None:

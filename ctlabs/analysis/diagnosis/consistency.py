@@ -93,14 +93,13 @@ def innovations(innovation: ArrayLike, S: ArrayLike, nis: ArrayLike) -> Innovati
     e = np.where(there, given / np.sqrt(np.where(there, variance, 1.0)), np.nan)
     dof = int(count.sum())
     low, high = (float(edge) / instants for edge in special.chdtri(dof, [0.975, 0.025]))
-    tails = float(special.gammainc(0.5 * dof, 0.5 * total)), float(special.gammaincc(0.5 * dof, 0.5 * total))
     mean = np.where(count > 0, np.nansum(e, axis=0) / np.maximum(count, 1), np.nan)
     return Innovations(
         dof=dof,
         nis_mean=total / instants,
         nis_expected=dof / instants,
         nis_band=(low, high),
-        nis_p=min(1.0, 2 * min(tails)),
+        nis_p=chi2_p(total, dof),
         mean=mean,
         mean_p=special.erfc(np.abs(mean) * np.sqrt(0.5 * count)),
         whiteness=tuple(whiteness(column) for column in e.T),
@@ -116,6 +115,16 @@ def p_values(model: DiscreteModel, own: Innovations) -> dict[str, float]:
         if np.isfinite(independent.p):
             p[fill(_("independence of {name}"), name=name)] = independent.p
     return p
+
+
+def chi2_p(total: float, dof: int) -> float:
+    """The two-sided probability that χ²(dof) is as far out as ``total``.
+
+    >>> round(chi2_p(3.841, 1), 3), chi2_p(0.0, 1)
+    (0.1, 0.0)
+    """
+    tails = special.gammainc(0.5 * dof, 0.5 * total), special.gammaincc(0.5 * dof, 0.5 * total)
+    return min(1.0, 2 * float(min(tails)))
 
 
 def share(level: float, tests: int) -> float:

@@ -37,12 +37,12 @@ def resolution(values: Array) -> Array:
 
 def repeated(filtered: Filtered, first: int) -> list[Event]:
     """The runs of equal values of a record, each with a bound ``p`` of the probability that there is one like it."""
-    variances = np.diagonal(filtered.S, axis1=1, axis2=2)
-    there = filtered.used & np.isfinite(variances) & np.isfinite(filtered.z)
+    variances, z = np.diagonal(filtered.S, axis1=1, axis2=2), filtered.asked[1]
+    there = filtered.used & np.isfinite(variances) & np.isfinite(z)
     count, found = int(there.sum()), []
     for i in range(there.shape[1]):
         at = np.flatnonzero(there[:, i])
-        values = filtered.z[at, i]
+        values = z[at, i]
         same = values[1:] == values[:-1]
         if not same.any():
             continue

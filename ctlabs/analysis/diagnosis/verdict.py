@@ -203,7 +203,7 @@ class _Case(NamedTuple):
 
 def _case(model: DiscreteModel, found: Filtered, first: int) -> _Case:
     own = innovations(found.innovation, found.S, found.nis)
-    return _Case(model, found.z, first, own, shocks(found), repeated(found, first))
+    return _Case(model, found.asked[1], first, own, shocks(found), repeated(found, first))
 
 
 def tests_of(model: DiscreteModel, filtered: Filtered, first: int) -> dict[str, float]:
@@ -212,11 +212,11 @@ def tests_of(model: DiscreteModel, filtered: Filtered, first: int) -> dict[str, 
 
 
 def _record(filtered: Filtered, longest: int | None, first: int) -> tuple[DiscreteModel, Array, Innovations]:
-    """The model, the record by instants and its innovations, cut to their first rows."""
-    model, data, innovation = filtered.model, filtered.z, filtered.innovation
-    if not isinstance(model, DiscreteModel) or data.ndim != 2:
-        msg = f"z: expected one record of a linear model, (rows, m), received {type(model).__name__} and shape {data.shape}"
+    """The model, the record by instants as it was given, and its innovations, cut to their first rows."""
+    if not isinstance(filtered.model, DiscreteModel) or filtered.z.ndim != 2:
+        msg = f"z: expected one record of a linear model, (rows, m), received {type(filtered.model).__name__} and shape {filtered.z.shape}"
         raise ValueError(msg)
+    (model, data), innovation = filtered.asked, filtered.innovation
     rows = len(data) if longest is None else min(len(data), checks.count("longest", longest, least=2) + first)
     own = innovations(innovation[:rows], filtered.S[:rows], filtered.nis[:rows])
     return model.cut(rows - 1), data[:rows], own

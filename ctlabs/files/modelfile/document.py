@@ -154,8 +154,9 @@ class ModelFile:
 
     @property
     def mapping(self) -> Mapping:
-        """[data]: how records name and write what the model measures."""
-        return self._document.data.mapping()
+        """[data]: how records name and write what the model measures; of a file whose matrices are wrong, too."""
+        read = self._read.document
+        return (self._document if read is None else read).data.mapping()
 
     @property
     def driven(self) -> bool:
@@ -197,13 +198,10 @@ class ModelFile:
 
     def declaring(self, columns: Table[str, str]) -> ModelFile:
         """The same file with further regressors {name: column of the record} in its table [data]."""
-        changed = self
-        for name, column in columns.items():
-            if not isinstance(changed._data.get("data"), dict) or "regressors" not in changed._data["data"]:
-                changed = changed.edit(("data", "regressors"), {name: column})
-            else:
-                changed = changed.edit(("data", "regressors", name), column)
-        return changed
+        data = self._data.get("data")
+        if isinstance(data, dict) and "regressors" in data:
+            return self.edit_all([(("data", "regressors", name), column) for name, column in columns.items()])
+        return self.edit(("data", "regressors"), dict(columns)) if columns else self
 
     def absent(self, regressors: Regressors) -> NDArray[np.bool_]:
         """The elements of z, (steps+1, m), that cannot be used, as a regressor beside them has no value."""
