@@ -471,3 +471,15 @@ def test_the_filter_goes_on_as_if_the_element_were_not_measured() -> None:
     without = z.copy()
     without[1, 1] = np.nan
     np.testing.assert_array_equal(kalman_filter(model, z[1:]).x_plus, kalman_filter(model, without[1:]).x_plus)
+
+
+@pytest.mark.parametrize("start", [0.0, np.inf])
+def test_what_is_known_of_a_measurement_has_its_own_rounding(start: float) -> None:
+    """z = x + d with a perfect sensor and d of a million: z − d has the digits of d, in the batch and online."""
+    d, x = 1e6 / 3, 0.1
+    model = DiscreteModel([[1]], [[0]], [[1]], [[0]], x0=[x], P0=[[start]], measurement_offset=[d])
+    z = [d + x, d + x * (1 + 1e-12), d + x]
+    online = Filter(model)
+    assert kalman_filter(model, z).contradictions == ()
+    assert [online.step(each).contradictions for each in z] == [(), (), ()]
+    assert len(kalman_filter(model, [d + x, d + x + 1e-6, d + x]).contradictions) == 1

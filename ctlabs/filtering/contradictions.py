@@ -24,6 +24,7 @@ import numpy as np
 
 from ctlabs.filtering import gathered
 from ctlabs.filtering.measured import perfect
+from ctlabs.filtering.problem import Problem
 from ctlabs.filtering.results import Contradiction, Filtered, Mask
 from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
@@ -49,7 +50,7 @@ def known(model: DiscreteModel, z: Array, used: Mask, first: int) -> Mask:
     return found
 
 
-def find(model: DiscreteModel, z: Array, history: Filtered, first: int) -> tuple[Contradiction, ...]:
+def find(model: DiscreteModel, z: Array, history: Filtered, first: int, offset: Array | None = None) -> tuple[Contradiction, ...]:
     """The contradictions of a record, or of an ensemble of records, row by row.
 
     Parameters
@@ -58,13 +59,14 @@ def find(model: DiscreteModel, z: Array, history: Filtered, first: int) -> tuple
     z : (steps+1, m) or (steps+1, m, runs), by instants, NaN = not measured
     history : of any form of the filter
     first : 1 (first measurement at t1) or 0 (at t0)
+    offset : (steps+1, m), what was known of the measurements and is not in z any more; its rounding is
 
     >>> from ctlabs import kalman_filter
     >>> m = DiscreteModel([[0.5]], [[0]], [[1]], [[0]], x0=[1], P0=[[0]])
     >>> kalman_filter(m, [0.5, 0.5]).contradictions[0]._replace(allowed=0)
     Contradiction(row=1, element=0, innovation=0.25, allowed=0, run=0)
     """
-    e, allowed = innovations(model, z, history, first)
+    e, allowed = innovations(model, z, history, first, offset)
     with np.errstate(invalid="ignore"):
         wrong = np.argwhere(np.abs(e) > allowed[:, :, None])
     return tuple(
@@ -72,27 +74,30 @@ def find(model: DiscreteModel, z: Array, history: Filtered, first: int) -> tuple
     )
 
 
-def innovations(model: DiscreteModel, z: Array, history: Filtered, first: int) -> tuple[Array, Array]:
+def innovations(
+    model: DiscreteModel, z: Array, history: Filtered, first: int, offset: Array | None = None
+) -> tuple[Array, Array]:
     """Of what is known already: innovations given the elements before (steps+1, m, runs), and what rounding explains (steps+1, m).
 
     NaN for elements that enter the update or are not measured.
     """
     asked = known(model, z, history.used, first)
-    e, allowed = gathered.innovations(model, z, history, asked)
+    offset = np.zeros(asked.shape) if offset is None else offset
+    e, allowed = gathered.innovations(model, z, offset, history, asked)
     begun = gathered.begins(history)
     if asked[:begun].any():
-        _vaguely(history.start, e, allowed)
+        _vaguely(history.start, offset, e, allowed)
     return e, allowed
 
 
-def _vaguely(start: Any, e: Array, allowed: Array) -> None:
+def _vaguely(start: Any, offset: Array, e: Array, allowed: Array) -> None:
     """What the first instants after a vague start say of what was known already, into ``e`` and ``allowed``."""
     if start is None:
         return
     rows = len(start.terms)
     e[:rows] = start.excess
     for k in range(rows):
-        allowed[k] = vaguely(start.terms[k], start.P.shape[1], k)
+        allowed[k] = vaguely(start.terms[k] + 2 * np.abs(offset[k]), start.P.shape[1], k)
 
 
 def vaguely(terms: Array, n: int, k: int) -> Array:
@@ -103,9 +108,9 @@ def vaguely(terms: Array, n: int, k: int) -> Array:
 # What follows from them -----------------------------------------------------------------------------------------------
 
 
-def judged(model: DiscreteModel, filtered: Filtered, first: int) -> Filtered:
-    """A filtered record with its ``contradictions``, and −∞ for the log-likelihoods of the runs that have one."""
-    found = find(model, filtered.z, filtered, first)
+def judged(problem: Problem, filtered: Filtered) -> Filtered:
+    """The filtered record of a problem with its ``contradictions``, and −∞ for the log-likelihoods of the runs that have one."""
+    found = find(problem.model, filtered.z, filtered, problem.first, problem.known)
     if not found:
         return filtered
     names = ("log_likelihood", "log_likelihood_diffuse")

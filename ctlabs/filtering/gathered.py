@@ -49,8 +49,10 @@ def begins(history: Filtered | History) -> int:
     return int(np.flatnonzero(unknown).max(initial=-1)) + 1
 
 
-def innovations(model: DiscreteModel, z: Array, history: Filtered | History, asked: Mask) -> tuple[Array, Array]:
+def innovations(model: DiscreteModel, z: Array, known: Array, history: Filtered | History, asked: Mask) -> tuple[Array, Array]:
     """Innovations of the elements ``asked`` for (rows, m), given those before them, (rows, m, runs), and what rounding explains of them.
+
+    z is what was measured without what was ``known`` (rows, m) of it.
 
     NaN for all others, and before something is known of every state: what has been gathered until then is rounding of the estimate
     with which the others begin.
@@ -64,13 +66,13 @@ def innovations(model: DiscreteModel, z: Array, history: Filtered | History, ask
     if begun:
         rest = slice(begun, None)
         later = History(*(getattr(history, name)[rest] for name in History._fields))
-        e[rest], allowed[rest] = innovations(_later(model, begun, later), z[rest], later, asked[rest])
+        e[rest], allowed[rest] = innovations(_later(model, begun, later), z[rest], known[rest], later, asked[rest])
         return e, allowed
     from ctlabs.filtering.engines.rounding import Passed, bounds  # numba costs 0.3 s to import
 
     data, x_minus, x_plus = (_own(a.reshape(rows, a.shape[1], -1)) for a in (z, history.x_minus, history.x_plus))
     P_minus, P_plus, used = _own(history.P_minus), _own(history.P_plus), _own(history.used)
-    seen = Passed(data, x_minus, x_plus, P_minus, P_plus, used, asked, _own(history.K))
+    seen = Passed(data, _own(known), x_minus, x_plus, P_minus, P_plus, used, asked, _own(history.K))
     size = np.sqrt(np.where(np.isfinite(model.P0.diagonal()), model.P0.diagonal(), 0.0))
     bounds(*corrected(model, history.used), given(model.x0), size, 0, seen, e, allowed)
     return e, allowed
@@ -135,12 +137,12 @@ def predicted(before: Gathered, x: Array, P: Array, Phi: Array, c: Array | None,
     offset = nothing if c is None else _own(c.T)
     system = System(_own(Phi[None]), _own(Q[None]), offset, H, R, nothing)
     xs, Ps = np.array([x, x]), np.array([P, P])
-    seen = Passed(np.full((2, m, 1), np.nan), xs, xs, Ps, Ps, nobody, nobody, np.empty((0, n, m)))
+    seen = Passed(np.full((2, m, 1), np.nan), np.zeros((2, m)), xs, xs, Ps, Ps, nobody, nobody, np.empty((0, n, m)))
     return _passed(before, system, 1, seen)[0]
 
 
 def updated(
-    before: Gathered, z: Array, H: Array, R: Array, x: Sequence[Array], P: Sequence[Array], used: Mask
+    before: Gathered, z: Array, known: Array, H: Array, R: Array, x: Sequence[Array], P: Sequence[Array], used: Mask
 ) -> tuple[Gathered, Array, Array]:
     """Through one instant's update, with x (n, 1) and P before and after it; and :func:`innovations` of it, (m,) each."""
     from ctlabs.filtering.engines.common import System
@@ -151,7 +153,7 @@ def updated(
     asked = perfect(R) & ~used & ~np.isnan(z)
     xs, Ps = [_own(each[None]) for each in x], [_own(each[None]) for each in P]
     none = np.empty((0, n, len(z)))
-    seen = Passed(_own(z[None, :, None]), xs[0], xs[1], Ps[0], Ps[1], _own(used[None]), asked[None], none)
+    seen = Passed(_own(z[None, :, None]), _own(known[None]), xs[0], xs[1], Ps[0], Ps[1], _own(used[None]), asked[None], none)
     after, e, allowed = _passed(before, system, 0, seen)
     return after, e[0, :, 0], allowed[0]
 

@@ -67,7 +67,7 @@ def record(problem: Problem) -> Filtered:
         nis=out.nis[:, None], z=problem.z, model=model, log_likelihood=np.array(both[:1]), log_likelihood_diffuse=np.array(both[1:]),
         start=None if begun is None else begun.start,
     )  # fmt: skip
-    return contradictions.judged(model, found, problem.first)
+    return contradictions.judged(problem, found)
 
 
 def log_likelihood(problem: Problem) -> tuple[float, int]:

@@ -85,7 +85,7 @@ def run(problem: Problem, form: str, kind: Any = float, *, own_start: bool = Fal
         log_likelihood_diffuse=out.log_likelihood + (0.0 if begun is None else begun.diffuse),
         start=None if begun is None else begun.start,
     )  # fmt: skip
-    return contradictions.judged(model, found, problem.first), seconds / max(steps, 1)
+    return contradictions.judged(problem, found), seconds / max(steps, 1)
 
 
 def entering(problem: Problem) -> Mask:

@@ -50,4 +50,4 @@ def apply(problem: Problem, plan: Covariances, algorithm: str, begun: Beginning 
         x_minus=x_minus, x_plus=x_plus, innovation=innovation, nis=nis, z=z, model=model,
         log_likelihood=total + ordinary, log_likelihood_diffuse=total + diffuse, start=None if begun is None else begun.start,
     )  # fmt: skip
-    return contradictions.judged(model, found, problem.first)
+    return contradictions.judged(problem, found)

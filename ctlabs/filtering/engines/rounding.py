@@ -27,11 +27,12 @@ class Rounding(NamedTuple):
 
 
 class Passed(NamedTuple):
-    """What was measured, and what a filter made of it: z (rows, m, runs), x (rows, n, runs), P (rows, n, n), which elements
-    entered the updates and which are ``asked`` for (rows, m); ``K`` (rows, n, m), its gains, or empty.
+    """What was measured, and what a filter made of it: z (rows, m, runs) without what was ``known`` (rows, m) of it, x (rows, n, runs),
+    P (rows, n, n), which elements entered the updates and which are ``asked`` for (rows, m); ``K`` (rows, n, m), its gains, or empty.
     """
 
     z: Array
+    known: Array
     x_minus: Array
     x_plus: Array
     P_minus: Array
@@ -108,6 +109,14 @@ def largest(values: Array, out: Array) -> None:
 
 
 @helper
+def given(seen: Passed, k: int, out: Array) -> None:
+    """The terms of row k of z: its own, and twice what was known, which is taken off what was measured."""
+    largest(seen.z[k], out)
+    for a in range(out.shape[0]):
+        out[a] += 2 * abs(seen.known[k, a])
+
+
+@helper
 def inverted(H: Array, P: Array, R: Array, pick: Array, count: int, scale: Array, V: Array, C: Array) -> None:
     """V = (S/scale scaleᵀ)⁻¹ of the elements picked; a pivot lost by rounding counts as the rounding."""
     n = P.shape[0]
@@ -164,7 +173,7 @@ def bounds(system: System, M: Array, w: Rounding, size: Array, begun: int, seen:
         if k > 0:
             Phi, Q, H = entry(system.Phi, k - 1), entry(system.Q, k - 1), entry(system.H, k - 1)
             largest(seen.x_plus[k - 1], x)
-            largest(seen.z[k - 1], z)
+            given(seen, k - 1, z)
             for i in range(n):
                 before[i] = seen.P_plus[k - 1, i, i]
                 before[i] = np.sqrt(before[i]) if 0.0 < before[i] < np.inf else 0.0
@@ -203,7 +212,7 @@ def bounds(system: System, M: Array, w: Rounding, size: Array, begun: int, seen:
                 continue
             there = seen.x_plus[k] if late else seen.x_minus[k]
             largest(there, x)
-            largest(seen.z[k], z)
+            given(seen, k, z)
             for a in range(m):
                 s, terms[a] = 0.0, z[a]
                 for j in range(n):

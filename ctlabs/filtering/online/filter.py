@@ -432,7 +432,7 @@ class Filter:
         nu[used, None], S[np.ix_(used, used)] = values[told.used], variances[np.ix_(told.used, told.used)]
         excess, terms = np.full(len(used), np.nan), np.full(len(used), np.nan)
         excess[instant.used], terms[instant.used] = told.excess[:, 0], told.terms
-        allowed = contradictions.vaguely(terms, len(before.P), instant.k)
+        allowed = contradictions.vaguely(terms + 2 * np.abs(instant.seen), len(before.P), instant.k)
         changed = instant._replace(after=after, used=used, diffuse=float(told.log_likelihood[0]), excess=excess, allowed=allowed)
         if before.unknown == 0:
             changed = changed._replace(log_likelihood=changed.diffuse)
@@ -442,7 +442,7 @@ class Filter:
     def _compared(self, instant: Instant, H: Array, R: Array) -> Instant:
         """The instant with what its measurements say of what was known already."""
         x, P = ([f(each) for each in (instant.before, instant.after)] for f in (self._form.mean, self._form.covariance))
-        found = gathered.updated(instant.approaching, instant.z - instant.seen, H, R, x, P, instant.used)
+        found = gathered.updated(instant.approaching, instant.z - instant.seen, instant.seen, H, R, x, P, instant.used)
         return instant._replace(gathered=found[0], excess=found[1], allowed=found[2])
 
     def _finite(self, t: float, state: Any, variances: Array) -> None:
