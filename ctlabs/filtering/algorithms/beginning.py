@@ -19,6 +19,7 @@ from ctlabs.filtering.algorithms.contract import Numbers
 from ctlabs.filtering.results import Start
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.rounding import EPS
+from ctlabs.models.linear import derived
 
 if TYPE_CHECKING:
     from ctlabs.filtering.engines.record import Record
@@ -86,11 +87,14 @@ def begin(record: Record, P0: Numbers, *, gains: bool = True) -> Beginning | Non
     FloatingPointError
         The covariance overflows: the step and the time are in the message.
     """
-    used, state = record.used.copy(), vague.start(record.model, P0)
+    there = vague.sight(record.model) if P0.dtype == np.float64 else None
+    if there is not None and not vague.too_large(there, P0):
+        return None
+    used, state = record.used.copy(), vague.start(record.model, P0, there)
     found = _instants(record, state, gains)
     if found is None or record.kind is not float:
         return found
-    other = _elsewhere(record, used)
+    other = _elsewhere(record, used, state.sight)
     if _same(found, other, SAME) or (found.rows > LONG and _same(found, other, ENOUGH)):
         return found
     record.used[:] = used
@@ -119,17 +123,17 @@ def _instants(record: Record, state: vague.State, gains: bool) -> Beginning | No
     return Beginning(start, **found, x=x, P=P, L=L)
 
 
-def _elsewhere(record: Record, used: NDArray[np.bool_]) -> Beginning | None:
+def _elsewhere(record: Record, used: NDArray[np.bool_], sight: Array) -> Beginning | None:
     """The first instants computed in other units of the states, and given in those of the model."""
     model = record.model
     d = 1 + np.arange(1, model.n + 1) / (model.n + np.sqrt(2))
     with np.errstate(invalid="ignore"):
         P0 = np.where(model.P0 == 0, 0.0, model.P0 * np.outer(d, d))
-    other = replace(
+    other = derived(
         model, Phi=model.Phi * d[:, None] / d, Qd=model.Qd * np.outer(d, d), H=model.H / d, x0=model.x0 * d, P0=P0,
         N=None if model.N is None else model.N * d[:, None], offset=None if model.offset is None else model.offset * d,
     )  # fmt: skip
-    found = _instants(record.made(other, float, used.copy()), vague.start(other, P0), gains=False)
+    found = _instants(record.made(other, float, used.copy()), vague.start(other, P0, sight / d), gains=False)
     if found is None:
         return None
     x, P = (None, None) if found.x is None or found.P is None else (found.x / d[:, None], found.P / np.outer(d, d))

@@ -21,7 +21,6 @@ import numpy as np
 from ctlabs.filtering import contradictions
 from ctlabs.filtering.algorithms import contract
 from ctlabs.filtering.algorithms.beginning import Beginning, begin
-from ctlabs.filtering.algorithms.vague import needed
 from ctlabs.filtering.engines import driver
 from ctlabs.filtering.engines.record import Record
 from ctlabs.filtering.problem import Problem
@@ -123,8 +122,7 @@ def _entering(problem: Problem) -> Mask:
 
 def _begin(problem: Problem, used: Mask, *, gains: bool = True) -> Beginning | None:
     """The first instants from a vague start; ``used`` is corrected there."""
-    model = problem.model
-    return begin(Record(model, problem.z, float, used), model.P0, gains=gains) if needed(model, model.P0) else None
+    return begin(Record(problem.model, problem.z, float, used), problem.model.P0, gains=gains)
 
 
 def _forward(problem: Problem, used: Mask, out: Histories, begun: Beginning | None) -> tuple[float, str] | None:
