@@ -53,8 +53,9 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    """How many of hypothesis's examples are run, at most; and how many random models."""
+    """How many of hypothesis's examples are run, at most; which cases; and how many random models."""
     parser.addoption("--examples", type=int, default=10, help="run at most so many examples of each property")
+    parser.addoption("--share", default="0/1", help="i/n: of the cases of a parametrised test every n-th, from the i-th on")
     parser.addoption("--twins", type=int, default=8, help="random models of each of four seeds (tests/test_twins.py)")
 
 
@@ -67,3 +68,13 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
             own = test._hypothesis_internal_use_settings
             test._hypothesis_internal_use_settings = settings(own, max_examples=min(limit, own.max_examples))
             item.add_marker(pytest.mark.property)
+    items[:] = dealt(items, *map(int, config.getoption("--share").split("/")))
+
+
+def dealt(items: list[pytest.Item], i: int, n: int) -> list[pytest.Item]:
+    """Every n-th case of each test with several, from the i-th on; tests of one case are kept. All i together have all cases."""
+    cases: dict[str, list[pytest.Item]] = {}
+    for item in items:
+        cases.setdefault(item.nodeid.partition("[")[0], []).append(item)
+    kept = {id(item) for own in cases.values() for item in (own[i::n] or own)}
+    return [item for item in items if id(item) in kept]

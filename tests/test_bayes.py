@@ -114,6 +114,7 @@ def test_the_compiled_recursion_is_the_plain_one() -> None:
     rng = np.random.default_rng(3)
     rows, r, y = rng.normal(size=(20, 2)), rng.uniform(1, 2, size=20), rng.normal(size=20)
     y[7] = np.nan
+    r.setflags(write=False)  # as it comes from samples: nothing is compiled for another type
     keep = np.array([1, 8, 20])
     results = []
     for function in (bayes.potter, bayes.compiled()):

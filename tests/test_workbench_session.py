@@ -20,6 +20,8 @@ from ctlabs.models import Anomaly, observability, shaping, spectra
 from ctlabs.models.discretisation import interval
 from ctlabs.studies.understanding import compute
 from ctlabs.workbench import commands as c
+from ctlabs.workbench import session as session_module
+from ctlabs.workbench import store as store_module
 from ctlabs.workbench.blocks import InsertBlock, block, rational
 from ctlabs.workbench.kinds import before_sampling
 from ctlabs.workbench.outcomes import Plan
@@ -143,7 +145,8 @@ class Edits(RuleBasedStateMachine):
             assert all(isinstance(cell.text, str) for row in grid.rows for cell in row)
 
 
-def test_random_edits_are_undone_exactly_and_survive_a_kill() -> None:
+@pytest.mark.property
+def test_random_edits_are_undone_exactly_and_survive_a_kill(request: pytest.FixtureRequest) -> None:
     """Undo and redo give every text again to the letter, an impossible command changes nothing, a killed session is the same."""
     with tempfile.TemporaryDirectory() as folder:
         Edits.store = Store(folder)
@@ -153,7 +156,7 @@ def test_random_edits_are_undone_exactly_and_survive_a_kill() -> None:
             run_state_machine_as_test(
                 Edits,
                 settings=settings(
-                    max_examples=40,
+                    max_examples=min(40, request.config.getoption("--examples")),
                     stateful_step_count=25,
                     deadline=None,
                     derandomize=True,
@@ -484,15 +487,18 @@ def test_history_tells_what_was_done_and_any_step_can_be_gone_to(session: Sessio
         session.redo()
 
 
-def test_a_long_history_forgets_its_oldest_steps_only(session: Session) -> None:
-    """After more edits than a draft remembers everything that is listed can still be undone."""
-    for i in range(510):
+def test_a_long_history_forgets_its_oldest_steps_only(session: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    """After more edits than a draft remembers (500, here 50) everything that is listed can still be undone."""
+    for module in (session_module, store_module):
+        assert module.REVISIONS == 500
+        monkeypatch.setattr(module, "REVISIONS", 50)
+    for i in range(60):
         session.do(c.EditCell(("title",), f"title {i}"))
     count = 0
     while session.can_undo:
         session.undo()
         count += 1
-    assert count == 499
+    assert count == 49
     assert session.title == "title 10"
 
 

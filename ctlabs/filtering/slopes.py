@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ctlabs.filtering.algorithms import vague
+from ctlabs.filtering.engines.compiled import fixed
 from ctlabs.filtering.engines.record import Record
 from ctlabs.filtering.filter import solved
 from ctlabs.filtering.problem import Problem
@@ -95,7 +96,7 @@ def slopes(problem: Problem) -> Slopes | None:
         histories = [np.ascontiguousarray(a) for a in (
             found.x_minus[:, :, 0], found.x_plus[:, :, 0], found.P_minus, found.P_plus, found.K, found.innovation[:, :, 0], found.S, used,
         )]  # fmt: skip
-        adjoint.backward(np.ascontiguousarray(Phi), np.ascontiguousarray(H), adjoint.Passed(*histories), begun, out)
+        adjoint.backward(fixed(Phi), fixed(H), adjoint.Passed(*histories), begun, out)
     N = None
     if M is not None:
         N = _uncoupled(problem, used, M, out, begun)

@@ -163,7 +163,11 @@ def _integrated(model: VaryingModel, t: ArrayLike) -> tuple[Transient, Array]:
 
 
 def _at(matrix: Matrix, name: str, now: float, shape: tuple[int | str, ...]) -> Array:
-    return checks.shaped(f"{name}(t = {moment(now)} s)", matrix(now) if callable(matrix) else matrix, shape)
+    """A matrix at a time; the time is written into a message only, as a solver asks some ten thousand times."""
+    value = matrix(now) if callable(matrix) else matrix
+    if type(value) is np.ndarray and value.dtype == np.float64 and checks.fits(value.shape, shape) and np.isfinite(value).all():
+        return value
+    return checks.shaped(f"{name}(t = {moment(now)} s)", value, shape)
 
 
 def _disturbance(model: VaryingModel, now: float, n: int) -> Array:

@@ -1,6 +1,7 @@
 """Loops that are compiled where numba is there, and run as plain Python where it is not.
 
-What is compiled is kept in the user's cache folder, so that a second start does not compile. numba would write beside the source
+What is compiled is kept in the user's cache folder, so that a second start does not compile; processes that start together
+wait for the one that is compiling. numba would write beside the source
 file, or where its process-wide setting points; a library changes neither. ``NUMBA_CACHE_DIR``, if the user has set it, is
 respected, and ``NUMBA_DISABLE_JIT=1`` means plain Python.
 """
@@ -9,11 +10,12 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import IO, Any, TypeVar
 
 import numpy as np
 
@@ -107,3 +109,41 @@ def keep(dispatcher: Any) -> None:
             dispatcher._cache = kind(dispatcher.py_func)
     except (OSError, RuntimeError):  # a read-only home: numba raises when no locator fits
         return
+    name = f"{dispatcher.py_func.__module__}.{dispatcher.py_func.__qualname__}"
+    dispatcher.compile = wraps(dispatcher.compile)(lambda signature: _once(dispatcher, name, signature))
+
+
+def _once(dispatcher: Any, name: str, signature: Any) -> Any:
+    """Compile, or load what another process compiled: numba looks into the folder when its turn has come."""
+    from numba.core.compiler_lock import global_compiler_lock
+
+    with global_compiler_lock, alone(name):  # numba's first: a thread that waits for it holds nothing that another one needs
+        return type(dispatcher).compile(dispatcher, signature)
+
+
+@contextmanager
+def alone(name: str) -> Iterator[None]:
+    """A stretch in which one process at a time is, of those that compile ``name``; where files have no locks, any number of them."""
+    file = _locked(folder() / f"{name}.lock")
+    try:
+        yield
+    finally:
+        if file is not None:
+            file.close()
+
+
+def _locked(path: Path) -> IO[str] | None:
+    """The file, once no other process has it; the system lets it go when the file is closed or the process ends."""
+    try:
+        import fcntl
+
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = path.open("w")
+    except (ImportError, OSError):
+        return None
+    try:
+        fcntl.lockf(file, fcntl.LOCK_EX)  # of this process: a child that is forked meanwhile does not inherit it
+    except OSError:
+        file.close()
+        return None
+    return file

@@ -8,7 +8,7 @@ and hold read-only arrays; change one with :func:`dataclasses.replace`.
 
 from __future__ import annotations
 
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -323,7 +323,7 @@ class DiscreteModel(_Display):
         if self.horizon is None or self.horizon <= steps:
             return self
         shorter: dict[str, Any] = {name: matrix[: steps + extra] for name, (matrix, extra) in self.varying().items()}
-        return replace(self, **shorter)
+        return derived(self, **shorter)
 
     def varying(self) -> dict[str, tuple[Array, int]]:
         """The matrices that vary, each with how many more entries it has than there are steps."""
@@ -355,7 +355,7 @@ def check_inputs(truth: DiscreteModel, design: DiscreteModel) -> None:
     """Refuse two models whose errors depend on a known input that is not given: those that differ in B, D, Φ or H beside one.
 
     >>> one = DiscreteModel([[1]], [[1]], [[1]], [[1]], P0=[[1]], B=[[1]])
-    >>> check_inputs(one, replace(one, B=[[2]]))
+    >>> check_inputs(one, derived(one, B=np.array([[2.0]])))
     Traceback (most recent call last):
     ...
     ValueError: design: expected the truth's B (otherwise the error depends on u: discretise both with u, or give offsets), received another
@@ -368,6 +368,23 @@ def check_inputs(truth: DiscreteModel, design: DiscreteModel) -> None:
             why = "(give the truth a constant state for a bias that the design does not know)" if name == "measurement_offset" else why
             msg = f"design: expected the truth's {name} {why}, received another"
             raise ValueError(msg)
+
+
+def derived(model: DiscreteModel, **matrices: Array | None) -> DiscreteModel:
+    """The model with other matrices that are right because its own are: beginnings of stacks, the same in other units. No check.
+
+    >>> one = DiscreteModel([[1]], [[1]], [[1]], [[1]], P0=[[1]])
+    >>> derived(one, R=2 * one.R).R
+    array([[2.]])
+    """
+    made = object.__new__(DiscreteModel)
+    for name in (field.name for field in fields(DiscreteModel)):
+        value = matrices[name] if name in matrices else getattr(model, name)
+        if name in matrices and value is not None:
+            value = value.view()
+            value.setflags(write=False)
+        object.__setattr__(made, name, value)
+    return made
 
 
 def at(matrix: Array, k: int, ndim: int) -> Array:

@@ -12,8 +12,10 @@ driven by coloured noise. sympy is imported on the first call (0.5 s).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
+from functools import cache
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -200,7 +202,16 @@ class BlockEquations:
             msg = f"matrices: expected {[symbol.name for symbol in symbols]}, received {sorted(matrices)}"
             raise ValueError(msg)
         values = [np.atleast_2d(np.asarray(matrices[symbol.name], dtype=np.float64)) for symbol in symbols]
-        return {name: np.asarray(sympy.lambdify(symbols, e, "numpy")(*values)) for name, e in self.expressions.items()}
+        return {name: np.asarray(_numeric(tuple(symbols), e)(*values)) for name, e in self.expressions.items()}
+
+
+@cache
+def _numeric(symbols: tuple[Any, ...], expression: Any) -> Callable[..., Any]:
+    """An expression as a function of numpy's arrays; sympy writes and compiles it once."""
+    import sympy
+
+    function: Callable[..., Any] = sympy.lambdify(symbols, expression, "numpy")
+    return function
 
 
 def chain(F: Entries, G: Entries, Q: Entries, tau: Any = None) -> Chain:
@@ -316,6 +327,7 @@ def scalar_equations(model: SymbolicModel | ContinuousModel) -> ScalarEquations:
     return ScalarEquations(model.F * x + known + correction, gain.applyfunc(sympy.factor), riccati, P, K, x, z, u)
 
 
+@cache
 def block_equations(*, correlated: bool = False) -> BlockEquations:
     r"""The Kalman–Bucy observer of a plant with coloured noise, in blocks.
 
@@ -355,7 +367,7 @@ def block_equations(*, correlated: bool = False) -> BlockEquations:
         r"\dot{\hat{x}} = A \hat{x} + B u + G \hat{w} + K_1 (y - C \hat{x})",
         r"\dot{\hat{w}} = A_w \hat{w} + K_2 (y - C \hat{x})",
     )
-    return BlockEquations({name: sympy.expand(e.doit()) for name, e in expressions.items()}, observer)
+    return BlockEquations(MappingProxyType({name: sympy.expand(e.doit()) for name, e in expressions.items()}), observer)
 
 
 # Input ---------------------------------------------------------------------------------------------------------------

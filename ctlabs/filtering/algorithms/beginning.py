@@ -19,6 +19,7 @@ from ctlabs.filtering.algorithms.contract import Numbers
 from ctlabs.filtering.results import Start
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.rounding import EPS
+from ctlabs.models.linear import derived
 
 if TYPE_CHECKING:
     from ctlabs.filtering.engines.record import Record
@@ -75,28 +76,32 @@ class Beginning:
         return np.asarray(self.log_likelihood[self.known].sum(axis=0))
 
 
-def begin(record: Record, P0: Numbers) -> Beginning | None:
+def begin(record: Record, P0: Numbers, *, gains: bool = True) -> Beginning | None:
     """The first instants from P0; ``None`` where an ordinary filter may start at once.
 
-    ``record.used`` is corrected where a perfect measurement is of what is known already.
+    ``record.used`` is corrected where a perfect measurement is of what is known already. Without ``gains`` K is zero, and S, the
+    innovations and the NIS are not computed: a likelihood needs none of them, and they are nearly half of the work.
 
     Raises
     ------
     FloatingPointError
         The covariance overflows: the step and the time are in the message.
     """
-    used, state = record.used.copy(), vague.start(record.model, P0)
-    found = _instants(record, state)
+    there = vague.sight(record.model) if P0.dtype == np.float64 else None
+    if there is not None and not vague.too_large(there, P0):
+        return None
+    used, state = record.used.copy(), vague.start(record.model, P0, there)
+    found = _instants(record, state, gains)
     if found is None or record.kind is not float:
         return found
-    other = _elsewhere(record, used)
+    other = _elsewhere(record, used, state.sight)
     if _same(found, other, SAME) or (found.rows > LONG and _same(found, other, ENOUGH)):
         return found
     record.used[:] = used
-    return precisely(record, P0, state.sight)
+    return precisely(record, P0, state.sight, gains)
 
 
-def _instants(record: Record, state: vague.State) -> Beginning | None:
+def _instants(record: Record, state: vague.State, gains: bool) -> Beginning | None:
     """The first instants from a state at t0, in one kind of number."""
     rows = list[dict[str, Any]]()
     if state.settled:
@@ -108,7 +113,7 @@ def _instants(record: Record, state: vague.State) -> Beginning | None:
                 _finite(state, k, record.model.dt)
                 if state.settled:
                     break
-            row, state = _instant(record, k, state)
+            row, state = _instant(record, k, state, gains)
             rows.append(row)
     found = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     later = np.append(found.pop("determined")[:0:-1].cumsum()[::-1], 0)
@@ -123,17 +128,17 @@ def units(n: int) -> Array:
     return np.asarray(1 + np.arange(1, n + 1) / (n + np.sqrt(2)))
 
 
-def _elsewhere(record: Record, used: NDArray[np.bool_]) -> Beginning | None:
+def _elsewhere(record: Record, used: NDArray[np.bool_], sight: Array) -> Beginning | None:
     """The first instants computed in other units of the states, and given in those of the model."""
     model = record.model
     d = units(model.n)
     with np.errstate(invalid="ignore"):
         P0 = np.where(model.P0 == 0, 0.0, model.P0 * np.outer(d, d))
-    other = replace(
+    other = derived(
         model, Phi=model.Phi * d[:, None] / d, Qd=model.Qd * np.outer(d, d), H=model.H / d, x0=model.x0 * d, P0=P0,
         N=None if model.N is None else model.N * d[:, None], offset=None if model.offset is None else model.offset * d,
     )  # fmt: skip
-    found = _instants(record.made(other, float, used.copy()), vague.start(other, P0))
+    found = _instants(record.made(other, float, used.copy()), vague.start(other, P0, sight / d), gains=False)
     if found is None:
         return None
     x, P = (None, None) if found.x is None or found.P is None else (found.x / d[:, None], found.P / np.outer(d, d))
@@ -154,13 +159,13 @@ def _same(one: Beginning, other: Beginning | None, part: float) -> bool:
     return all(close(*pair, part) for pair in pairs)
 
 
-def precisely(record: Record, P0: Numbers, sight: Array) -> Beginning | None:
+def precisely(record: Record, P0: Numbers, sight: Array, gains: bool) -> Beginning | None:
     """The first instants with :data:`DIGITS` digits, rounded to doubles."""
     import mpmath
 
     with mpmath.workdps(DIGITS):
         own = record.made(record.model, mpmath.mpf, record.used)
-        found = _instants(own, vague.start(record.model, contract.numbers(P0, mpmath.mpf), sight))
+        found = _instants(own, vague.start(record.model, contract.numbers(P0, mpmath.mpf), sight), gains)
     if found is None or found.x is None or found.P is None or found.L is None:
         return found
     return replace(found, x=contract.doubles(found.x), P=contract.doubles(found.P), L=contract.doubles(found.L))
@@ -190,7 +195,7 @@ def _finite(state: vague.State, k: int, dt: float) -> None:
         raise FloatingPointError(msg)
 
 
-def _instant(record: Record, k: int, state: vague.State) -> tuple[dict[str, Any], vague.State]:
+def _instant(record: Record, k: int, state: vague.State, gains: bool) -> tuple[dict[str, Any], vague.State]:
     """One instant, and the state after it."""
     n, m, runs = len(state.P), record.z.shape[1], record.z.shape[2]
     own: dict[str, Any] = {"known": state.unknown == 0, "determined": 0, "log_likelihood": np.zeros(runs)}
@@ -206,12 +211,13 @@ def _instant(record: Record, k: int, state: vague.State) -> tuple[dict[str, Any]
         own["nominal_excess"][used], own["nominal_terms"][used] = told.excess, told.terms
         record.used[k, used] = told.used
         used = record.used[k]
-        z, H, R = z[told.used], H[told.used], record.measurement(k)[2]
-        own["nominal_innovation"][used] = contract.doubles(z - H @ before.x)
-        own["innovation"][used], own["S"][np.ix_(used, used)] = vague.innovation(before, z, H, R)
-        own["K"][:, used] = contract.doubles(_gain(before, *given)[:, told.used])
         own |= {"determined": told.determined, "log_likelihood": contract.doubles(told.log_likelihood)}
-        if used.any() and np.isfinite(own["S"][used, used]).all():
+        if gains:
+            z, H, R = z[told.used], H[told.used], record.measurement(k)[2]
+            own["nominal_innovation"][used] = contract.doubles(z - H @ before.x)
+            own["innovation"][used], own["S"][np.ix_(used, used)] = vague.innovation(before, z, H, R)
+            own["K"][:, used] = contract.doubles(_gain(before, *given)[:, told.used])
+        if gains and used.any() and np.isfinite(own["S"][used, used]).all():
             own["nis"] = contract.doubles(told.nis)
     A, L = np.zeros((n, n)), np.zeros((n, n))
     A[:, : state.A.shape[1]], L[:, : state.L.shape[1]] = contract.doubles(state.A), contract.doubles(state.L)

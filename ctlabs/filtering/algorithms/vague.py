@@ -86,11 +86,11 @@ def needed(model: DiscreteModel, P0: Array) -> bool:
 
     ``inf`` on its diagonal, or a part that a measurement sees :data:`LARGE` times as large as the noises.
     """
-    return _large(sight(model), P0)
+    return too_large(sight(model), P0)
 
 
-def _large(sight: Array, P0: Array) -> bool:
-    """Whether P0 may have a large part: none of its roots has larger elements than the standard deviations."""
+def too_large(sight: Array, P0: Array) -> bool:
+    """Whether P0 may have a part that is large in the :func:`sight`: none of its roots has larger elements than the standard deviations."""
     with np.errstate(invalid="ignore"):  # 0·inf: what no measurement sees
         size = np.abs(sight) @ np.sqrt(P0.diagonal())
     return bool((size > LARGE**0.5).any()) or not np.isfinite(P0.diagonal()).all()
@@ -104,7 +104,7 @@ def start(model: DiscreteModel, P0: Numbers, there: Array | None = None) -> Stat
     if there is None:
         there = sight(model) if P0.dtype == np.float64 else np.zeros((0, model.n))
     x, none = contract.column(model, P0), contract.zeros((len(P0), 0), P0)
-    if not _large(there, contract.doubles(P0)):
+    if not too_large(there, contract.doubles(P0)):
         return State(x, P0, _square(contract.rooted(P0)), none, 0, there)
     unknown = contract.unknown(P0)
     x = np.where(unknown[:, None], contract.zeros((len(P0), 1), P0), x)

@@ -21,7 +21,6 @@ import numpy as np
 from ctlabs.filtering import contradictions
 from ctlabs.filtering.algorithms import contract
 from ctlabs.filtering.algorithms.beginning import Beginning, begin
-from ctlabs.filtering.algorithms.vague import needed
 from ctlabs.filtering.engines import driver
 from ctlabs.filtering.engines.record import Record
 from ctlabs.filtering.problem import Problem
@@ -74,7 +73,7 @@ def log_likelihood(problem: Problem) -> tuple[float, int]:
     """``log_likelihood_diffuse`` of :func:`record`, without histories, and how many elements enter the filter: for fitting."""
     model, rows = problem.model, len(problem.z)
     used = _entering(problem)
-    begun = _begin(problem, used)
+    begun = _begin(problem, used, gains=False)
     if begun is not None and np.isfinite(begun.start.excess).any():  # a perfect measurement of what was known: is it true?
         return _counted(record(problem))
     if begun is not None and begun.rows == rows:
@@ -121,10 +120,9 @@ def _entering(problem: Problem) -> Mask:
     return ~problem.absent & np.isfinite(variances if variances.ndim == 1 else variances[:rows])
 
 
-def _begin(problem: Problem, used: Mask) -> Beginning | None:
+def _begin(problem: Problem, used: Mask, *, gains: bool = True) -> Beginning | None:
     """The first instants from a vague start; ``used`` is corrected there."""
-    model = problem.model
-    return begin(Record(model, problem.z, float, used), model.P0) if needed(model, model.P0) else None
+    return begin(Record(problem.model, problem.z, float, used), problem.model.P0, gains=gains)
 
 
 def _forward(problem: Problem, used: Mask, out: Histories, begun: Beginning | None) -> tuple[float, str] | None:
