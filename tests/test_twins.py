@@ -130,3 +130,11 @@ def test_models_that_were_wrong_once(verb: str, seed: list[int]) -> None:
     found = twins.VERBS[verb](seed)
     assert not found.refused
     assert found.off < 1e-9
+
+
+@pytest.mark.parametrize("seed", [[14, 448], [13, 1221]])
+def test_a_chain_that_is_seen_by_a_hair_has_its_limit(seed: list[int]) -> None:
+    """Integrators whose measurement nearly vanishes along one exponential: in scaled matrices 1e-13 of it is left, which is enough."""
+    found = twins.steady_continuous(seed)
+    assert not found.refused
+    assert found.off < 1e-12

@@ -136,8 +136,8 @@ def steady(model: ContinuousModel) -> SteadyState:
     (array([[2.414214]]), array([-1.414214+0.j]))
     """
     _plain(model)  # refuses what has no continuous gain
-    unseen = observability.undetectable(*observability.measured(model), continuous=True)
-    if unseen:
+    pair = observability.measured(model)
+    if unseen := observability.undetectable(*pair, continuous=True, unseen=observability.ROUNDED):
         msg = (
             "steady state: expected every mode with Re(eigenvalue) >= 0 to be measured, received the mode "
             f"{unseen[0].name(model.states)}, which no measurement sees: its error variance has no limit "
@@ -151,6 +151,8 @@ def steady(model: ContinuousModel) -> SteadyState:
         found = riccati.solve(model.F, model.H, W, model.Rc, N, continuous=True)
     except ValueError as error:
         msg = f"steady state: {error}"
+        if hardly := observability.undetectable(*pair, continuous=True):
+            msg += f" (the measurements tell next to nothing of the mode {hardly[0].name(model.states)})"
         raise ValueError(msg) from None
     poles = np.sort_complex(np.linalg.eigvals(model.F - found.K @ model.H))
     return SteadyState(found.P.high.copy(), found.K.copy(), poles, found.error)

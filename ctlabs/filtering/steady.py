@@ -62,8 +62,7 @@ def solve(model: DiscreteModel) -> SteadyState:
     if model.horizon is not None:
         msg = f"model: expected constant matrices, received some that vary over {model.horizon} steps"
         raise ValueError(msg)
-    unseen = observability.undetectable(*observability.measured(model), continuous=False)
-    if unseen:
+    if unseen := observability.undetectable(*observability.measured(model), continuous=False):
         msg = (
             "steady state: expected every mode with |eigenvalue| >= 1 to be measured, received the mode "
             f"{unseen[0].name(model.states)}, which no measurement sees: its error variance has no limit "

@@ -241,11 +241,14 @@ def loss_by_sampling(model: ContinuousModel, dt: float) -> SamplingLoss:
     )
 
 
-def undetectable(A: Array, H: Array, continuous: bool) -> list[Mode]:
-    """The modes of A that do not decay and are not seen by H, of conjugate pairs the one with Im λ > 0."""
+def undetectable(A: Array, H: Array, continuous: bool, unseen: float = UNSEEN) -> list[Mode]:
+    """The modes of A that do not decay and are not seen by H, of conjugate pairs the one with Im λ > 0.
+
+    ``unseen``: directions below this size in scaled matrices are; below :data:`ROUNDED` they are rounding in any case.
+    """
     scaling = _scaling(A, H, continuous)
     scaled, seen = scaling.apply(A, H)
-    modes = _modes(never_seen(scaled, seen, UNSEEN), scaled, scaling, continuous)
+    modes = _modes(never_seen(scaled, seen, unseen), scaled, scaling, continuous)
     return [mode for mode in modes if not mode.decays]
 
 
