@@ -506,3 +506,10 @@ def test_van_loans_single_exponential_would_not_do() -> None:
     expected = by_modes(F, W, 1.0)[1]
     assert deviation(single, expected) > 0.5
     assert close(interval(F, W, 1.0).Qd, expected, 1e-14)
+
+
+def test_the_way_back_of_very_many_states_is_refused() -> None:
+    """n² equations at once would take all memory: the limit is said."""
+    many = DiscreteModel(0.5 * np.eye(31), np.eye(31), np.eye(1, 31), [[1]], P0=np.eye(31))
+    with pytest.raises(ValueError, match=r"model: expected at most 30 states .*, received 31"):
+        to_continuous(many)

@@ -17,6 +17,9 @@ from ctlabs.linalg.exponential import intervals as intervals
 from ctlabs.linalg.logarithm import logarithm, strength
 from ctlabs.models import ContinuousModel, DiscreteModel
 
+#: The way back from samples holds matrices of n² rows: as many states take a minute and some gigabytes.
+BACK = 30
+
 
 def discretise(
     model: ContinuousModel,
@@ -151,7 +154,7 @@ def to_continuous(model: DiscreteModel) -> ContinuousModel:
     ValueError
         There is none: Φ is singular, has a negative eigenvalue (no real logarithm, or not only one), or Qd would need a
         strength that is indefinite, as that of a piecewise constant acceleration does. Or it cannot be said: matrices
-        that vary, N, a known input (whose B and u are not known apart), an R with ``inf``.
+        that vary, N, a known input (whose B and u are not known apart), an R with ``inf``, more than 30 states.
 
     Source: Higham, *Functions of Matrices* (2008), section 2.3 (the embedding problem) and chapter 11.
 
@@ -172,6 +175,9 @@ def to_continuous(model: DiscreteModel) -> ContinuousModel:
             raise ValueError(msg)
     if not np.isfinite(model.R).all():
         msg = "R: expected finite variances (a strength belongs to what is measured), received inf"
+        raise ValueError(msg)
+    if model.n > BACK:
+        msg = f"model: expected at most {BACK} states (the way back solves n² equations at once), received {model.n}"
         raise ValueError(msg)
     F = logarithm(model.Phi) / model.dt
     Q = _strength(F, model.Qd, model.dt)
