@@ -151,7 +151,7 @@ def test_the_random_numbers_of_a_block_are_numpys():
     """What the kernel draws is what Generator.standard_normal gives, in the documented order."""
     buffer = np.empty((3, 50))
     kernel.normals(streams.generators(4, 2)[0], buffer)
-    layout = plan.Layout(50, 1)
+    layout = plan.Tiling(50, 1)
     tile = next(streams.tiles(4, 2, layout, Shape(3, 0, 0, 1, 1), 50))
     assert (tile.start == buffer).all()
 

@@ -37,7 +37,7 @@ EXPERIMENT = {"steps": 40, "runs": 1150, "seed": 3, "progress": False}
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch):
     """A hundred runs to a block, so that small experiments have many."""
-    monkeypatch.setattr(plan, "layout", _layout := (lambda n, steps: plan.Layout(50, 2)))
+    monkeypatch.setattr(plan, "layout", _layout := (lambda n, steps: plan.Tiling(50, 2)))
     monkeypatch.setattr("ctlabs.montecarlo.linear.layout", _layout)
     monkeypatch.setattr("ctlabs.montecarlo.functional.layout", _layout)
 
@@ -71,7 +71,7 @@ class Here(Executor):
 def expected():
     """The statistics that one worker gives, made with the blocks of these tests."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("ctlabs.montecarlo.linear.layout", lambda n, steps: plan.Layout(50, 2))
+        patch.setattr("ctlabs.montecarlo.linear.layout", lambda n, steps: plan.Tiling(50, 2))
         return monte_carlo(MODEL, **EXPERIMENT, workers=1)
 
 

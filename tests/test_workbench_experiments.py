@@ -26,16 +26,16 @@ from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.models import Anomaly, DiscreteModel, anomalous
 from ctlabs.workbench import commands as c
 from ctlabs.workbench import experiments
-from ctlabs.workbench.outcomes import Data, Outcome, Plan, outcome, packed
+from ctlabs.workbench.outcomes import Asked, Outcome, Upload, outcome, packed
 from ctlabs.workbench.packing import pack, unpack
 from ctlabs.workbench.reporting import report
 from ctlabs.workbench.session import Session
 from ctlabs.workbench.store import Store
-from ctlabs.workbench.worker import Progress, RunFailed, Runner
+from ctlabs.workbench.worker import RunFailed, Runner, RunProgress
 from tests.reference import EXACT, SOLVER
 
 MODEL = ready("constant_velocity").dumps()
-PLAN = Plan(steps=40, runs=60, seed=3)
+PLAN = Asked(steps=40, runs=60, seed=3)
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ def session(store: Store) -> Session:
     return made
 
 
-def run(plan: Plan, model: str = MODEL) -> Outcome:
+def run(plan: Asked, model: str = MODEL) -> Outcome:
     """An experiment, in place."""
     return outcome(experiments.run(model, plan.plain()))
 
@@ -287,7 +287,7 @@ def test_two_models_are_compared_on_one_record(session: Session) -> None:
 @pytest.mark.parametrize("data", [False, True])
 def test_an_outcome_survives_the_store_to_the_bit(data: bool) -> None:
     """Packed, written as text, read and unpacked it is the same."""
-    plan = replace(PLAN, algorithms=("joseph", "ud"), data=Data("track.csv", recorded().decode()) if data else None)
+    plan = replace(PLAN, algorithms=("joseph", "ud"), data=Upload("track.csv", recorded().decode()) if data else None)
     found = run(plan)
     assert equal(outcome(unpack(pack(packed(found)))), found)
     other = replace(found, P_plus=1.05 * found.P_plus)
@@ -296,8 +296,8 @@ def test_an_outcome_survives_the_store_to_the_bit(data: bool) -> None:
 
 def test_a_plan_survives_json() -> None:
     """With an infinite variance, a design and data."""
-    plan = replace(PLAN, anomalies=(Anomaly(3), Anomaly(5, 0, 0.0, 7)), design=MODEL, data=Data("a", "z\n1\n"))
-    assert Plan.of(json.loads(json.dumps(plan.plain()))) == plan
+    plan = replace(PLAN, anomalies=(Anomaly(3), Anomaly(5, 0, 0.0, 7)), design=MODEL, data=Upload("a", "z\n1\n"))
+    assert Asked.of(json.loads(json.dumps(plan.plain()))) == plan
 
 
 # A session's experiments ---------------------------------------------------------------------------------------------
@@ -395,7 +395,7 @@ def test_a_runner_gives_the_same_numbers_with_progress_and_can_be_cancelled(sess
     """In a process of its own: equal to the bit; cancelled, it keeps nothing."""
     runner = Runner(size=1)
     try:
-        seen: list[Progress] = []
+        seen: list[RunProgress] = []
         session.runner = runner
         found = asyncio.run(session.run(progress=seen.append))
         assert equal(replace(found, algorithms=()), replace(run(PLAN), algorithms=()))
@@ -427,9 +427,9 @@ PLANS = {
     "constant gain": replace(PLAN, algorithms=("steady",), first=0),
     "constant gain, design": replace(PLAN, algorithms=("steady", "ud"), design=WRONG),
     "second algorithm": replace(PLAN, anomalies=(Anomaly(5, 0, 0.0),), algorithms=("information", "joseph")),
-    "constant gain, data": replace(PLAN, data=Data("track.csv", recorded(gap=-1).decode()), algorithms=("steady",)),
-    "data": replace(PLAN, data=Data("tr'ack.csv", recorded().decode())),
-    "data_design": replace(PLAN, data=Data("track.csv", recorded().decode()), design=WRONG, anomalies=(Anomaly(9),)),
+    "constant gain, data": replace(PLAN, data=Upload("track.csv", recorded(gap=-1).decode()), algorithms=("steady",)),
+    "data": replace(PLAN, data=Upload("tr'ack.csv", recorded().decode())),
+    "data_design": replace(PLAN, data=Upload("track.csv", recorded().decode()), design=WRONG, anomalies=(Anomaly(9),)),
 }
 
 
@@ -444,7 +444,7 @@ def shelf(tmp_path_factory: Any) -> Iterator[Kept]:
     for name, plan in PLANS.items():
         made = Session.begin(store, text=MODEL)
         made.do(c.EditCell(("title",), 'A "title" with \\ and ’ in it'))
-        made.set_plan(**{each.name: getattr(plan, each.name) for each in fields(Plan)})
+        made.set_plan(**{each.name: getattr(plan, each.name) for each in fields(Asked)})
         asyncio.run(made.run(name=f'{name}: "hello" \\n'))
         found[name] = made, made.result_id or 0
     yield found
@@ -499,7 +499,7 @@ def test_json_holds_everything_and_is_json(kept: tuple[Session, int]) -> None:
     found = json.loads(session.export(number, "json"), parse_constant=refuse)
     own = session.outcome(number)
     assert found["model"] == session.text
-    assert Plan.of(found["settings"]) == session.plan
+    assert Asked.of(found["settings"]) == session.plan
     assert np.array(found["results"]["P_plus"], dtype=float).tolist() == own.P_plus.tolist()
     assert {name: each["value"] for name, each in found["summary"].items()} == {
         k: v for k, (v, _) in own.summary.items()

@@ -24,7 +24,7 @@ from ctlabs.reporting.screen import COLOURS, to_plotly, untyped
 from ctlabs.studies.understanding import Understanding, compute
 from ctlabs.text import per, squared
 from ctlabs.workbench import experiments, figures
-from ctlabs.workbench.outcomes import Data, Outcome, Plan, outcome
+from ctlabs.workbench.outcomes import Asked, Outcome, Upload, outcome
 from tests.reference import EXACT, SOLVER
 
 #: What single precision keeps of a curve, relative to its span.
@@ -40,7 +40,7 @@ def model(name: str = "constant_velocity", **constants: float) -> ModelFile:
 @cache
 def simulated() -> Outcome:
     """Three algorithms, a filter that believes a smaller noise, and a gap in the measurements."""
-    plan = Plan(40, 60, 3, algorithms=("joseph", "ud", "conventional"), design=model(q=0.02).dumps(),
+    plan = Asked(40, 60, 3, algorithms=("joseph", "ud", "conventional"), design=model(q=0.02).dumps(),
                 anomalies=(Anomaly(10, 0, last=14), Anomaly(20, 0)))  # fmt: skip
     return outcome(experiments.run(model().dumps(), plan.plain()))
 
@@ -50,8 +50,8 @@ def measured() -> Outcome:
     """A record of 60 rows with a hole."""
     rng = np.random.default_rng(5)
     rows = [f"{k},{'' if 20 <= k < 25 else 3.0 * k + rng.normal(0, 5)}" for k in range(1, 61)]
-    data = Data("record.csv", "\n".join(["t,position", *rows]))
-    return outcome(experiments.run(model().dumps(), Plan(data=data).plain()))
+    data = Upload("record.csv", "\n".join(["t,position", *rows]))
+    return outcome(experiments.run(model().dumps(), Asked(data=data).plain()))
 
 
 @cache
@@ -459,7 +459,7 @@ def test_two_experiments_are_compared_where_they_have_the_same_states() -> None:
     sds = {curve.name: np.asarray(curve.y) for curve in drawing.panels[1].curves}
     assert set(sds) == {"first: σ", "first: RMS", "second: σ"}
     assert np.allclose(sds["second: σ"] ** 2, b.P_plus[:, 1, 1], rtol=EXACT)
-    other = outcome(experiments.run(model("local_level").dumps(), Plan(10, 5).plain()))
+    other = outcome(experiments.run(model("local_level").dumps(), Asked(10, 5).plain()))
     assert figures.side_by_side(("1", a), ("2", other)) is None
 
 

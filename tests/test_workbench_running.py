@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from ctlabs.workbench.worker import Progress, RunFailed
+from ctlabs.workbench.worker import RunFailed, RunProgress
 
 pytest.importorskip("nicegui", reason="the workbench is not installed: pip install 'ctlabs[workbench]'")
 
@@ -29,7 +29,7 @@ def test_all_who_watch_are_told_until_they_stop() -> None:
         run, seen, others = Running(), [], []
         run.watch(lambda: seen.append((run.running, run.progress)))
         stop = run.watch(lambda: others.append(1))
-        half = Progress(0.5, 10.0, 5, 10)
+        half = RunProgress(0.5, 10.0, 5, 10)
 
         async def work(progress: Any, cancel: Any) -> None:
             progress(half)

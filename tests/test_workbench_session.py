@@ -24,7 +24,7 @@ from ctlabs.workbench import session as session_module
 from ctlabs.workbench import store as store_module
 from ctlabs.workbench.blocks import InsertBlock, block, rational
 from ctlabs.workbench.kinds import before_sampling
-from ctlabs.workbench.outcomes import Plan
+from ctlabs.workbench.outcomes import Asked
 from ctlabs.workbench.session import Session
 from ctlabs.workbench.sheet import Sheet
 from ctlabs.workbench.store import Store
@@ -537,12 +537,12 @@ def test_the_plan_follows_the_model_file(session: Session, store: Store) -> None
         "[experiment]\nsteps = 50\nruns = 7\nseed = 9\nfirst = 0\nalgorithms = ['ud']\n"
     )
     session.do(c.Open(text))
-    assert session.plan == Plan(50, 7, 9, 0, ("ud",))
+    assert session.plan == Asked(50, 7, 9, 0, ("ud",))
     assert Session.resume(store, session.draft.id).plan == session.plan
     session.undo()
     assert session.plan == mine
     session.redo()
-    assert session.plan == Plan(50, 7, 9, 0, ("ud",))
+    assert session.plan == Asked(50, 7, 9, 0, ("ud",))
     session.set_plan(runs=8)
     session.do(c.EditCell(("experiment", "steps"), "60"))
     assert (session.plan.steps, session.plan.runs) == (60, 8)

@@ -20,7 +20,7 @@ import pytest
 
 from ctlabs import DiscreteModel, montecarlo
 from ctlabs.workbench import worker
-from ctlabs.workbench.worker import FUNCTIONS, Job, Progress, RunFailed, Runner, rated
+from ctlabs.workbench.worker import FUNCTIONS, Job, RunFailed, Runner, RunProgress, rated
 from tests import workbench_functions
 
 TABLE = {
@@ -115,10 +115,10 @@ def test_a_process_is_kept_and_loaded_once(runner: Runner) -> None:
 
 def test_progress_rises_to_one_with_a_rate(runner: Runner) -> None:
     """Reports come in order, in the event loop's thread, the last at 1."""
-    seen: list[Progress] = []
+    seen: list[RunProgress] = []
     threads = set()
 
-    def show(state: Progress) -> None:
+    def show(state: RunProgress) -> None:
         seen.append(state)
         threads.add(threading.get_ident())
 
@@ -129,15 +129,15 @@ def test_progress_rises_to_one_with_a_rate(runner: Runner) -> None:
     assert (seen[-1].fraction, seen[-1].done, seen[-1].total) == (1.0, 40, 40)
     assert threads == {threading.get_ident()}
     assert seen[-1].rate > 0
-    assert (middle := rated(50, 100, 2.5)) == Progress(0.5, 20.0, 50, 100)
+    assert (middle := rated(50, 100, 2.5)) == RunProgress(0.5, 20.0, 50, 100)
     assert middle.left == 2.5
-    assert Progress(0, 0, 0, 100).left is None
+    assert RunProgress(0, 0, 0, 100).left is None
 
 
 def test_a_page_that_fails_does_not_end_its_run(runner: Runner, caplog: pytest.LogCaptureFixture) -> None:
     """An exception in the function that shows the progress is logged, and the result comes."""
 
-    def broken(_: Progress) -> None:
+    def broken(_: RunProgress) -> None:
         raise RuntimeError("gone")
 
     assert wait_for(runner.run("steps", {"count": 3, "seconds": 0.06}, progress=broken)) > 0
@@ -279,10 +279,10 @@ def test_waiting_runs_know_how_many_are_ahead_and_can_be_cancelled(runner: Runne
         busy = [asyncio.ensure_future(runner.run("silent", g.arguments, session=s)) for s, g in gates.items()]
         for gate in gates.values():
             await gate.entered()
-        seen: list[Progress] = []
+        seen: list[RunProgress] = []
         told, cancel = asyncio.Event(), asyncio.Event()
 
-        def show(state: Progress) -> None:
+        def show(state: RunProgress) -> None:
             seen.append(state)
             told.set()
 

@@ -139,7 +139,7 @@ class SlowError:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Estimate:
+class Posterior:
     r"""Posterior distribution of (λ, μ), its covariance :math:`P = FR^{-1}R^{-T}F^T` kept in factors.
 
     ``mean`` (M+L[, runs]) · ``F`` (M+L, M+L), factor of the prior covariance · ``R`` (M+L, M+L), upper triangular,
@@ -200,7 +200,7 @@ class Recursion:
     K: Array
 
 
-def batch(problem: SlowError, y: ArrayLike) -> Estimate:
+def batch(problem: SlowError, y: ArrayLike) -> Posterior:
     r"""The Bayesian estimate from all samples at once.
 
     With the normalised parameters ξ, (λ, μ) = m + Fξ and FFᵀ the prior covariance, and with the noise whitened by
@@ -243,7 +243,7 @@ def batch(problem: SlowError, y: ArrayLike) -> Estimate:
     Q, R, order = scipy.linalg.qr(np.vstack([R, np.eye(n)]), mode="economic", pivoting=True)
     xi = scipy.linalg.solve_triangular(R, Q[: len(d)].T @ d)
     mean = problem.mean[:, None] + F[:, order] @ xi
-    return Estimate(mean[:, 0] if np.ndim(y) == 1 else mean, F[:, order], R, problem.M)
+    return Posterior(mean[:, 0] if np.ndim(y) == 1 else mean, F[:, order], R, problem.M)
 
 
 def model(problem: SlowError) -> DiscreteModel:

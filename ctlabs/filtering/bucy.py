@@ -58,7 +58,7 @@ class Transient:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SteadyState:
+class BucySteadyState:
     r"""Limits for t → ∞.
 
     ``P`` (n, n), covariance of the error · ``K`` (n, m), gain · ``poles`` (n,) of the filter, 1/s, ascending:
@@ -117,7 +117,7 @@ def transient(model: ContinuousModel, t: ArrayLike) -> Transient:
     return Transient(t, rows, plain.gain(rows))
 
 
-def steady(model: ContinuousModel) -> SteadyState:
+def steady(model: ContinuousModel) -> BucySteadyState:
     """The limit of the filter from P0 > 0.
 
     Modes that no noise drives and that do not grow become known exactly: P is zero along them.
@@ -155,7 +155,7 @@ def steady(model: ContinuousModel) -> SteadyState:
             msg += f" (the measurements tell next to nothing of the mode {hardly[0].name(model.states)})"
         raise ValueError(msg) from None
     poles = np.sort_complex(np.linalg.eigvals(model.F - found.K @ model.H))
-    return SteadyState(found.P.high.copy(), found.K.copy(), poles, found.error)
+    return BucySteadyState(found.P.high.copy(), found.K.copy(), poles, found.error)
 
 
 def transfer_function(model: ContinuousModel, state: int = 0, measurement: int = 0) -> tuple[Array, Array]:

@@ -13,7 +13,7 @@ from ctlabs.filtering.algorithms.catalogue import FORMS
 from ctlabs.filtering.algorithms.catalogue import form as named
 from ctlabs.filtering.algorithms.contract import Counted, Noise, Numbers
 from ctlabs.filtering.engines import driver
-from ctlabs.filtering.engines.record import Record
+from ctlabs.filtering.engines.record import ByInstant
 from ctlabs.filtering.problem import Problem, pose
 from ctlabs.filtering.results import Filtered, without_runs
 from ctlabs.linalg.checks import Array
@@ -68,7 +68,7 @@ def flops(model: DiscreteModel, form: str) -> int:
     z = np.zeros((2, model.m, 1))
     if model.N is None:  # otherwise what a measurement tells of the next disturbance belongs to a step
         z[0] = np.nan
-    record = Record(model, z, Counted, driver.entering(Problem(model, z, np.arange(2.0), 0, single=True)))
+    record = ByInstant(model, z, Counted, driver.entering(Problem(model, z, np.arange(2.0), 0, single=True)))
     known = np.isfinite(model.P0).all()
     P0 = np.eye(model.n) + 0.1 if not known or contract.definite(model.P0) else model.P0
     state = how.start(model, contract.numbers(P0, Counted))
@@ -84,7 +84,7 @@ def flops(model: DiscreteModel, form: str) -> int:
     return Counted.total
 
 
-def _regular(record: Record, k: int, P: Array) -> tuple[Numbers, Numbers, Noise]:
+def _regular(record: ByInstant, k: int, P: Array) -> tuple[Numbers, Numbers, Noise]:
     """A measurement of the same shape, without the rounding that makes a form give up: a regular R of the size of HPHᵀ.
 
     What is counted are dense matrices, not their values; whether R is singular or correlated stays as it is.

@@ -25,7 +25,7 @@ from ctlabs.models.linear import at
 from ctlabs.models.nonlinear import NonlinearModel
 
 
-class Told(NamedTuple):
+class Updates(NamedTuple):
     """One update of many runs: the elements ``used`` (m,), their innovations ``nu`` (runs, used, 1), ``S`` (runs, used, used) and
     ``K`` (runs, n, used), and ``nis`` (runs,).
     """
@@ -69,7 +69,7 @@ class Extended:
         told = self.told(k, z)
         return told.nis, float(told.used.sum())
 
-    def told(self, k: int, z: Array) -> Told:
+    def told(self, k: int, z: Array) -> Updates:
         """The same, with gain and innovation."""
         model, x, P = self.model, self.x, self._P
         none = np.zeros((model.q, x.shape[1]))
@@ -79,7 +79,7 @@ class Extended:
         nu = (model.residual(z, expected) if model.residual else z - expected).T[:, :, None]
         used = np.isfinite(np.diagonal(R, axis1=1, axis2=2)).all(axis=0) & np.isfinite(nu).all(axis=(0, 2))
         if not used.any():
-            return Told(used, nu[:, used], R[:, used][:, :, used], np.zeros((x.shape[1], model.n, 0)), np.zeros(x.shape[1]))
+            return Updates(used, nu[:, used], R[:, used][:, :, used], np.zeros((x.shape[1], model.n, 0)), np.zeros(x.shape[1]))
         H, nu = H[:, used], nu[:, used]
         R = R[:, used][:, :, used]
         S = H @ P @ np.swapaxes(H, 1, 2) + R
@@ -89,7 +89,7 @@ class Extended:
         after = symmetric(left @ P @ np.swapaxes(left, 1, 2) + K @ R @ np.swapaxes(K, 1, 2))
         self._P = rounding.corrected(after, P, K, H, S, R)
         self.x = x + (K @ nu)[:, :, 0].T
-        return Told(used, nu, S, K, (nu * _solve(S, nu)).sum(axis=(1, 2)))
+        return Updates(used, nu, S, K, (nu * _solve(S, nu)).sum(axis=(1, 2)))
 
 
 def filtered(model: NonlinearModel, z: ArrayLike, first: int | None = None, **unknown: Any) -> Filtered:

@@ -12,7 +12,7 @@ from ctlabs.filtering import bucy, digits, measured
 from ctlabs.filtering.algorithms import beginning, catalogue
 from ctlabs.filtering.algorithms.vague import needed
 from ctlabs.filtering.engines import adapter, compiled, driver, gains
-from ctlabs.filtering.engines.record import Record
+from ctlabs.filtering.engines.record import ByInstant
 from ctlabs.filtering.gate import gated
 from ctlabs.filtering.problem import Problem, by_instant, pose, rows_of
 from ctlabs.filtering.results import Covariances, Filtered, LeftOut, Mask, without_runs
@@ -278,5 +278,5 @@ def _begun(problem: Problem) -> beginning.Beginning | None:
     """The first instants of a record from a vague start."""
     if not needed(problem.model, problem.model.P0):
         return None
-    record = Record(problem.model, problem.z, float, driver.entering(problem))
+    record = ByInstant(problem.model, problem.z, float, driver.entering(problem))
     return beginning.begin(record, problem.model.P0)

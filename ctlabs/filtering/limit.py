@@ -11,8 +11,8 @@ from ctlabs.models.linear import ContinuousModel, DiscreteModel
 @overload
 def steady_state(model: DiscreteModel) -> steady.SteadyState: ...
 @overload
-def steady_state(model: ContinuousModel) -> bucy.SteadyState: ...
-def steady_state(model: DiscreteModel | ContinuousModel) -> steady.SteadyState | bucy.SteadyState:
+def steady_state(model: ContinuousModel) -> bucy.BucySteadyState: ...
+def steady_state(model: DiscreteModel | ContinuousModel) -> steady.SteadyState | bucy.BucySteadyState:
     """The steady state of the optimal filter of a constant model.
 
     Of a DiscreteModel ``P_minus``, ``P_plus``, ``K``, ``K_pred``, ``S``, ``poles`` (:func:`ctlabs.filtering.steady.solve`); of a

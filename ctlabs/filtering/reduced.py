@@ -62,7 +62,7 @@ class Basis(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Discrete:
+class ReducedDiscrete:
     r"""The reduced model in discrete time.
 
     .. math:: y_{k+1} = \tilde\Phi y_k + \tilde w_k + B_yz_k + c_y, \qquad
@@ -87,7 +87,7 @@ class Discrete:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Continuous:
+class ReducedContinuous:
     r"""The reduced model in continuous time.
 
     .. math:: \dot y = \tilde Fy + WFL\zeta + WGw, \qquad
@@ -113,7 +113,7 @@ class Estimates:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SteadyState:
+class ReducedSteadyState:
     """The limits of a filter, found by the reduced one.
 
     ``P`` (n, n), covariance of the error of the full state (after an update) · ``K`` (n, m), gain on the innovation of z;
@@ -134,7 +134,7 @@ class Realisation(NamedTuple):
     D: Array
 
 
-def discrete(model: DiscreteModel, keep: Sequence[str | int] | None = None, first: int | None = None) -> Discrete:
+def discrete(model: DiscreteModel, keep: Sequence[str | int] | None = None, first: int | None = None) -> ReducedDiscrete:
     """The reduced model of a discrete model with perfect measurements.
 
     Parameters
@@ -188,10 +188,10 @@ def discrete(model: DiscreteModel, keep: Sequence[str | int] | None = None, firs
         units=[model.units[i] for i in b.y],
     )
     A_1 = np.vstack([b.D_p, b.D_n - b.H_n @ b.L @ b.D_p])
-    return Discrete(reduced, model, b, b.W @ E, A_1, U @ E, b.W @ c, U @ c, K_first, first)
+    return ReducedDiscrete(reduced, model, b, b.W @ E, A_1, U @ E, b.W @ c, U @ c, K_first, first)
 
 
-def continuous(model: ContinuousModel, keep: Sequence[str | int] | None = None) -> Continuous:
+def continuous(model: ContinuousModel, keep: Sequence[str | int] | None = None) -> ReducedContinuous:
     r"""The reduced model of a continuous model with perfect measurements.
 
     Parameters
@@ -242,10 +242,10 @@ def continuous(model: ContinuousModel, keep: Sequence[str | int] | None = None) 
         states=[model.states[i] for i in b.y],
         units=[model.units[i] for i in b.y],
     )
-    return Continuous(reduced, model, b, K_first @ b.D_p)
+    return ReducedContinuous(reduced, model, b, K_first @ b.D_p)
 
 
-def covariances(reduced: Discrete, steps: int) -> tuple[Array, Array]:
+def covariances(reduced: ReducedDiscrete, steps: int) -> tuple[Array, Array]:
     """Covariances after each update and gains of the full filter, by the reduced one.
 
     Returns
@@ -266,7 +266,7 @@ def covariances(reduced: Discrete, steps: int) -> tuple[Array, Array]:
     return P, K
 
 
-def estimates(reduced: Discrete, z: ArrayLike) -> Estimates:
+def estimates(reduced: ReducedDiscrete, z: ArrayLike) -> Estimates:
     r"""The estimates of the full state by the recursion of lower order.
 
     .. math:: \hat y_{k+1} = \tilde\Phi\hat y_k + B_yz_k + c_y + K_k(A_1z_{k+1} - A_0z_k - c_z - \tilde H\hat y_k), \qquad
@@ -307,7 +307,7 @@ def estimates(reduced: Discrete, z: ArrayLike) -> Estimates:
     return Estimates(t, x[:, :, 0], y[:, :, 0]) if single else Estimates(t, x, y)
 
 
-def transient(reduced: Continuous, t: ArrayLike) -> Array:
+def transient(reduced: ReducedContinuous, t: ArrayLike) -> Array:
     """Covariance of the full state at times t > 0 (at t = 0 just after the measurement has begun), (points, n, n).
 
     >>> m = ContinuousModel([[0, 0], [0, -2]], [[1, 0], [0, 1]], [[1, 0], [0, 3]], [[1, 1]], P0=[[1, 0], [0, 0.75]])
@@ -317,7 +317,7 @@ def transient(reduced: Continuous, t: ArrayLike) -> Array:
     return reduced.basis.M @ bucy.transient(reduced.model, t).P @ reduced.basis.M.T
 
 
-def steady(reduced: Discrete | Continuous) -> SteadyState:
+def steady(reduced: ReducedDiscrete | ReducedContinuous) -> ReducedSteadyState:
     """The limit of the filter, by the reduced one.
 
     Raises
@@ -331,15 +331,15 @@ def steady(reduced: Discrete | Continuous) -> SteadyState:
            [-0.5,  0.5]]), array([-1.+0.j]))
     """
     b = reduced.basis
-    if isinstance(reduced, Discrete):
+    if isinstance(reduced, ReducedDiscrete):
         limit = steady_state.solve(reduced.model)
         K = b.L @ b.D_p + b.M @ limit.K_pred @ reduced.A_1
-        return SteadyState(symmetric(b.M @ limit.P_minus @ b.M.T), K, limit.poles)
+        return ReducedSteadyState(symmetric(b.M @ limit.P_minus @ b.M.T), K, limit.poles)
     rest = bucy.steady(reduced.model)
-    return SteadyState(symmetric(b.M @ rest.P @ b.M.T), rest.K, rest.poles)
+    return ReducedSteadyState(symmetric(b.M @ rest.P @ b.M.T), rest.K, rest.poles)
 
 
-def realisation(reduced: Continuous) -> Realisation:
+def realisation(reduced: ReducedContinuous) -> Realisation:
     r"""The steady filter as it would be built: with ξ = ŷ − K_pζ the derivative of ζ disappears.
 
     .. math:: \dot\xi = (\tilde F - K\tilde H)(\xi + K_p\zeta) + (W - K_pH_p)FL\zeta + K_n(D_n - H_nLD_p)z, \qquad
@@ -357,7 +357,7 @@ def realisation(reduced: Continuous) -> Realisation:
     return Realisation(A, B, b.M, (b.M @ K[:, :p] + b.L) @ b.D_p)
 
 
-def transfer_function(reduced: Discrete | Continuous, state: int = 0, measurement: int = 0) -> tuple[Array, Array]:
+def transfer_function(reduced: ReducedDiscrete | ReducedContinuous, state: int = 0, measurement: int = 0) -> tuple[Array, Array]:
     """From a measurement to the estimate of a state (of the full model) in the steady filter, direct term included.
 
     Returns
@@ -369,7 +369,7 @@ def transfer_function(reduced: Discrete | Continuous, state: int = 0, measuremen
     >>> num.round(6), den.round(6)
     (array([ 0.770914, -0.308366]), array([ 1.      , -0.445817]))
     """
-    if isinstance(reduced, Continuous):
+    if isinstance(reduced, ReducedContinuous):
         A, B, C, D = realisation(reduced)
         response = [D[state, measurement], *_markov(A, B[:, measurement], C[state])]
     else:
@@ -428,7 +428,7 @@ def _rest(H_p: Array, states: tuple[str, ...], keep: Sequence[str | int] | None)
     return chosen
 
 
-def _gains(reduced: Discrete, steps: int) -> tuple[Array, Array]:
+def _gains(reduced: ReducedDiscrete, steps: int) -> tuple[Array, Array]:
     """Predictor gains (steps, n−p, m) and covariances (steps+1, n−p, n−p) of the reduced model."""
     model = reduced.model
     if not steps:

@@ -19,7 +19,7 @@ import numpy as np
 
 from ctlabs.filtering.algorithms import vague
 from ctlabs.filtering.engines.compiled import fixed
-from ctlabs.filtering.engines.record import Record
+from ctlabs.filtering.engines.record import ByInstant
 from ctlabs.filtering.filter import solved
 from ctlabs.filtering.problem import Problem
 from ctlabs.filtering.results import Filtered
@@ -115,7 +115,7 @@ def beginning(problem: Problem, begun: int) -> Begun:
     """
     variances = np.diagonal(_stack(problem.model.R)[: len(problem.z)], axis1=1, axis2=2)
     used = ~problem.absent & np.isfinite(variances)
-    record = Record(problem.model, problem.z, float, used)
+    record = ByInstant(problem.model, problem.z, float, used)
     state, total = vague.start(problem.model, problem.model.P0), 0.0
     for k in range(begun):
         if k:

@@ -449,7 +449,7 @@ class Together:
 
     Parameters
     ----------
-    filters : objects that make up a :class:`ctlabs.montecarlo.Filter`, not started
+    filters : objects that make up a :class:`ctlabs.montecarlo.EnsembleFilter`, not started
     """
 
     P = None

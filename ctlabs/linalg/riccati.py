@@ -30,7 +30,7 @@ from ctlabs.linalg.checks import Array
 from ctlabs.linalg.correlated import regression
 from ctlabs.linalg.lyapunov import Operator, lost, prove
 from ctlabs.linalg.manyfold import Manyfold, Matrix, high
-from ctlabs.linalg.starts import Plain, starts
+from ctlabs.linalg.starts import Uncorrelated, starts
 from ctlabs.linalg.units import balanced
 
 #: A solution counts as one below this bound of its error, in standard deviations.
@@ -222,7 +222,7 @@ def _solved(eq: Equation, plain: Equation) -> Solution:
     # What fails here, and what other solvers warn of, only leads to the next one.
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for fold, start in starts(Plain(first.A, first.H, first.Q.high, first.R), continuous=eq.continuous):
+        for fold, start in starts(Uncorrelated(first.A, first.H, first.Q.high, first.R), continuous=eq.continuous):
             try:
                 found = _Newton(here, fold).solution(Manyfold.of(start(), fold))
             except _Unproved as error:

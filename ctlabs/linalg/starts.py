@@ -25,7 +25,7 @@ ADDED = 1e-9
 DOUBLINGS = 128
 
 
-class Plain(NamedTuple):
+class Uncorrelated(NamedTuple):
     """A (n, n), H (m, n), Q (n, n), R (m, m) of an equation without N."""
 
     A: Array
@@ -34,7 +34,7 @@ class Plain(NamedTuple):
     R: Array
 
 
-def starts(eq: Plain, *, continuous: bool) -> Iterator[tuple[int, Callable[[], Matrix]]]:
+def starts(eq: Uncorrelated, *, continuous: bool) -> Iterator[tuple[int, Callable[[], Matrix]]]:
     """Ways to a first P, the cheapest first, and the multiple of the working precision in which to go on from there."""
     if len(eq.A) <= LARGE and len(eq.H):
         yield 2, partial(by_control, eq, continuous=continuous)
@@ -47,7 +47,7 @@ def starts(eq: Plain, *, continuous: bool) -> Iterator[tuple[int, Callable[[], M
         yield 8, partial(doubled, eq, 0.0, 8, continuous=continuous)
 
 
-def by_control(eq: Plain, *, continuous: bool) -> Array:
+def by_control(eq: Uncorrelated, *, continuous: bool) -> Array:
     """P of python-control: the dual equation. ``ArithmeticError`` where it has none, whatever it raises."""
     import control  # costs 1 s to import
 
@@ -59,7 +59,7 @@ def by_control(eq: Plain, *, continuous: bool) -> Array:
         raise ArithmeticError(msg) from error
 
 
-def doubled(eq: Plain, added: float, fold: int, *, continuous: bool) -> Matrix:
+def doubled(eq: Uncorrelated, added: float, fold: int, *, continuous: bool) -> Matrix:
     """P after 1, 2, 4, … steps from zero, of the equation with added noise, in a multiple of the working precision."""
     one = np.eye(len(eq.A))
     R = eq.R + added * np.diag(np.diag(eq.R) + np.diag(eq.H @ eq.Q @ eq.H.T))

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import sympy
 
 
-class Linear(NamedTuple):
+class Linearised(NamedTuple):
     """The matrices of the deviations: ``F`` (n, n), ``B`` (n, r), sympy matrices."""
 
     F: sympy.Matrix
@@ -84,15 +84,15 @@ class Dynamics:
         symbols = {symbol for e in self.f for symbol in e.free_symbols} - {*self.states, *self.inputs}
         return tuple(sorted(symbol.name for symbol in symbols))
 
-    def jacobians(self) -> Linear:
+    def jacobians(self) -> Linearised:
         """∂f/∂x and ∂f/∂u at any point."""
         import sympy
 
         f = sympy.Matrix(self.f)
         B = f.jacobian(self.inputs) if self.inputs else sympy.zeros(self.n, 0)
-        return Linear(f.jacobian(self.states), B)
+        return Linearised(f.jacobian(self.states), B)
 
-    def at(self, nominal: Mapping[Any, Any], time: Any = None) -> Linear:
+    def at(self, nominal: Mapping[Any, Any], time: Any = None) -> Linearised:
         """The linear model about a point, or about a trajectory given in the symbol ``time``.
 
         Parameters
@@ -117,10 +117,10 @@ class Dynamics:
             msg = f"nominal: expected a solution of the equations, received one that leaves {left}"
             raise ValueError(msg)
         F, B = (matrix.subs(values).applyfunc(sympy.simplify) for matrix in self.jacobians())
-        return Linear(F, B)
+        return Linearised(F, B)
 
 
-def model(linear: Linear, values: Mapping[str, float], *, H: ArrayLike, P0: ArrayLike, **more: Any) -> ContinuousModel:
+def model(linear: Linearised, values: Mapping[str, float], *, H: ArrayLike, P0: ArrayLike, **more: Any) -> ContinuousModel:
     """The linear model of the deviations in numbers, without process noise unless ``G`` and ``Q`` are given.
 
     Parameters

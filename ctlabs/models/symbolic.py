@@ -35,7 +35,7 @@ Terms = dict[tuple[int, Any, Any], Any]
 LONGEST = 150
 
 
-class Numbers(NamedTuple):
+class ChainValues(NamedTuple):
     """A :class:`Chain` at given values, as :mod:`ctlabs.models.discretisation` computes it; ``diagonal`` is (n,)."""
 
     F: Array
@@ -83,7 +83,7 @@ class Chain:
             rf"\bar{{G}}_d = G_d \bar{{Q}}_d^{{1/2}} = {_latex(self.standardised)}",
         ]
 
-    def evaluate(self, **values: float) -> Numbers:
+    def evaluate(self, **values: float) -> ChainValues:
         """Numbers for the symbols, by name, computed with 30 digits.
 
         Raises
@@ -105,7 +105,7 @@ class Chain:
             raise ValueError(msg)
         at = {symbols[name]: _exact("values", value) for name, value in values.items()}
         numbers = {name: _numbers(matrix, at) for name, matrix in matrices.items()}
-        return Numbers(**numbers | {"diagonal": numbers["diagonal"][:, 0]})
+        return ChainValues(**numbers | {"diagonal": numbers["diagonal"][:, 0]})
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -10,7 +10,7 @@ from ctlabs.montecarlo import chance
 from ctlabs.montecarlo.blocks import BlockFailed, Interrupted
 from ctlabs.montecarlo.executors import Team, team
 from ctlabs.montecarlo.histogram import Bins, Histogram
-from ctlabs.montecarlo.nonlinear import Filter
+from ctlabs.montecarlo.nonlinear import EnsembleFilter
 from ctlabs.montecarlo.runner import monte_carlo
 from ctlabs.montecarlo.simulation import Simulation, simulate
 from ctlabs.montecarlo.statistics import Statistics
@@ -19,7 +19,7 @@ from ctlabs.montecarlo.sweeps import Sweep, sweep
 __all__ = [
     "Bins",
     "BlockFailed",
-    "Filter",
+    "EnsembleFilter",
     "Histogram",
     "Interrupted",
     "Simulation",

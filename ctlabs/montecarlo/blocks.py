@@ -11,7 +11,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, 
 
 import numpy as np
 
-from ctlabs.montecarlo.checkpoint import Store
+from ctlabs.montecarlo.checkpoint import Checkpoint
 from ctlabs.montecarlo.executors import Task, Team
 from ctlabs.montecarlo.plan import check_finite
 from ctlabs.montecarlo.sums import Sums
@@ -31,7 +31,7 @@ class BlockFailed(RuntimeError):
 class Merger:
     """Blocks of one experiment on their way to one table of sums."""
 
-    def __init__(self, task: Task, runs: int, team: Team, store: Store | None, show: Callable[[int], None]) -> None:
+    def __init__(self, task: Task, runs: int, team: Team, store: Checkpoint | None, show: Callable[[int], None]) -> None:
         self.task, self.runs, self.team, self.store, self.show = task, runs, team, store, show
         self.size = task.experiment.layout.runs
         self.count = task.experiment.layout.count(runs)

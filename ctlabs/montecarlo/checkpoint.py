@@ -26,7 +26,7 @@ MAGIC = b"ctlabs sums 1\n"
 INTERVAL = 1.0
 
 
-class Store:
+class Checkpoint:
     """The folder of one experiment's finished blocks."""
 
     def __init__(self, folder: str | os.PathLike[str], identity: Mapping[str, str]) -> None:

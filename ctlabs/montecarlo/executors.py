@@ -21,16 +21,16 @@ from typing import Any, Protocol
 from ctlabs.linalg import checks
 from ctlabs.linalg.threads import one_thread
 from ctlabs.montecarlo.histogram import Counter
-from ctlabs.montecarlo.plan import Layout
+from ctlabs.montecarlo.plan import Tiling
 from ctlabs.montecarlo.statistics import Claims
 from ctlabs.montecarlo.sums import Sums
 
 
-class Experiment(Protocol):
+class InBlocks(Protocol):
     """What runs in blocks."""
 
     @property
-    def layout(self) -> Layout:
+    def layout(self) -> Tiling:
         """How runs are grouped."""
         ...
 
@@ -118,7 +118,7 @@ class Inline(Executor):
 class Task:
     """An experiment with its seed, ready to travel."""
 
-    def __init__(self, experiment: Experiment, seed: int) -> None:
+    def __init__(self, experiment: InBlocks, seed: int) -> None:
         self.experiment, self.seed = experiment, seed
         self._payload: bytes | None = None
         self._key = ""
@@ -219,7 +219,7 @@ def _dask_size(executor: Executor) -> int | None:
     return None if client is None else sum(client.nthreads().values())
 
 
-EXPERIMENTS: OrderedDict[str, Experiment] = OrderedDict()
+EXPERIMENTS: OrderedDict[str, InBlocks] = OrderedDict()
 
 
 def _elsewhere(key: str, payload: bytes | None, seed: int, block: int, runs: int, _attempt: int) -> Sums | None:

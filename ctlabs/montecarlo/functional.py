@@ -19,8 +19,8 @@ from ctlabs.models.histories import Truth, entry, truth_arrays
 from ctlabs.models.nonlinear import NonlinearModel
 from ctlabs.montecarlo import identity, streams
 from ctlabs.montecarlo.histogram import Bins, Counter
-from ctlabs.montecarlo.nonlinear import Filter, Scheduled, normalised
-from ctlabs.montecarlo.plan import WIDTH, Gains, Layout, gains, layout, missing
+from ctlabs.montecarlo.nonlinear import EnsembleFilter, Scheduled, normalised
+from ctlabs.montecarlo.plan import WIDTH, Gains, Tiling, gains, layout, missing
 from ctlabs.montecarlo.statistics import Claims
 from ctlabs.montecarlo.sums import Sums, columns
 
@@ -85,7 +85,7 @@ class FunctionWorld:
 
 
 World = LinearWorld | FunctionWorld
-Design = Gains | NonlinearModel | Callable[[], Filter]
+Design = Gains | NonlinearModel | Callable[[], EnsembleFilter]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +98,7 @@ class Functional:
     world: World
     design: Design
     E: Array
-    layout: Layout
+    layout: Tiling
     counter: Counter
 
     def prepare(self) -> None:
@@ -132,7 +132,7 @@ class Functional:
             "histogram": identity.digest(self.counter),
         }
 
-    def _filter(self) -> Filter:
+    def _filter(self) -> EnsembleFilter:
         if isinstance(self.design, Gains):
             return Scheduled(self.design.arrays, self.design.plan.P_plus, self.design.nis_dof)
         return Extended(self.design) if isinstance(self.design, NonlinearModel) else self.design()
@@ -166,7 +166,7 @@ class Functional:
             self._add(total, k, x, before, estimator, consistency)
 
     def _add(
-        self, total: Sums, k: int, x: Array, before: Array, estimator: Filter, consistency: tuple[Array, float] | None
+        self, total: Sums, k: int, x: Array, before: Array, estimator: EnsembleFilter, consistency: tuple[Array, float] | None
     ) -> None:
         """The columns of one step (see :mod:`ctlabs.montecarlo.kernel`)."""
         d, row, truth = len(self.E), total.table[k], self.E @ x
@@ -191,7 +191,7 @@ class Functional:
 
 def functional(
     truth: DiscreteModel | NonlinearModel,
-    design: DiscreteModel | NonlinearModel | Callable[[], Filter],
+    design: DiscreteModel | NonlinearModel | Callable[[], EnsembleFilter],
     steps: int,
     first: int,
     E: Array,
@@ -206,7 +206,7 @@ def functional(
         grouping = layout(truth.n, steps)
     else:
         world = _function_world(truth, steps, first)
-        grouping = Layout(WIDTH, 1)  # Python's cost per step is shared by a tile; a block of one answers soonest
+        grouping = Tiling(WIDTH, 1)  # Python's cost per step is shared by a tile; a block of one answers soonest
     m = truth.m
     claimed = None
     if isinstance(design, DiscreteModel):

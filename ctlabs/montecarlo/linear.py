@@ -15,13 +15,13 @@ from ctlabs.models.histories import Truth, truth_arrays
 from ctlabs.models.linear import check_inputs
 from ctlabs.montecarlo import identity, streams
 from ctlabs.montecarlo.histogram import Bins, Counter
-from ctlabs.montecarlo.plan import Gains, Layout, about_mean_error, gains, layout, missing
+from ctlabs.montecarlo.plan import Gains, Tiling, about_mean_error, gains, layout, missing
 from ctlabs.montecarlo.statistics import Claims
 from ctlabs.montecarlo.sums import Sums, columns
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Linear:
+class LinearRuns:
     """A linear truth with a linear design, ready to run."""
 
     steps: int
@@ -29,7 +29,7 @@ class Linear:
     dt: float
     truth: Truth
     gains: Gains
-    layout: Layout
+    layout: Tiling
     counter: Counter
 
     def prepare(self) -> None:
@@ -89,7 +89,7 @@ def linear(
     given: Covariances | None = None,
     bins: Bins | None = None,
     algorithm: str = "auto",
-) -> Linear:
+) -> LinearRuns:
     """The experiment of a linear truth and a linear design."""
     measured.horizon(truth, steps)
     check_inputs(truth, design)
@@ -100,4 +100,4 @@ def linear(
     arrays = filtering.arrays if own else about_mean_error(world, filtering.arrays, steps, truth.dt)
     filtering = Gains(arrays, filtering.plan, filtering.nees_dof, filtering.nis_dof)
     counter = Counter.of(bins, filtering.plan.sd_plus, steps)
-    return Linear(steps, first, truth.dt, world, filtering, layout(truth.n, steps), counter)
+    return LinearRuns(steps, first, truth.dt, world, filtering, layout(truth.n, steps), counter)

@@ -11,7 +11,7 @@ from ctlabs.models.histories import entry
 from ctlabs.montecarlo.plan import Design, whiten
 
 
-class Filter(Protocol):
+class EnsembleFilter(Protocol):
     """What an experiment needs of a filter; any object of this kind is a design (given as a function that makes it).
 
     ``x`` (d, runs), the estimates · ``P`` (d, d) or (d, d, runs), the covariance claimed, or ``None``

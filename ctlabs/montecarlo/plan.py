@@ -37,7 +37,7 @@ BLOCK_NS = 5e7
 WIDTH = 500
 
 
-class Layout(NamedTuple):
+class Tiling(NamedTuple):
     """How runs are grouped: ``width`` runs in a tile, ``tiles`` tiles in a block; each block has its own stream."""
 
     width: int
@@ -53,7 +53,7 @@ class Layout(NamedTuple):
         return -(-runs // self.runs)
 
 
-def layout(n: int, steps: int) -> Layout:
+def layout(n: int, steps: int) -> Tiling:
     """The grouping for n states: fixed by the size of the problem, never by the machine or the number of workers.
 
     >>> layout(2, 1000).runs == layout(2, 1000).width * layout(2, 1000).tiles
@@ -61,7 +61,7 @@ def layout(n: int, steps: int) -> Layout:
     """
     runs = int(BLOCK_NS / ((10 + 4 * n + 0.5 * n * n) * (steps + 1)))
     width = min(max(runs, 1), WIDTH)
-    return Layout(width, min(max(runs // width, 1), 512))
+    return Tiling(width, min(max(runs // width, 1), 512))
 
 
 class Design(NamedTuple):

@@ -16,18 +16,18 @@ from ctlabs.linalg.threads import one_thread
 from ctlabs.models import DiscreteModel
 from ctlabs.models.nonlinear import NonlinearModel
 from ctlabs.montecarlo.blocks import Merger
-from ctlabs.montecarlo.checkpoint import Store
-from ctlabs.montecarlo.executors import Experiment, Task, Team, team
+from ctlabs.montecarlo.checkpoint import Checkpoint
+from ctlabs.montecarlo.executors import InBlocks, Task, Team, team
 from ctlabs.montecarlo.functional import functional
 from ctlabs.montecarlo.histogram import Bins
 from ctlabs.montecarlo.linear import linear
-from ctlabs.montecarlo.nonlinear import Filter
+from ctlabs.montecarlo.nonlinear import EnsembleFilter
 from ctlabs.montecarlo.plan import selection
 from ctlabs.montecarlo.progress import Progress, reporter
 from ctlabs.montecarlo.statistics import Statistics, from_sums
 
 Truth = DiscreteModel | NonlinearModel
-Design = DiscreteModel | NonlinearModel | Callable[[], Filter]
+Design = DiscreteModel | NonlinearModel | Callable[[], EnsembleFilter]
 
 
 def monte_carlo(
@@ -95,7 +95,7 @@ def monte_carlo(
     runs, seed = checks.count("runs", runs), checks.count("seed", seed, least=0)
     own = truth if design is None else design
     experiment = prepare(truth, own, steps, compare, gains, first, histogram, algorithm)
-    store = None if checkpoint is None else Store(checkpoint, {**experiment.identity(), "seed": str(seed)})
+    store = None if checkpoint is None else Checkpoint(checkpoint, {**experiment.identity(), "seed": str(seed)})
     with team(executor, workers) as crew, reporter(progress, runs) as show, one_thread():
         if crew.local:
             experiment.prepare()  # here, so that Ctrl-C reaches a compilation
@@ -112,13 +112,14 @@ def prepare(
     first: int | None,
     histogram: Bins | None,
     algorithm: str = "auto",
-) -> Experiment:
+) -> InBlocks:
     """The experiment that runs in blocks."""
     if not isinstance(truth, DiscreteModel | NonlinearModel):
         msg = f"truth: expected a DiscreteModel or a NonlinearModel, received a {type(truth).__name__}"
         raise TypeError(msg)
     if not isinstance(design, DiscreteModel | NonlinearModel) and not callable(design):
-        msg = f"design: expected a DiscreteModel, a NonlinearModel or a function that makes a Filter, received a {type(design).__name__}"
+        wanted = "a DiscreteModel, a NonlinearModel or a function that makes an EnsembleFilter"
+        msg = f"design: expected {wanted}, received a {type(design).__name__}"
         raise TypeError(msg)
     first = begins(truth, first)
     if isinstance(design, DiscreteModel | NonlinearModel):

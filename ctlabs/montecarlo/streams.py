@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ctlabs.models.histories import Normals, Shape
-from ctlabs.montecarlo.plan import Layout
+from ctlabs.montecarlo.plan import Tiling
 
 
 def generators(seed: int, block: int) -> tuple[np.random.Generator, np.random.Generator]:
@@ -21,7 +21,7 @@ def generators(seed: int, block: int) -> tuple[np.random.Generator, np.random.Ge
     return np.random.Generator(np.random.SFC64(states)), np.random.Generator(np.random.SFC64(measurements))
 
 
-def tiles(seed: int, block: int, layout: Layout, shape: Shape, runs: int) -> Iterator[Normals]:
+def tiles(seed: int, block: int, layout: Tiling, shape: Shape, runs: int) -> Iterator[Normals]:
     """What the compiled kernel draws for the first ``runs`` runs of a block, tile by tile."""
     states, measurements = generators(seed, block)
     for begin in range(0, runs, layout.width):
@@ -33,7 +33,7 @@ def tiles(seed: int, block: int, layout: Layout, shape: Shape, runs: int) -> Ite
         yield Normals(start[:, :count], w[:, :, :count], v[:, :, :count])
 
 
-def normals(seed: int, layout: Layout, shape: Shape, runs: int) -> Normals:
+def normals(seed: int, layout: Tiling, shape: Shape, runs: int) -> Normals:
     """The normals of the first ``runs`` runs of an experiment, over as many blocks as that takes."""
     parts = [
         part

@@ -165,7 +165,7 @@ class Understanding:
     poles: Part[Poles]
     poles_continuous: Part[Poles]
     limit: Part[Limit]
-    continuous_limit: Part[bucy.SteadyState]
+    continuous_limit: Part[bucy.BucySteadyState]
     transfers: Part[tuple[Transfer, ...]]
     bode: Part[Bode]
     transient: Part[Covariances]

@@ -30,7 +30,7 @@ class Tab(Protocol):
         ...
 
 
-class Place(NamedTuple):
+class Seat(NamedTuple):
     """What a tab works at: its draft, and the session that is the same in all tabs with this draft."""
 
     draft: Draft
@@ -91,7 +91,7 @@ class Desk:
         """Whose drafts and experiments a browser sees."""
         return LOCAL if self.shared else browser
 
-    def enter(self, shell: Tab, wanted: str) -> Place:
+    def enter(self, shell: Tab, wanted: str) -> Seat:
         """Open the draft that a tab asks for; without one the browser's latest that is in no other tab, or a new one.
 
         Blocks (the library is loaded here), so it is called in a thread.
@@ -110,7 +110,7 @@ class Desk:
             with self._lock:
                 self._open[draft.id] = session
                 self._tabs.setdefault(draft.id, []).append(shell)
-            return Place(draft, session, tuple(notices))
+            return Seat(draft, session, tuple(notices))
 
     def leave(self, shell: Tab) -> None:
         """A tab is gone; with the last one its session is closed. All it has is in the database."""

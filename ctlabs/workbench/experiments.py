@@ -27,9 +27,9 @@ from ctlabs.linalg.covariance import deviations
 from ctlabs.models import DiscreteModel, anomalous
 from ctlabs.studies import common, comparison, simulation
 from ctlabs.text import number
-from ctlabs.workbench.outcomes import Outcome, Plan, Statistics, Verdict, packed
+from ctlabs.workbench.outcomes import Asked, ErrorStatistics, InnovationTests, Outcome, packed
 
-__all__ = ["Outcome", "Plan", "prepared", "run"]
+__all__ = ["Asked", "Outcome", "prepared", "run"]
 
 #: Runs whose histories are shown, and instants that are kept of them.
 SHOWN, POINTS = 3, 2000
@@ -48,7 +48,7 @@ def run(
     Parameters
     ----------
     model : text of a model file
-    plan : plain form of a :class:`~ctlabs.workbench.outcomes.Plan`
+    plan : plain form of a :class:`~ctlabs.workbench.outcomes.Asked`
     progress : function of (runs done, runs)
     workers : threads
 
@@ -57,7 +57,7 @@ def run(
     ValueError, FloatingPointError
         What the model, the design, the data or an algorithm refuses; one line.
     """
-    start, wanted = time.perf_counter(), Plan.of(plan)
+    start, wanted = time.perf_counter(), Asked.of(plan)
     wanted.check()
     truth = prepared(model, "", wanted)
     design = None if wanted.design is None else prepared(wanted.design, "design", wanted)
@@ -65,7 +65,7 @@ def run(
     return packed(dataclasses.replace(found, seconds=time.perf_counter() - start))
 
 
-def prepared(text: str, name: str, plan: Plan) -> ModelFile:
+def prepared(text: str, name: str, plan: Asked) -> ModelFile:
     """A model file with the plan's first measurement."""
     file = loads(text, name)
     return file if file.experiment.first == plan.first else file.edit(("experiment", "first"), plan.first).checked()
@@ -74,7 +74,7 @@ def prepared(text: str, name: str, plan: Plan) -> ModelFile:
 # Simulated -----------------------------------------------------------------------------------------------------------
 
 
-def _simulated(file: ModelFile, other: ModelFile | None, plan: Plan, progress: Any, workers: int | None) -> Outcome:
+def _simulated(file: ModelFile, other: ModelFile | None, plan: Asked, progress: Any, workers: int | None) -> Outcome:
     found = simulation.compute(
         file, design=other, runs=plan.runs, seed=plan.seed, steps=plan.steps, first=plan.first, anomalies=plan.anomalies,
         algorithms=plan.algorithms, histories=min(SHOWN, plan.runs), workers=workers, progress=progress,
@@ -125,16 +125,16 @@ def _algorithms(
     return tuple(each if each.failed else dataclasses.replace(each, rms=rms[each.name]) for each in rows)
 
 
-def _statistics(stats: montecarlo.Statistics, P: Array, k: Array) -> Statistics:
+def _statistics(stats: montecarlo.Statistics, P: Array, k: Array) -> ErrorStatistics:
     found = {name: getattr(stats, name)[k] for name in ("rms", "bias", "nees", "nees_dof", "nis", "nis_dof")}
     bands = {"rms": stats.rms_band(P), "bias": stats.bias_band(P), "nees": stats.nees_band(), "nis": stats.nis_band()}
-    return Statistics(runs=stats.runs, **found, **{f"{name}_band": np.array(band)[:, k] for name, band in bands.items()})
+    return ErrorStatistics(runs=stats.runs, **found, **{f"{name}_band": np.array(band)[:, k] for name, band in bands.items()})
 
 
 # Measured ------------------------------------------------------------------------------------------------------------
 
 
-def _measured(file: ModelFile, other: ModelFile | None, plan: Plan) -> Outcome:
+def _measured(file: ModelFile, other: ModelFile | None, plan: Asked) -> Outcome:
     assert plan.data is not None
     used = file if other is None else other
     record = plan.data.record(used)
@@ -185,7 +185,7 @@ def _measured(file: ModelFile, other: ModelFile | None, plan: Plan) -> Outcome:
     )
 
 
-def _diagnosed(model: DiscreteModel, own: Filtered, first: int) -> Verdict | None:
+def _diagnosed(model: DiscreteModel, own: Filtered, first: int) -> InnovationTests | None:
     """The tests of the record, and what would make it (of a long one, its first rows) more likely."""
     tested = _tested(own)
     if tested is None:
@@ -207,14 +207,14 @@ def _contradiction(model: DiscreteModel, own: Filtered, t: Array) -> str:
 # Both ----------------------------------------------------------------------------------------------------------------
 
 
-def _tested(found: Filtered) -> Verdict | None:
+def _tested(found: Filtered) -> InnovationTests | None:
     """NIS, mean and whiteness of the innovations of a record, or of the first run."""
     innovation, nis = (a if found.x_plus.ndim == 2 else a[..., 0] for a in (found.innovation, found.nis))
     if not np.isfinite(innovation).any():
         return None
     own = diagnosis.innovations(innovation, found.S, nis)
     same = {name: getattr(own, name) for name in ("nis_mean", "nis_expected", "nis_p", "mean_p", "whiteness_p", "lags", "band")}
-    return Verdict(**same, nis_low=own.nis_band[0], nis_high=own.nis_band[1], correlation=own.autocorrelation)
+    return InnovationTests(**same, nis_low=own.nis_band[0], nis_high=own.nis_band[1], correlation=own.autocorrelation)
 
 
 def _histories(found: Filtered, k: Array) -> dict[str, Any]:

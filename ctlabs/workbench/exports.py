@@ -15,7 +15,7 @@ import numpy as np
 import ctlabs
 from ctlabs.linalg.checks import Array
 from ctlabs.studies import common
-from ctlabs.workbench.outcomes import Outcome, Plan, packed
+from ctlabs.workbench.outcomes import Asked, Outcome, packed
 from ctlabs.workbench.programs import python
 
 #: Endings of the files, and their types for a browser.
@@ -30,7 +30,7 @@ KINDS = {
 }
 
 
-def export(name: str, model: str, plan: Plan, found: Outcome, kind: str, figure: str = "") -> bytes:
+def export(name: str, model: str, plan: Asked, found: Outcome, kind: str, figure: str = "") -> bytes:
     """The file.
 
     Parameters
@@ -75,7 +75,7 @@ def filename(name: str, number: int, kind: str) -> str:
     return f"{word}_{number}.{KINDS[kind][0]}"
 
 
-def table(_name: str, _model: str, _plan: Plan, found: Outcome) -> str:
+def table(_name: str, _model: str, _plan: Asked, found: Outcome) -> str:
     """The first run as CSV, an instant to a row; of simulated runs also what all of them give."""
     columns: list[tuple[str, Array]] = [("k", found.k), ("t", found.t)]
     for i, state in enumerate(found.states):
@@ -109,7 +109,7 @@ def table(_name: str, _model: str, _plan: Plan, found: Outcome) -> str:
     return text.getvalue()
 
 
-def data(name: str, model: str, plan: Plan, found: Outcome) -> str:
+def data(name: str, model: str, plan: Asked, found: Outcome) -> str:
     """Everything as JSON; a number that is none is null, an infinite one "inf"."""
     whole = {
         "schema": 1,

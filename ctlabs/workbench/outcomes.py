@@ -1,4 +1,4 @@
-"""What is asked of an experiment (:class:`Plan`) and what comes out (:class:`Outcome`); how it is computed:
+"""What is asked of an experiment (:class:`Asked`) and what comes out (:class:`Outcome`); how it is computed:
 :mod:`ctlabs.workbench.experiments`.
 
 Both have a plain form (numbers, texts, lists, arrays) that travels to another process and into the store.
@@ -31,14 +31,14 @@ LARGEST = 20_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Data:
+class Upload:
     """A measured record: the file's ``name`` and its text."""
 
     name: str
     text: str
 
     @classmethod
-    def of(cls, content: bytes, name: str) -> Data:
+    def of(cls, content: bytes, name: str) -> Upload:
         """The data of an uploaded file."""
         if len(content) > LARGEST:
             msg = f"{name}: expected at most {LARGEST // 10**6} MB, received more"
@@ -51,7 +51,7 @@ class Data:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class Asked:
     """What is asked.
 
     ``algorithms`` : one or more names of :data:`ctlabs.filtering.algorithms.FORMS`; with several, each is compared with 50 digits ·
@@ -66,7 +66,7 @@ class Plan:
     algorithms: tuple[str, ...] = ("joseph",)
     design: str | None = None
     anomalies: tuple[Anomaly, ...] = ()
-    data: Data | None = None
+    data: Upload | None = None
 
     def check(self) -> None:
         """Refuse in one line what no experiment can be; the rest is found when it runs."""
@@ -93,19 +93,19 @@ class Plan:
         return found
 
     @classmethod
-    def of(cls, plain: Mapping[str, Any]) -> Plan:
+    def of(cls, plain: Mapping[str, Any]) -> Asked:
         """The plan of :meth:`plain`'s answer; what is not there has its default."""
         known = {each.name for each in dataclasses.fields(cls)}
         given = {key: value for key, value in plain.items() if key in known}
         given["algorithms"] = tuple(given.get("algorithms", ("joseph",)))
         given["anomalies"] = tuple(Anomaly(**{**a, "R": float(a["R"])}) for a in given.get("anomalies", ()))
         if given.get("data") is not None:
-            given["data"] = Data(**given["data"])
+            given["data"] = Upload(**given["data"])
         return cls(**given)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Verdict:
+class InnovationTests:
     """Tests of the innovations of one record.
 
     ``nis_mean`` per instant, ``nis_expected``, its 95 % band ``nis_low``, ``nis_high`` and two-sided ``nis_p`` · per measurement
@@ -131,7 +131,7 @@ class Verdict:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Statistics:
+class ErrorStatistics:
     """Errors x̂ − x over ``runs`` runs.
 
     ``rms``, ``bias`` (K, n) with the band of 95 % of ensembles around theory, ``rms_band``,
@@ -161,7 +161,7 @@ class Outcome:
     ``estimates``, x_plus of run 0 by every algorithm · ``P_minus``, ``P_plus`` (K, n, n), as the filter claims ·
     ``K`` (K, n, m) · ``innovation`` (K, m, r), ``innovation_sd`` (K, m) ·
     ``nis`` (K, r), ``nis_dof`` (K,) · ``smoothed``, ``smoothed_sd``
-    (K, n) of data · ``statistics`` : over all runs, see :class:`Statistics`, or None · ``actual_P``, ``actual_bias`` : the theory of
+    (K, n) of data · ``statistics`` : over all runs, see :class:`ErrorStatistics`, or None · ``actual_P``, ``actual_bias`` : the theory of
     the true errors where the design is not the truth · ``verdict`` : tests of the innovations of run 0 ·
     ``algorithms`` · ``summary`` : numbers to copy, name → (value, unit) · ``contradiction`` : why the record is impossible for
     the model, empty if it is not · ``seconds`` it took
@@ -189,9 +189,9 @@ class Outcome:
     nis: Array
     nis_dof: Array
     algorithms: tuple[Judged, ...]
-    verdict: Verdict | None
+    verdict: InnovationTests | None
     summary: dict[str, tuple[Any, str]]
-    statistics: Statistics | None = None
+    statistics: ErrorStatistics | None = None
     actual_P: Array | None = None
     actual_bias: Array | None = None
     optimal_sd: Array | None = None
@@ -238,7 +238,7 @@ def outcome(result: Mapping[str, Any]) -> Outcome:
         given[key] = tuple(given.get(key, ()))
     given["algorithms"] = tuple(Judged(**each) for each in given["algorithms"])
     given["summary"] = {key: (value, unit) for key, (value, unit) in given["summary"].items()}
-    for key, kind in (("statistics", Statistics), ("verdict", Verdict)):
+    for key, kind in (("statistics", ErrorStatistics), ("verdict", InnovationTests)):
         if given.get(key) is not None:
             given[key] = kind(**given[key])
     return Outcome(**given)

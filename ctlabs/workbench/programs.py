@@ -7,10 +7,10 @@ from pprint import pformat
 import ctlabs
 from ctlabs.files.modelfile import ModelFile
 from ctlabs.workbench.experiments import prepared
-from ctlabs.workbench.outcomes import Outcome, Plan
+from ctlabs.workbench.outcomes import Asked, Outcome
 
 
-def python(name: str, model: str, plan: Plan, found: Outcome) -> str:
+def python(name: str, model: str, plan: Asked, found: Outcome) -> str:
     """A program that needs nothing but the library and prints the experiment's summary as JSON."""
     file, design = files(model, plan)
     simulated = plan.data is None
@@ -34,7 +34,7 @@ def python(name: str, model: str, plan: Plan, found: Outcome) -> str:
     return "\n".join([*top, *lines, *body, "print(json.dumps(numbers, indent=1))", ""])
 
 
-def _simulation(plan: Plan, algorithm: str, *, other: bool, changed: bool) -> tuple[list[str], list[str]]:
+def _simulation(plan: Asked, algorithm: str, *, other: bool, changed: bool) -> tuple[list[str], list[str]]:
     imports = ["from ctlabs import kalman_filter", "from ctlabs.labs.experiment import Experiment"]
     build = "anomalous({}.discrete(steps=steps), anomalies, steps)" if changed else "{}.discrete(steps=steps)"
     lines = [f"steps, first = {plan.steps}, {plan.first}", f"truth = {build.format('model')}"]
@@ -81,7 +81,7 @@ def _simulation(plan: Plan, algorithm: str, *, other: bool, changed: bool) -> tu
     return imports, lines
 
 
-def _record(plan: Plan, algorithm: str, *, other: bool, changed: bool) -> tuple[list[str], list[str]]:
+def _record(plan: Asked, algorithm: str, *, other: bool, changed: bool) -> tuple[list[str], list[str]]:
     assert plan.data is not None
     imports = ["from ctlabs import diagnose, kalman_filter", "from ctlabs.files import reading, timed"]
     used = "design" if other else "model"
@@ -122,6 +122,6 @@ def _literal(text: str) -> str:
     return "(\n" + "".join(f"    {line!r}\n" for line in text.splitlines(keepends=True)) + ")"
 
 
-def files(model: str, plan: Plan) -> tuple[ModelFile, ModelFile | None]:
+def files(model: str, plan: Asked) -> tuple[ModelFile, ModelFile | None]:
     """Truth and design, with the plan's first measurement."""
     return prepared(model, "", plan), None if plan.design is None else prepared(plan.design, "", plan)

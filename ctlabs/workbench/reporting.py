@@ -17,14 +17,14 @@ from ctlabs.models import anomalous
 from ctlabs.reporting.report import Report
 from ctlabs.studies import common, comparison, second
 from ctlabs.workbench.figures import pictures
-from ctlabs.workbench.outcomes import Outcome, Plan
+from ctlabs.workbench.outcomes import Asked, Outcome
 from ctlabs.workbench.programs import files, python
 
 #: The second route of a report's check goes over so many steps.
 CHECKED = 1000
 
 
-def report(name: str, model: str, plan: Plan, found: Outcome) -> Report:
+def report(name: str, model: str, plan: Asked, found: Outcome) -> Report:
     """The experiment as a report: model, estimates, errors, innovations, algorithms, and the lines that give it again."""
     file, design = files(model, plan)
     steps: tuple[str, Any, str, str] = ("steps", plan.steps, "1", "steps of each run")
@@ -80,7 +80,7 @@ def _model(made: Report, file: ModelFile) -> None:
     common.show(made, file.discrete(steps=1))
 
 
-def _second_route(made: Report, file: ModelFile, plan: Plan, found: Outcome) -> None:
+def _second_route(made: Report, file: ModelFile, plan: Asked, found: Outcome) -> None:
     """The covariances by a square-root form, where rounding lets two forms agree."""
     steps = min(int(found.k[-1]), CHECKED)
     at = found.k[found.k <= steps]

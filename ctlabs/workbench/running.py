@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from ctlabs.workbench.worker import RunFailed
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.worker import Cancel, Progress
+    from ctlabs.workbench.worker import Cancel, RunProgress
 
 #: What is run: a function of where to tell its progress, and of what cancels it.
-Work = Callable[[Callable[["Progress"], object], "Cancel"], Awaitable[object]]
+Work = Callable[[Callable[["RunProgress"], object], "Cancel"], Awaitable[object]]
 
 
 class Running:
@@ -24,7 +24,7 @@ class Running:
     """
 
     def __init__(self) -> None:
-        self.progress: Progress | None = None
+        self.progress: RunProgress | None = None
         self.name, self.problem, self.cancelled, self.finished = "", "", False, 0
         self._cancel = threading.Event()
         self._task: asyncio.Task[None] | None = None
@@ -73,7 +73,7 @@ class Running:
             self.progress = self._task = None
             self._tell()
 
-    def _show(self, progress: Progress) -> None:
+    def _show(self, progress: RunProgress) -> None:
         self.progress = progress
         self._tell()
 
@@ -82,11 +82,11 @@ class Running:
             action()
 
 
-def said(progress: Progress | None) -> str:
+def said(progress: RunProgress | None) -> str:
     """How far a run is, in words.
 
-    >>> from ctlabs.workbench.worker import Progress
-    >>> said(Progress(0.25, 500.0, 2000, 8000)), said(Progress(0.0, 500.0, 2000, 0)), said(Progress(0.0, 0.0, 0, 0, 2))
+    >>> from ctlabs.workbench.worker import RunProgress
+    >>> said(RunProgress(0.25, 500.0, 2000, 8000)), said(RunProgress(0.0, 500.0, 2000, 0)), said(RunProgress(0.0, 0.0, 0, 0, 2))
     ('2 000 of 8 000 runs, 500 per second, 12 s left', '2 000 runs, 500 per second', '2 runs before this one')
     """
     if progress is None:

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ctlabs.workbench import safety
-from ctlabs.workbench.desk import Desk, Place
+from ctlabs.workbench.desk import Desk, Seat
 
 if TYPE_CHECKING:
     from nicegui import Client
@@ -212,4 +212,4 @@ def _browse(address: str) -> None:
         log.warning("no browser could be opened (%s): open %s yourself", why, address)
 
 
-__all__: Sequence[str] = ("Desk", "Place", "build", "listen", "serve")
+__all__: Sequence[str] = ("Desk", "Seat", "build", "listen", "serve")

@@ -27,14 +27,14 @@ from ctlabs.studies.understanding import Understanding, compute
 from ctlabs.workbench import commands, comparing
 from ctlabs.workbench.commands import Command
 from ctlabs.workbench.comparing import Difference
-from ctlabs.workbench.outcomes import REGISTERED, Data, Outcome, Plan, outcome, packed
+from ctlabs.workbench.outcomes import REGISTERED, Asked, Outcome, Upload, outcome, packed
 from ctlabs.workbench.running import Running
 from ctlabs.workbench.sheet import Cell, Sheet
 from ctlabs.workbench.store import REVISIONS
 
 if TYPE_CHECKING:
     from ctlabs.workbench.store import Draft, KeptExperiment, Store
-    from ctlabs.workbench.worker import Cancel, Progress, Runner
+    from ctlabs.workbench.worker import Cancel, Runner, RunProgress
 
 #: Longest name of an experiment.
 LONGEST = 120
@@ -72,11 +72,11 @@ class Session:
         self._at = next(i for i, (number, _) in enumerate(self._revisions) if number == draft.number)
         self._set(_file(draft.text), draft.text)
         noted = draft.notes.get("plan")
-        self.plan = replace(Plan(), **_told(self.file)) if noted is None else self._plan(noted)
-        self._parsing: tuple[tuple[Data, ModelFile | tuple[str, ...]], Record] | None = None
+        self.plan = replace(Asked(), **_told(self.file)) if noted is None else self._plan(noted)
+        self._parsing: tuple[tuple[Upload, ModelFile | tuple[str, ...]], Record] | None = None
         #: The revisions that put a model in the place of another, and how.
         self._begun: dict[int, str] = dict(draft.notes.get("begun", ()))
-        self._plans: dict[int, Plan] = {}  # the plans of the models that were on the desk before, by these revisions
+        self._plans: dict[int, Asked] = {}  # the plans of the models that were on the desk before, by these revisions
         #: The number of the experiment that :attr:`result` is kept as.
         self.result_id: int | None = draft.notes.get("result")
         self._result: Outcome | None = None
@@ -243,7 +243,7 @@ class Session:
         try:
             plan = replace(self.plan, **changes)
         except TypeError:
-            known = ", ".join(Plan.__dataclass_fields__)
+            known = ", ".join(Asked.__dataclass_fields__)
             msg = f"plan: expected settings among {known}, received {', '.join(changes)}"
             raise ValueError(msg) from None
         plan.check()
@@ -251,7 +251,7 @@ class Session:
 
     async def upload(self, content: bytes, name: str) -> Record:
         """Take a CSV file as the next experiment's data; the record in it. It is read in a thread."""
-        data = Data.of(content, name)
+        data = Upload.of(content, name)
         record = await self._parsed(data)
         self.set_plan(data=data)
         return record
@@ -270,7 +270,7 @@ class Session:
         """How the design's model file differs from the truth's; ``None`` without a design."""
         return None if self.plan.design is None else comparing.models(self.text, self.plan.design)
 
-    def job(self, plan: Plan | None = None) -> tuple[str, dict[str, Any]]:
+    def job(self, plan: Asked | None = None) -> tuple[str, dict[str, Any]]:
         """Name and arguments of the run for the worker: ``await runner.run(*session.job(), …)``."""
         plan = self.plan if plan is None else plan
         plan.check()
@@ -289,7 +289,7 @@ class Session:
     async def run(
         self,
         *,
-        progress: Callable[[Progress], object] | None = None,
+        progress: Callable[[RunProgress], object] | None = None,
         cancel: Cancel | None = None,
         name: str = "",
     ) -> Outcome:
@@ -307,7 +307,7 @@ class Session:
         self,
         number: int,
         *,
-        progress: Callable[[Progress], object] | None = None,
+        progress: Callable[[RunProgress], object] | None = None,
         cancel: Cancel | None = None,
     ) -> Outcome:
         """Carry out a kept experiment again, with its model, settings and seed; the new one is kept too."""
@@ -396,25 +396,25 @@ class Session:
         if plan != self.plan:
             self._note(plan)
 
-    def _note(self, plan: Plan) -> None:
+    def _note(self, plan: Asked) -> None:
         self.store.note(self.draft.id, plan=self._settings(plan))
         self.plan = plan
 
-    def _settings(self, plan: Plan) -> dict[str, Any]:
+    def _settings(self, plan: Asked) -> dict[str, Any]:
         """A plan as the store has it: a long record once, beside all plans that use it."""
         plain = plan.plain()
         if plan.data is not None:
             plain["data"] = {"name": plan.data.name, "key": self.store.put(plan.data.text)}
         return plain
 
-    def _plan(self, settings: Mapping[str, Any]) -> Plan:
+    def _plan(self, settings: Mapping[str, Any]) -> Asked:
         """The plan of :meth:`_settings`."""
         if settings.get("data") is None:
-            return Plan.of(settings)
+            return Asked.of(settings)
         name, key = settings["data"]["name"], settings["data"]["key"]
-        return Plan.of({**settings, "data": {"name": name, "text": self.store.text(key)}})
+        return Asked.of({**settings, "data": {"name": name, "text": self.store.text(key)}})
 
-    async def _parsed(self, data: Data) -> Record:
+    async def _parsed(self, data: Upload) -> Record:
         model = self.file if not self.file.problems() else self.sheet.measurements
         if self._parsing is None or self._parsing[0] != (data, model):
             self._parsing = (data, model), await asyncio.to_thread(data.record, model)
@@ -441,7 +441,7 @@ class Session:
     async def _ran(
         self,
         job: tuple[str, dict[str, Any]],
-        progress: Callable[[Progress], object] | None,
+        progress: Callable[[RunProgress], object] | None,
         cancel: Cancel | None,
     ) -> Outcome:
         name, arguments = job
@@ -452,7 +452,7 @@ class Session:
         result = await self.runner.run(name, arguments, session=self.draft.id, progress=progress, cancel=cancel)
         return outcome(result)
 
-    def _finished(self, found: Outcome, text: str, plan: Plan, name: str) -> Outcome:
+    def _finished(self, found: Outcome, text: str, plan: Asked, name: str) -> Outcome:
         self._show(found, None)  # it can be looked at even where it cannot be kept
         self._show(found, self._keep(found, text, plan, name))
         return found
@@ -462,7 +462,7 @@ class Session:
         if number is not None:
             self.store.note(self.draft.id, result=number)
 
-    def _keep(self, found: Outcome, text: str, plan: Plan, name: str) -> int:
+    def _keep(self, found: Outcome, text: str, plan: Asked, name: str) -> int:
         title = Sheet(loads(text, "", check=False)).title or "Untitled model"
         words = _line(name) or f"{title}: " + (plan.data.name if plan.data else f"{plan.runs} runs, seed {plan.seed}")
         return self.store.keep(self.draft.owner, words, text, self._settings(plan), plan.seed, packed(found))

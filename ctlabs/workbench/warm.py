@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from ctlabs.files.modelfile import new
 from ctlabs.workbench.experiments import run
-from ctlabs.workbench.outcomes import Data, Plan
+from ctlabs.workbench.outcomes import Asked, Upload
 
 _MODEL = new(1, 1, 1).dumps()
-run(_MODEL, Plan(steps=20, runs=2).plain(), progress=lambda _done, _runs: None, workers=1)
-run(_MODEL, Plan(data=Data("warm", "z1\n" + "0\n1\n" * 10)).plain())
+run(_MODEL, Asked(steps=20, runs=2).plain(), progress=lambda _done, _runs: None, workers=1)
+run(_MODEL, Asked(data=Upload("warm", "z1\n" + "0\n1\n" * 10)).plain())

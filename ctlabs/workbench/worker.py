@@ -61,7 +61,7 @@ class RunFailed(RuntimeError):
         self.kind, self.line, self.name = kind, line, name
 
 
-class Progress(NamedTuple):
+class RunProgress(NamedTuple):
     """How far a run is. ``ahead``: how many wait before it (0: it runs); ``rate`` per second, 0 while not known."""
 
     fraction: float
@@ -125,7 +125,7 @@ class Runner:
         arguments: Mapping[str, Any],
         *,
         session: str = "",
-        progress: Callable[[Progress], object] | None = None,
+        progress: Callable[[RunProgress], object] | None = None,
         cancel: Cancel | None = None,
         seconds: float | None = None,
     ) -> Any:
@@ -152,7 +152,7 @@ class Runner:
             raise KeyError(msg)
         loop, context = asyncio.get_running_loop(), contextvars.copy_context()
 
-        def show(state: Progress) -> None:
+        def show(state: RunProgress) -> None:
             with contextlib.suppress(RuntimeError):  # the loop has ended
                 loop.call_soon_threadsafe(_shown, progress, state, context=context)
 
@@ -166,7 +166,7 @@ class Runner:
                     job.unwanted.set()
                     self._withdraw(job)
                 if ahead != (ahead := self._ahead(job)) and ahead:
-                    _shown(progress, Progress(0.0, 0.0, 0, 0, ahead))
+                    _shown(progress, RunProgress(0.0, 0.0, 0, 0, ahead))
                 await asyncio.wait({done}, timeout=TELL)
         finally:
             job.unwanted.set()
@@ -302,7 +302,7 @@ class Job:
         arguments: dict[str, Any],
         session: str,
         seconds: float,
-        show: Callable[[Progress], object],
+        show: Callable[[RunProgress], object],
     ) -> None:
         self.name, self.arguments, self.session, self.seconds, self.show = name, arguments, session, seconds, show
         self.future: Future[Any] = Future()
@@ -443,7 +443,7 @@ class _Process:
         )
 
 
-def _shown(progress: Callable[[Progress], object] | None, state: Progress) -> None:
+def _shown(progress: Callable[[RunProgress], object] | None, state: RunProgress) -> None:
     if progress is None:
         return
     try:
@@ -452,7 +452,7 @@ def _shown(progress: Callable[[Progress], object] | None, state: Progress) -> No
         log.exception("progress of a run")
 
 
-def rated(done: int, total: int, seconds: float) -> Progress:
+def rated(done: int, total: int, seconds: float) -> RunProgress:
     """How far a run is, and how fast."""
     fraction = min(max(done / total, 0.0), 1.0) if total > 0 else 0.0
-    return Progress(fraction, done / seconds if seconds > 0 else 0.0, done, total)
+    return RunProgress(fraction, done / seconds if seconds > 0 else 0.0, done, total)

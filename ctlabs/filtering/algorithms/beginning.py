@@ -22,7 +22,7 @@ from ctlabs.linalg.rounding import EPS
 from ctlabs.models.linear import derived
 
 if TYPE_CHECKING:
-    from ctlabs.filtering.engines.record import Record
+    from ctlabs.filtering.engines.record import ByInstant
 
 #: Digits of a beginning for which doubles are not enough.
 DIGITS = 50
@@ -76,7 +76,7 @@ class Beginning:
         return np.asarray(self.log_likelihood[self.known].sum(axis=0))
 
 
-def begin(record: Record, P0: Numbers, *, gains: bool = True) -> Beginning | None:
+def begin(record: ByInstant, P0: Numbers, *, gains: bool = True) -> Beginning | None:
     """The first instants from P0; ``None`` where an ordinary filter may start at once.
 
     ``record.used`` is corrected where a perfect measurement is of what is known already. Without ``gains`` K is zero, and S, the
@@ -101,7 +101,7 @@ def begin(record: Record, P0: Numbers, *, gains: bool = True) -> Beginning | Non
     return precisely(record, P0, state.sight, gains)
 
 
-def _instants(record: Record, state: vague.State, gains: bool) -> Beginning | None:
+def _instants(record: ByInstant, state: vague.State, gains: bool) -> Beginning | None:
     """The first instants from a state at t0, in one kind of number."""
     rows = list[dict[str, Any]]()
     if state.settled:
@@ -128,7 +128,7 @@ def units(n: int) -> Array:
     return np.asarray(1 + np.arange(1, n + 1) / (n + np.sqrt(2)))
 
 
-def _elsewhere(record: Record, used: NDArray[np.bool_], sight: Array) -> Beginning | None:
+def _elsewhere(record: ByInstant, used: NDArray[np.bool_], sight: Array) -> Beginning | None:
     """The first instants computed in other units of the states, and given in those of the model."""
     model = record.model
     d = units(model.n)
@@ -159,7 +159,7 @@ def _same(one: Beginning, other: Beginning | None, part: float) -> bool:
     return all(close(*pair, part) for pair in pairs)
 
 
-def precisely(record: Record, P0: Numbers, sight: Array, gains: bool) -> Beginning | None:
+def precisely(record: ByInstant, P0: Numbers, sight: Array, gains: bool) -> Beginning | None:
     """The first instants with :data:`DIGITS` digits, rounded to doubles."""
     import mpmath
 
@@ -195,7 +195,7 @@ def _finite(state: vague.State, k: int, dt: float) -> None:
         raise FloatingPointError(msg)
 
 
-def _instant(record: Record, k: int, state: vague.State, gains: bool) -> tuple[dict[str, Any], vague.State]:
+def _instant(record: ByInstant, k: int, state: vague.State, gains: bool) -> tuple[dict[str, Any], vague.State]:
     """One instant, and the state after it."""
     n, m, runs = len(state.P), record.z.shape[1], record.z.shape[2]
     own: dict[str, Any] = {"known": state.unknown == 0, "determined": 0, "log_likelihood": np.zeros(runs)}

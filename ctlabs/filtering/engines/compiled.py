@@ -22,7 +22,7 @@ from ctlabs.filtering import contradictions
 from ctlabs.filtering.algorithms import contract
 from ctlabs.filtering.algorithms.beginning import Beginning, begin
 from ctlabs.filtering.engines import driver
-from ctlabs.filtering.engines.record import Record
+from ctlabs.filtering.engines.record import ByInstant
 from ctlabs.filtering.problem import Problem
 from ctlabs.filtering.results import Filtered, Mask
 from ctlabs.linalg.checks import Array
@@ -122,7 +122,7 @@ def _entering(problem: Problem) -> Mask:
 
 def _begin(problem: Problem, used: Mask, *, gains: bool = True) -> Beginning | None:
     """The first instants from a vague start; ``used`` is corrected there."""
-    return begin(Record(problem.model, problem.z, float, used), problem.model.P0, gains=gains)
+    return begin(ByInstant(problem.model, problem.z, float, used), problem.model.P0, gains=gains)
 
 
 def _forward(problem: Problem, used: Mask, out: Histories, begun: Beginning | None) -> tuple[float, str] | None:

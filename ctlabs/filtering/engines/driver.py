@@ -14,7 +14,7 @@ from ctlabs.filtering.algorithms.beginning import Beginning
 from ctlabs.filtering.algorithms.catalogue import form as named
 from ctlabs.filtering.algorithms.contract import Form, Noise, Numbers
 from ctlabs.filtering.engines import adapter
-from ctlabs.filtering.engines.record import Record
+from ctlabs.filtering.engines.record import ByInstant
 from ctlabs.filtering.measured import perfect
 from ctlabs.filtering.problem import Problem
 from ctlabs.filtering.results import Filtered, Mask, gains
@@ -33,7 +33,7 @@ def run(problem: Problem, form: str, kind: Any = float, *, own_start: bool = Fal
     """
     how, model, data = named(form), problem.model, problem.z
     given = model.P0
-    record = Record(model, data, kind, entering(problem))
+    record = ByInstant(model, data, kind, entering(problem))
     steps, runs = len(data) - 1, data.shape[2]
     itself = form == "steady" or (own_start and bool(np.isfinite(given).all()))
     begun = None if itself else beginning.begin(record, contract.numbers(given, kind))

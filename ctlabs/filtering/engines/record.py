@@ -15,7 +15,7 @@ from ctlabs.linalg.checks import Array
 from ctlabs.models.linear import DiscreteModel, at
 
 
-class Record:
+class ByInstant:
     """A model with data, instant by instant, as the forms take it: in one kind of number, only what is measured.
 
     ``used`` (steps+1, m): which elements enter the updates (:func:`entering`).
@@ -25,9 +25,9 @@ class Record:
         self.model, self.z, self.kind, self.used = model, z, kind, used
         self._kept: dict[Any, Any] = {}
 
-    def made(self, model: DiscreteModel, kind: Any, used: NDArray[np.bool_]) -> Record:
+    def made(self, model: DiscreteModel, kind: Any, used: NDArray[np.bool_]) -> ByInstant:
         """The same data beside another model, in another kind of number."""
-        return Record(model, self.z, kind, used)
+        return ByInstant(model, self.z, kind, used)
 
     def motion(self, k: int) -> tuple[Numbers, Numbers | None, Noise]:
         """Φ, c and Q from k to k+1; with N ≠ 0 what z_k tells of w_k is in them: Φ−NR⁺H, Qd−NR⁺Nᵀ, c + NR⁺z."""

@@ -28,7 +28,7 @@ from ctlabs.text import moment
 JOSEPH = form("joseph")
 
 
-class Estimate(NamedTuple):
+class OnlineEstimate(NamedTuple):
     r"""What a filter knows at an instant.
 
     ``t`` s · ``x`` (n,), ``P`` (n, n), estimate and covariance of its error given everything measured so far ·
@@ -119,7 +119,7 @@ class Filter:
         H: ArrayLike | None = None,
         R: ArrayLike | None = None,
         gate: float | None = None,
-    ) -> Estimate:
+    ) -> OnlineEstimate:
         """Go to time t and take in what was measured there.
 
         Parameters
@@ -197,10 +197,10 @@ class Filter:
         return np.where(beyond, np.nan, data), left
 
     @property
-    def estimate(self) -> Estimate:
+    def estimate(self) -> OnlineEstimate:
         """The estimate at the present instant, as :meth:`step` returned it."""
         now = self._past[-1]
-        return Estimate(now.t, self.x, self.P, now.innovation.copy(), now.S.copy(), now.nis, _contradictions(now, self._first))
+        return OnlineEstimate(now.t, self.x, self.P, now.innovation.copy(), now.S.copy(), now.nis, _contradictions(now, self._first))
 
     @property
     def x(self) -> Array:

@@ -116,9 +116,9 @@ class RandomField:
         return self.h * np.arange(self.nodes)
 
     @property
-    def equation(self) -> stability.Equation:
+    def equation(self) -> stability.FieldEquation:
         """b20, b10, b00, b11, b01 and h."""
-        return stability.Equation(self.b20, self.beta, self.alpha * self.beta, self.b11, self.alpha, self.h)
+        return stability.FieldEquation(self.b20, self.beta, self.alpha * self.beta, self.b11, self.alpha, self.h)
 
     @property
     def coefficients(self) -> Coefficients:

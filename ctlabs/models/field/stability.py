@@ -35,7 +35,7 @@ Complex = NDArray[np.complex128]
 THETA = np.unique(np.concatenate([np.linspace(0.0, np.pi, 2049), np.geomspace(1e-5, np.pi, 512)]))
 
 
-class Equation(NamedTuple):
+class FieldEquation(NamedTuple):
     """Coefficients of the field's equation, and the distance h of its nodes."""
 
     b20: float
@@ -46,10 +46,10 @@ class Equation(NamedTuple):
     h: float
 
 
-def rates(equation: Equation, w: ArrayLike) -> Complex:
+def rates(equation: FieldEquation, w: ArrayLike) -> Complex:
     """The two rates μ (1/s) of a wave with w = exp(−iθ), (2, …); w = 0: of one node without its neighbour.
 
-    >>> rates(Equation(0.25, 0.1, 0.01, 1.0, 0.1, 1.0), 0.0).real.round(4)
+    >>> rates(FieldEquation(0.25, 0.1, 0.01, 1.0, 0.1, 1.0), 0.0).real.round(4)
     array([-4.2976, -0.1024])
     """
     s = (1 - np.asarray(w, dtype=np.complex128)) / equation.h
@@ -61,38 +61,38 @@ def rates(equation: Equation, w: ArrayLike) -> Complex:
     return np.array([q / equation.b20, np.where(q == 0, 0.0, c / large)])
 
 
-def factor(equation: Equation, dt: float, theta: ArrayLike) -> Array:
+def factor(equation: FieldEquation, dt: float, theta: ArrayLike) -> Array:
     """By how much a wave of number θ is multiplied in a step at most, in the long run, (…)."""
     return _growth(rates(equation, np.exp(-1j * np.asarray(theta))), dt)
 
 
-def von_neumann_factor(equation: Equation, dt: float) -> float:
+def von_neumann_factor(equation: FieldEquation, dt: float) -> float:
     """The largest factor over all waves; the scheme is stable where it is at most 1.
 
-    >>> round(von_neumann_factor(Equation(0.25, 0.1, 0.01, 1.0, 0.1, 1.0), 0.3), 4)
+    >>> round(von_neumann_factor(FieldEquation(0.25, 0.1, 0.01, 1.0, 0.1, 1.0), 0.3), 4)
     1.4896
     """
     return -_least(lambda theta: -factor(equation, dt, theta))
 
 
-def spectral_radius(equation: Equation, dt: float) -> float:
+def spectral_radius(equation: FieldEquation, dt: float) -> float:
     """The largest modulus of the eigenvalues of a node's block [[1, dt], [e2, e0]]."""
     return float(_growth(rates(equation, 0.0), dt))
 
 
-def dt_limit_von_neumann(equation: Equation) -> float:
+def dt_limit_von_neumann(equation: FieldEquation) -> float:
     """The largest dt (s) at which no wave grows; 0 where the equation itself makes some wave grow.
 
-    >>> round(dt_limit_von_neumann(Equation(0.25, 0.1, 0.01, 1.0, 0.1, 1.0)), 5)
+    >>> round(dt_limit_von_neumann(FieldEquation(0.25, 0.1, 0.01, 1.0, 0.1, 1.0)), 5)
     0.241
     """
     return _least(lambda theta: _limit(rates(equation, np.exp(-1j * np.asarray(theta)))))
 
 
-def dt_limit_eigenvalue(equation: Equation) -> float:
+def dt_limit_eigenvalue(equation: FieldEquation) -> float:
     """The largest dt (s) at which the eigenvalues of a node's block are inside the unit circle.
 
-    >>> round(dt_limit_eigenvalue(Equation(0.25, 0.1, 0.01, 1.0, 0.1, 1.0)), 5)
+    >>> round(dt_limit_eigenvalue(FieldEquation(0.25, 0.1, 0.01, 1.0, 0.1, 1.0)), 5)
     0.46537
     """
     return float(_limit(rates(equation, 0.0)))

@@ -15,7 +15,7 @@ from ctlabs.workbench.help import help_for
 from ctlabs.workbench.pages.showing import Show, help_button, table, times
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.outcomes import Outcome, Verdict
+    from ctlabs.workbench.outcomes import InnovationTests, Outcome
     from ctlabs.workbench.session import Session
 
 #: States and measurements that are drawn at first.
@@ -244,7 +244,7 @@ def _outside(found: Outcome) -> float | None:
     return float((there & ((stats.rms < low) | (stats.rms > high))).sum() / there.sum())
 
 
-def innovation_tests(found: Outcome, told: Verdict) -> list[list[Any]]:
+def innovation_tests(found: Outcome, told: InnovationTests) -> list[list[Any]]:
     """The tests of the innovations."""
     rows: list[list[Any]] = [
         ["Test", "Value", "Expected", "p"],

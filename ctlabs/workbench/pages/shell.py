@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from nicegui import Client
     from starlette.requests import Request
 
-    from ctlabs.workbench.desk import Desk, Place
+    from ctlabs.workbench.desk import Desk, Seat
 
 log = logging.getLogger("ctlabs.workbench")
 
@@ -80,7 +80,7 @@ class Shell:
         theme = request.cookies.get("ctlabs_theme", "auto")
         self.theme = theme if theme in THEMES else "auto"
         self.current = self._pages[0].name
-        self._place: Place | None = None
+        self._place: Seat | None = None
         self._keys: dict[str, _Shortcut] = {}
         self._leaving: list[Callable[[], object]] = []
         self._links: dict[str, ui.element] = {}
@@ -92,7 +92,7 @@ class Shell:
         return self.desk.owner(self.browser)
 
     @property
-    def place(self) -> Place:
+    def place(self) -> Seat:
         """The draft and its session."""
         if self._place is None:
             msg = "shell: expected a draft that is open, received none"
