@@ -111,7 +111,7 @@ def test_a_wrong_answer_is_told_from_a_right_one() -> None:
 def test_a_way_back_that_loses_digits_says_so(seed: list[int]) -> None:
     """From a vague start, along directions that hardly a measurement tells of: another rounding shows it."""
     here = twins.discrete(seed)
-    with pytest.warns(RoundingWarning, match="smooth: expected the same estimates in other units"):
+    with pytest.warns(RoundingWarning, match="smooth: expected the same estimates and covariances in other units"):
         smooth(here, twins.data(here, seed)[1:])
 
 
