@@ -135,8 +135,9 @@ def _smoothed(filtered: Filtered) -> Smoothed:
     _compiled("smooth", way, prior, x, P, lag_one)
     if elsewhere is not None and not close(x, elsewhere[0], P, elsewhere[1], FAR):
         msg = (
-            f"smooth: expected the same estimates and covariances in other units of the states, received some that differ by more than "
-            f"{FAR:.0e} of their standard deviations: rounding has grown that much on the way back from a vague start; a smaller P0 leaves more digits"
+            "smooth: expected the same estimates and covariances in other units of the states, received some that differ by more than "
+            f"{FAR:.0e} of their standard deviations: rounding has grown that much on the way back from a vague start; a smaller P0 "
+            "leaves more digits"
         )
         warnings.warn(msg, RoundingWarning, stacklevel=3)
     return Smoothed(filtered.t, x[:, :, 0] if single else x, P, lag_one, filtered.contradictions)
