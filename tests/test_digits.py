@@ -1,12 +1,9 @@
 """Estimates of which doubles hold too few digits are said to be so, and no others."""
 
-import warnings
-
 import numpy as np
 import pytest
 
 from ctlabs import DiscreteModel, kalman_filter, smooth
-from ctlabs.filtering import RoundingWarning
 
 pytestmark = pytest.mark.numerical
 
@@ -20,24 +17,15 @@ def clock(sd: float, unit: float = 1.0) -> DiscreteModel:
 @pytest.mark.parametrize("verb", [kalman_filter, smooth])
 def test_digits_that_doubles_do_not_have_are_missed_in_every_unit(verb, unit):
     """σ of a nanosecond beside 1.7e9 s: 119 ns is the half of the last digit."""
-    with pytest.warns(RoundingWarning, match=r"clock: .* of which rounding is at least 1[0-9]{2}|1e\+02"):
-        found = verb(clock(1e-9, unit), [1.7e9 * unit])
-    assert np.isfinite(found.t).all()
+    found = verb(clock(1e-9, unit), [1.7e9 * unit])
+    assert len(found.remarks) == 1
+    assert "clock" in found.remarks[0]
+    assert "rounding is at least 1e+02 of it" in found.remarks[0] or "rounding is at least 100 of it" in found.remarks[0]
 
 
 def test_what_doubles_hold_is_not_complained_of():
     """σ of minutes; and a state that a perfect sensor determines, whose variance is rounding."""
-    kalman_filter(clock(100.0), [1.7e9])
+    assert kalman_filter(clock(100.0), [1.7e9]).remarks == ()
     turn = np.array([[0.8, 0.6], [-0.6, 0.8]])
     exact = DiscreteModel(turn, np.diag([0.0, 1e-3]), [[0.3, 0.7]], [[0.0]], x0=[1, 2], P0=np.eye(2))
-    found = smooth(exact, [0.1, 0.2, 0.3, 0.4])
-    assert np.isfinite(found.x).all()
-
-
-def test_a_fit_of_likelihoods_is_not_interrupted():
-    """The likelihood of such a record is asked for quietly: the filter that shows estimates says it."""
-    from ctlabs.filtering import log_likelihood
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert np.isfinite(log_likelihood(clock(1e-9), [1.7e9]))
+    assert smooth(exact, [0.1, 0.2, 0.3, 0.4]).remarks == ()

@@ -29,10 +29,6 @@ NUMBERS = (
     "filter and smoother values",
     "forecasts",
 )
-#: What no command does yet.
-LATER: dict[str, str] = {
-    "78_int64_big-0": "σ after a prior of 1e28 beside R = 0.25: 3.6e-6 off",
-}
 
 
 def has(words: list[str], text: str, names: list[str]) -> bool:
@@ -52,10 +48,9 @@ def has(words: list[str], text: str, names: list[str]) -> bool:
 
 
 def tries():
-    """All tries as parameters of a test; those for later and the slow ones are marked."""
+    """All tries as parameters of a test; the slow ones are marked."""
     for case, one, name in TRIES:
-        marks = [pytest.mark.xfail(reason=LATER[name])] if name in LATER else []
-        marks += [pytest.mark.slow] if case["kind"].startswith(NUMBERS) else []
+        marks = [pytest.mark.slow] if case["kind"].startswith(NUMBERS) else []
         yield pytest.param(case, one, id=name, marks=marks)
 
 

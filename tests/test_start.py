@@ -93,7 +93,6 @@ def test_no_form_depends_on_the_units_of_what_is_unknown(case, form):
     assert found.log_likelihood == pytest.approx(right["log_likelihood"], abs=1e-7)
 
 
-@pytest.mark.filterwarnings("ignore::ctlabs.filtering.RoundingWarning")  # from some starts σ comes to 1e-9 of the estimates
 @pytest.mark.parametrize("case", cases.numerics("k3_likelihood*"))
 def test_likelihoods_keep_their_digits(case):
     """P0 up to 1e21 times R."""

@@ -8,7 +8,6 @@ about, and the comparison of a verb with its twin, in standard deviations.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable
 from functools import reduce
 from operator import add
@@ -20,7 +19,7 @@ import scipy.linalg
 from flint import arb, arb_mat, ctx
 
 from ctlabs import kalman_filter, smooth
-from ctlabs.filtering import RoundingWarning, bucy, log_likelihood, steady
+from ctlabs.filtering import bucy, log_likelihood, steady
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.models.discretisation import discretise, interval
@@ -470,13 +469,11 @@ class _Heard(NamedTuple):
 
 
 def _heard(verb: Callable[[], Any]) -> _Heard:
-    with warnings.catch_warnings(record=True) as said:
-        warnings.simplefilter("always")
-        try:
-            found, refused = verb(), ""
-        except Refusals as error:
-            found, refused = None, str(error)
-    return _Heard(found, refused, any(issubclass(each.category, RoundingWarning) for each in said))
+    try:
+        found = verb()
+    except Refusals as error:
+        return _Heard(None, str(error), beyond=False)
+    return _Heard(found, "", bool(found.remarks))
 
 
 def _compared(x: Array, P: Array, right_x: arb_mat, right_P: arb_mat) -> tuple[float, float]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 import errno
 import os
 import sys
-import warnings
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -25,8 +24,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; errors of the user end with one line and exit code 2."""
     for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         os.environ.setdefault(threads, "1")  # labs and blocks of runs are what runs in parallel; read when numpy loads
-    show: Any = _warn
-    warnings.showwarning = show
     try:
         code = cli.main(args=arguments, prog_name="ctlabs", standalone_mode=False)
     except click.ClickException as error:
@@ -44,10 +41,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
 def script(meta: Mapping[str, Any]) -> None:
     """Run a lab from its own script: ``python tasks/task07_scalar_gain.py --set Phi=1``."""
     main(["run", meta["name"], *sys.argv[1:]])
-
-
-def _warn(message: Warning | str, *_where: Any, **_more: Any) -> None:
-    click.echo(f"ctlabs: warning: {' '.join(str(message).split())}", err=True)
 
 
 def _refuse(message: str) -> int:

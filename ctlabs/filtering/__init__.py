@@ -12,7 +12,6 @@ from ctlabs._front import front
 
 if TYPE_CHECKING:
     from ctlabs.filtering.comparison import compare, flops, reference
-    from ctlabs.filtering.digits import RoundingWarning
     from ctlabs.filtering.engines.adapter import update
     from ctlabs.filtering.filter import covariances, kalman_filter, log_likelihood
     from ctlabs.filtering.forecasting import Forecast, draws, forecast
@@ -29,7 +28,6 @@ _HOME = {
     "Filtered": "results",
     "Forecast": "forecasting",
     "Model": "problem",
-    "RoundingWarning": "digits",
     "Smoothed": "smoothing",
     "compare": "comparison",
     "covariances": "filter",
@@ -52,7 +50,6 @@ __all__ = [
     "Filtered",
     "Forecast",
     "Model",
-    "RoundingWarning",
     "Smoothed",
     "compare",
     "covariances",

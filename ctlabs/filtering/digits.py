@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 
 from ctlabs.filtering.measured import perfect
@@ -15,18 +13,14 @@ from ctlabs.text import moment, number
 FAR = 1e8
 
 
-class RoundingWarning(UserWarning):
-    """Estimates that doubles cannot hold to 1e-6 of their standard deviations."""
-
-
 def exact(filtered: Filtered) -> bool:
     """Whether a measurement is perfect, so that standard deviations may be the rounding of zero."""
     R = filtered.model.R
     return any(perfect(each).any() for each in (R if R.ndim == 3 else R[None]))
 
 
-def warn(filtered: Filtered, x: Array, P: Array, what: str) -> None:
-    """Say of which estimates x (rows, n[, runs]), with covariances P, of a filtered record doubles keep too few digits.
+def remarks(filtered: Filtered, x: Array, P: Array, what: str) -> tuple[str, ...]:
+    """Of which estimates x (rows, n[, runs]), with covariances P, of a filtered record doubles keep too few digits: a sentence, or none.
 
     Perfect measurements determine what they see, at once or ever better (as the shocks of a moving average): of what is exact to the
     last digit nothing is said.
@@ -34,13 +28,14 @@ def warn(filtered: Filtered, x: Array, P: Array, what: str) -> None:
     variance, size = np.diagonal(P, axis1=1, axis2=2), np.abs(x).reshape(*x.shape[:2], -1).max(axis=2)
     few = (variance > 0) & (size > FAR * np.sqrt(np.maximum(variance, 0.0)))
     if not few.any() or exact(filtered):
-        return
+        return ()
     sd = np.sqrt(np.where(few, variance, np.inf))
     k, i = np.unravel_index(int(np.argmax(np.where(few, size, 0.0) / sd)), sd.shape)
     name = filtered.model.states[i]
-    msg = (
-        f"{name}: expected an estimate below {FAR:.0e} of its standard deviations, as doubles hold 16 digits; received, {what} at "
-        f"t = {moment(filtered.t[k])} s, {number(size[k, i], 3)} with {number(sd[k, i], 3)}, of which rounding is at least "
-        f"{number(np.spacing(size[k, i]) / 2 / sd[k, i], 1)}: count {name} from a value near it, in the model and in the measurements"
+    least = number(np.spacing(size[k, i]) / 2 / sd[k, i], 1)
+    text = (
+        f"{name}, {what} at t = {moment(filtered.t[k])} s, is {number(size[k, i], 3)} with a standard deviation of "
+        f"{number(sd[k, i], 3)}: doubles hold 16 digits, so that rounding is at least {least} of it; count {name} from a value near it, "
+        "in the model and in the measurements"
     )
-    warnings.warn(msg, RoundingWarning, stacklevel=3)
+    return (text,)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
+from itertools import product
 from typing import Any, overload
 
 import numpy as np
@@ -79,11 +81,6 @@ def kalman_filter(
     FloatingPointError
         The covariance overflows, or rounding makes S indefinite: the step and the time are in the message.
 
-    Warns
-    -----
-    RoundingWarning
-        Estimates so far from zero that doubles cannot hold them to 1e-6 of their standard deviations.
-
     Source: Maybeck vol. 1, eq. 5-36 to 5-42, with Joseph's form.
 
     >>> walk = DiscreteModel(Phi=[[1]], Qd=[[1]], H=[[1]], R=[[1]], P0=[[10]])
@@ -108,7 +105,7 @@ def kalman_filter(
             raise ValueError(msg)
         problem, left = gated(problem, given, gate, _best)
     found = replace(_filtered(problem, algorithm, gains), left_out=left)
-    digits.warn(found, found.x_plus, found.P_plus, "filtered")
+    found = replace(found, remarks=digits.remarks(found, found.x_plus, found.P_plus, "filtered"))
     if problem.known is not None:
         found = replace(found, known=problem.known, given=np.where(np.isnan(problem.z), np.nan, by_instant(given, problem.first)))
     return without_runs(found) if problem.single else found
@@ -231,14 +228,20 @@ def _best(problem: Problem) -> Filtered:
 
 
 def _rescued(problem: Problem, lost: compiled.LostDigits) -> Filtered:
-    """The factors UDUᵀ, if another factorised form agrees with them; otherwise the compiled loop's refusal."""
+    """Factors of P with which square roots, of P or of its inverse, agree; otherwise the compiled loop's refusal."""
+    tried = cache(lambda form: _tried(problem, form))
+    for factors, roots in product(("ud", "ld"), ("carlson", "srif")):
+        found, other = tried(factors), tried(roots)
+        if found is not None and other is not None and agree(found, other):
+            return found
+    raise lost
+
+
+def _tried(problem: Problem, form: str) -> Filtered | None:
     try:
-        found, other = driver.run(problem, "ud")[0], driver.run(problem, "carlson")[0]
+        return driver.run(problem, form)[0]
     except (ValueError, FloatingPointError):
-        raise lost from None
-    if not agree(found, other):
-        raise lost
-    return found
+        return None
 
 
 def agree(one: Filtered, other: Filtered) -> bool:

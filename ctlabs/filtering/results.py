@@ -110,7 +110,8 @@ class Filtered(Covariances):
     (steps+1, m[, runs]), the data, by instants, without what known inputs bring into them · ``model``, the discrete model of these
     instants that was used · ``truth`` (steps+1, n[, runs]), the states that were estimated, where they are
     known from a simulation · ``start``, what the smoother needs of the first instants after a vague start · ``left_out``, what was
-    beyond the gate, and is NaN in ``z`` · ``known`` (steps+1, m), what known inputs bring into the measurements, and ``given``, ``z`` with
+    beyond the gate, and is NaN in ``z`` · ``remarks``, sentences on estimates so far from zero that doubles cannot hold them to 1e-6 of
+    their standard deviations · ``known`` (steps+1, m), what known inputs bring into the measurements, and ``given``, ``z`` with
     it, as the data were given; None where they bring nothing.
 
     ``log_likelihood`` is the density of what is measured after something is known of every state, given what was measured
@@ -131,6 +132,7 @@ class Filtered(Covariances):
     start: Start | None = None
     contradictions: tuple[Contradiction, ...] = ()
     left_out: tuple[LeftOut, ...] = ()
+    remarks: tuple[str, ...] = ()
     known: Array | None = None
     given: Array | None = None
 

@@ -16,7 +16,6 @@ It equals the recursion of Rauch, Tung & Striebel (AIAA J. 3, 1965), where that 
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -25,7 +24,6 @@ from numpy.typing import ArrayLike
 
 from ctlabs.filtering import digits
 from ctlabs.filtering.algorithms.beginning import close, units
-from ctlabs.filtering.digits import RoundingWarning
 from ctlabs.filtering.engines import compiled
 from ctlabs.filtering.filter import kalman_filter
 from ctlabs.filtering.motion import motion
@@ -59,6 +57,7 @@ class Smoothed:
     P: Array
     lag_one: Array
     contradictions: tuple[Contradiction, ...] = ()
+    remarks: tuple[str, ...] = ()
 
 
 def smooth(model: Any, z: ArrayLike | Filtered, *, lag: int | None = None, **options: Any) -> Smoothed:
@@ -81,11 +80,6 @@ def smooth(model: Any, z: ArrayLike | Filtered, *, lag: int | None = None, **opt
     FloatingPointError
         An overflow.
 
-    Warns
-    -----
-    RoundingWarning
-        As :func:`ctlabs.kalman_filter`.
-
     >>> m = DiscreteModel([[1]], [[1]], [[1]], [[1]], P0=[[10]])
     >>> found = smooth(m, [1.0, 2.0])
     >>> found.x[:, 0].round(6), found.P[:, 0, 0].round(6), found.lag_one[1:, 0, 0].round(6)
@@ -105,8 +99,7 @@ def smooth(model: Any, z: ArrayLike | Filtered, *, lag: int | None = None, **opt
     _finite(filtered)
     found = _smoothed(filtered)
     found = found if lag is None else _lagged(filtered, found, checks.count("lag", lag, least=0))
-    digits.warn(filtered, found.x, found.P, "smoothed")
-    return found
+    return replace(found, remarks=(*found.remarks, *digits.remarks(filtered, found.x, found.P, "smoothed")))
 
 
 def belongs(model: Any, filtered: Filtered) -> None:
@@ -133,14 +126,14 @@ def _smoothed(filtered: Filtered) -> Smoothed:
     elsewhere = None if filtered.start is None or digits.exact(filtered) else _elsewhere(way, prior, x)
     P, lag_one = np.empty_like(filtered.P_plus), np.full_like(filtered.P_plus, np.nan)
     _compiled("smooth", way, prior, x, P, lag_one)
+    remarks: tuple[str, ...] = ()
     if elsewhere is not None and not close(x, elsewhere[0], P, elsewhere[1], FAR):
-        msg = (
-            "smooth: expected the same estimates and covariances in other units of the states, received some that differ by more than "
-            f"{FAR:.0e} of their standard deviations: rounding has grown that much on the way back from a vague start; a smaller P0 "
-            "leaves more digits"
+        text = (
+            f"in other units of the states the smoothed estimates or covariances differ by more than {FAR:.0e} of their standard "
+            "deviations: rounding has grown that much on the way back from a vague start; a smaller P0 leaves more digits"
         )
-        warnings.warn(msg, RoundingWarning, stacklevel=3)
-    return Smoothed(filtered.t, x[:, :, 0] if single else x, P, lag_one, filtered.contradictions)
+        remarks = (text,)
+    return Smoothed(filtered.t, x[:, :, 0] if single else x, P, lag_one, filtered.contradictions, remarks)
 
 
 def _elsewhere(way: Backward, prior: Prior, x: Array) -> tuple[Array, Array]:

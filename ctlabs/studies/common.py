@@ -48,6 +48,15 @@ class Settings:
         return [(name, unit, meaning) for name, _value, unit, meaning in self.rows]
 
 
+def form(model: ModelFile, asked: str | None) -> str:
+    """The form asked for, or the first of the model file; instead of Joseph's, which files have unless they say otherwise, ``"auto"``.
+
+    That is Joseph's too, but where it would lose digits.
+    """
+    own = asked or model.experiment.algorithms[0]
+    return "auto" if own == "joseph" and asked is None else own
+
+
 def settings(model: ModelFile, *own: tuple[str, Any, str, str]) -> Settings:
     """The model's constants, then a study's ``own`` settings (a name that a constant has gets an underscore)."""
     constants = [

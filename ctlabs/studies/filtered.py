@@ -102,8 +102,9 @@ def compute(
             verdict = _diagnosed(discrete, found, algorithm, first, level, called)
         except ArithmeticError as error:  # the diagnosis filters in Joseph's form, whatever the form chosen here
             untested = str(error)
-    notes = (*record.notes, *clock.notes(model, record, made))
-    return Run(discrete, z, t, first, algorithm, found, smoothed, verdict, untested, record, rows, called, notes)
+    remarks = (*found.remarks, *(() if smoothed is None else smoothed.remarks))
+    notes = (*record.notes, *clock.notes(model, record, made), *remarks)
+    return Run(discrete, z, t, first, found.algorithm, found, smoothed, verdict, untested, record, rows, called, notes)
 
 
 def names(record: Record, t: Array, rows: NDArray[np.int64]) -> Callable[[int], str]:

@@ -62,7 +62,7 @@ def study(
     Parameters
     ----------
     model, record : as read
-    algorithm : a form of the filter; the first of the model file's where not given
+    algorithm : a form of the filter; the first of the model file's where not given (:func:`ctlabs.studies.common.form`)
     smooth : whether every state is also estimated from the whole record
     design : the filter's model, where it is another one
     gate : leave out innovations beyond so many standard deviations
@@ -78,14 +78,13 @@ def study(
     if design is not None and (record.u is not None or record.regressors):
         names = ", ".join([*record.mapping.inputs, *record.regressors])
         raise ValueError(f"--design: expected a record without known inputs and regressors, received {names}")
-    algorithm = algorithm or used.experiment.algorithms[0]
     levels = paths.levels(reach)
     if levels and not draws:
         raise ValueError("--reach: expected --draws N beside it, received none")
-    run = compute(used, record, algorithm, smooth=smooth, gate=gate)
+    run = compute(used, record, common.form(used, algorithm), smooth=smooth, gate=gate)
     given = common.settings(
         used,
-        ("algorithm", algorithm, "", _("form of the filter")),
+        ("algorithm", run.algorithm, "", _("form of the filter")),
         ("dt", run.model.dt, "s", _("period")),
         ("t0", float(run.t[0]), "s", _("time of the initial estimate")),
         ("first", run.first, "1", _("index of the first row of the data")),

@@ -41,11 +41,11 @@ def study(
     """Filter every record with the model; parameters and refusals are those of :func:`ctlabs.studies.filtering.study`."""
     if design is not None:
         raise ValueError(f"--design: expected one record, received {len(records)}: filter them one by one")
-    algorithm = algorithm or model.experiment.algorithms[0]
-    given = common.settings(model, ("algorithm", algorithm, "", _("form of the filter")))
+    algorithm = common.form(model, algorithm)
+    runs = _runs(model, records, algorithm, smooth=smooth)
+    given = common.settings(model, ("algorithm", runs[0].algorithm, "", _("form of the filter")))
     report = common.begin("filter", _("several records filtered"), model, "abc", given, data=sources(records))
     report.section("a", _("Model and data"))
-    runs = _runs(model, records, algorithm, smooth=smooth)
     _notes(report, runs)
     common.show(report, runs[0].model)
     report.section("b", _("Estimates"))
