@@ -139,7 +139,7 @@ def intervals(F: ArrayLike, W: ArrayLike, h: ArrayLike) -> Interval:
 @lru_cache(maxsize=KEPT)
 def _known(n: int, F: bytes, W: bytes, h: bytes) -> Interval:
     """:func:`intervals` of what was asked before."""
-    return _intervals(*(np.frombuffer(part).reshape(n, n) for part in (F, W)), np.frombuffer(h))
+    return _intervals(np.frombuffer(F).reshape(n, n), np.frombuffer(W).reshape(n, n), np.frombuffer(h))
 
 
 def _intervals(F: Array, W: Array, lengths: Array) -> Interval:
