@@ -183,6 +183,8 @@ REFUSED = [
     (["filter", "nile.toml", "flow.csv", "--set", "q=[1]"], r"nile\.toml: constants\.q: expected a number, received .*"),
     (["filter", "nile.toml", "flow.csv", "--set", "q=rr"], r'nile\.toml: constants\.q: unknown name "rr".*'),
     (["simulate", "nile.toml", "--runs", "0"], r"--runs: expected a whole number >= 1, received 0"),
+    (["filter", "nile.toml", "flow.csv", "--seed", "3"], r"--seed 3: expected --draws N beside it .*, received none; leave --seed out"),
+    (["compare", "nile.toml", "flow.csv", "--seed", "3"], r"--seed 3: expected a record to simulate, received flow\.csv; .*"),
     (["simulate", "nile.toml", "--seed", "-1"], r"--seed: expected a whole number >= 0, received -1"),
     (["simulate", "nile.toml", "--design", "constant_velocity", "--runs", "5"], r"design: expected states among .*"),
     (["compare", "nile.toml", "--algorithms", "ud,x"], r"algorithm x: expected all or some of .*, received an unknown name"),

@@ -103,6 +103,41 @@ def test_other_formats_hold_the_same_record(tmp_path, kind):
     np.testing.assert_array_equal(record.z[:, 0], [1.5, np.nan, 0.25])
 
 
+def test_a_workbook_of_several_sheets(tmp_path):
+    """One sheet with data is taken; of several the one that is named, and the refusal names them."""
+    path = tmp_path / "log.xlsx"
+    with pd.ExcelWriter(path) as book:
+        pd.DataFrame({"position": [1.5, 2.5]}).to_excel(book, sheet_name="Run 1", index=False)
+        pd.DataFrame({"position": [3.5]}).to_excel(book, sheet_name="Run2", index=False)
+        pd.DataFrame().to_excel(book, sheet_name="Empty")
+    assert read_record(path, ["position"], sheet="Run 1").z.ravel().tolist() == [1.5, 2.5]
+    assert read_record(path, ["position"], sheet="Run2").z.ravel().tolist() == [3.5]
+    for told, received in (({}, "2 sheets that hold data"), ({"sheet": "run2"}, '"run2"')):
+        with pytest.raises(ValueError, match=rf'received {received}; --sheet "Run 1" or --sheet Run2$'):
+            read_record(path, ["position"], **told)
+    (tmp_path / "log.csv").write_text("position\n1\n", encoding="utf-8")
+    with pytest.raises(ValueError, match="--sheet Run2: expected an Excel workbook, received a text file; leave --sheet out"):
+        read_record(tmp_path / "log.csv", ["position"], sheet="Run2")
+
+
+@pytest.mark.parametrize(
+    ("text", "cure"),
+    [
+        (",date,station,flow rate [l/s]\n0,2020-01-01,Aswan,1.5\n1,2020-01-02,Aswan,2.5\n2,2020-01-03,Aswan,2\n",
+         '--column z="flow rate [l/s]" --time date:iso --t0 first'),
+        ("n;site;depth;stamp\n7;A;1.025,5;1717156800\n8;B;963,1;1717156810\n9;C;NA;1717156820\n",
+         "--column z=depth --time stamp:unix --t0 first"),
+        ("time,a,b\n0,1.5,2\n1,2.5,4\n", "--column z=COLUMN --time time"),
+        ("date,a\n05/06/2024,1.5\n06/06/2024,2.5\n", "--column z=a --time date"),
+    ],
+)  # fmt: skip
+def test_the_only_column_of_measurements_is_named(tmp_path, text, cure):
+    """Words, counted rows and times are none; the unit of times is told where their looks leave no doubt."""
+    (tmp_path / "log.csv").write_text(text, encoding="utf-8")
+    with pytest.raises(ValueError, match=re.escape(cure) + "$"):
+        read_record(tmp_path / "log.csv", ["z"])
+
+
 def test_inputs_of_a_record_drive_the_model(tmp_path, ctlabs):
     """The numbers of kalman_filter with u; each row's input acts until the next row; fit and filter take them alike."""
     text = 'format = 1\nkind = "discrete"\n[constants]\nb = 0.5\n[model]\nstates = ["x"]\nmeasurements = ["z"]\n'

@@ -66,7 +66,9 @@ def pieces(build: Build | Sequence[Build], z: ArrayLike | Sequence[ArrayLike], f
 
 def _rows(z: Any) -> Array:
     data = np.array(z, dtype=np.float64)
-    return data[:, None] if data.ndim == 1 else data
+    data = data[:, None].copy() if data.ndim == 1 else data
+    data.setflags(write=False)
+    return data
 
 
 class Likelihood:

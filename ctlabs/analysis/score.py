@@ -37,7 +37,8 @@ FORWARD = (np.array([0, 1, 2, 3, 4]), np.array([[-25, 48, -36, 16, -3], [-18, 24
 class Score:
     """∂ℓ/∂θ of one record at the values of the constants; steps are kept from one call to the next.
 
-    ``posed``, from values (p,) to the problem; may raise ValueError where they make no model · ``box``, of the values
+    ``posed``, from values (p,) to the problem, of the same record always; may raise ValueError where they make no model ·
+    ``box``, of the values
     """
 
     def __init__(self, posed: Posed, box: Box) -> None:
@@ -48,21 +49,22 @@ class Score:
 
     def __call__(self, values: Array) -> tuple[float, Array] | None:
         """ℓ and its derivatives (p,); ``None`` where it has none, or a model has no neighbours."""
-        own = slopes(self.posed(values))
+        posed = self.posed(values)
+        own = slopes(posed)
         if own is None:
             return None
         self.size = np.maximum(np.abs(values), np.where(self.box.log, 0.0, 1e-2 * self.size))
         weights = _along(own)
-        found = [self._derivative(values, i, own, weights) for i in range(len(values))]
+        found = [self._derivative(values, i, posed, own, weights) for i in range(len(values))]
         if any(each is None for each in found):
             return None
         return float(own.found.log_likelihood_diffuse[0]), np.array(found, dtype=np.float64)
 
-    def _derivative(self, values: Array, i: int, own: Slopes, weights: Array) -> float | None:
+    def _derivative(self, values: Array, i: int, posed: Problem, own: Slopes, weights: Array) -> float | None:
         """∂ℓ/∂θ_i, at the first step at which neither curvature nor rounding counts."""
         best, lowest, size = None, np.inf, self.size[i] or self.box.size[i]
         for _again in range(24):
-            stencil = self._stencil(values, i, self.part[i] * size, own)
+            stencil = self._stencil(values, i, self.part[i] * size, posed, own)
             if stencil is None:
                 self.part[i] /= 8
                 continue
@@ -91,7 +93,7 @@ class Score:
                 return _sum(own_weights, change)
         return best
 
-    def _stencil(self, values: Array, i: int, h: float, own: Slopes) -> tuple[Array, Array, Array] | None:
+    def _stencil(self, values: Array, i: int, h: float, posed: Problem, own: Slopes) -> tuple[Array, Array, Array] | None:
         """The change of the matrices with θ_i by fourth and by second order, and its rounding; ``None`` where neighbours are missing."""
         low, high = self.box.lower[i], self.box.upper[i]
         for side, (places, rows) in ((1, PAIR if self.trust[i] else CENTRAL), (1, FORWARD), (-1, FORWARD)):
@@ -105,7 +107,8 @@ class Score:
                 continue
             if not np.isfinite(found).all():
                 continue
-            if not all(np.array_equal(each.z, own.found.z, equal_nan=True) for each in near):
+            moving = any(each.known is not None for each in (posed, *near))  # of what is measured, only what is known of it moves
+            if moving and not all(np.array_equal(each.z, posed.z, equal_nan=True) for each in near):
                 found = np.hstack([found, [np.nan_to_num(each.z[:, :, 0]).ravel() for each in near]])
             step = (points[-1] - points[0]) / (side * (places[-1] - places[0]))  # as the points came out in doubles
             change, other = np.einsum("ij,jk->ik", side * rows / step, found - found[0])

@@ -150,6 +150,8 @@ def filter_(
             raise ValueError(f"{name}: expected one record, received {len(records)}: filter them one by one")
         report = several.study(chosen, records, algorithm=algorithm, smooth=smooth, design=other)
     else:
+        if seed is not None and draws is None:
+            raise ValueError(f"--seed {seed}: expected --draws N beside it (a filter draws nothing else), received none; leave --seed out")
         report = filtering.study(
             chosen, records[0], algorithm=algorithm, smooth=smooth, design=other, gate=gate, draws=draws or 0, seed=seed, reach=reach
         )
@@ -296,6 +298,8 @@ def compare(
     from ctlabs.studies import comparison
 
     _one_stdin(model, data)
+    if data is not None and seed is not None:
+        raise ValueError(f"--seed {seed}: expected a record to simulate, received {data}; leave --seed out, or the data")
     tables = [] if data is None else _tables([data])
     chosen = _model(model, pairs, mapping, tables)
     folder = _folder(model, out, data)

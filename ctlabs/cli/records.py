@@ -47,6 +47,7 @@ OPTIONS = (
     click.option("--blank", metavar="skip|missing", help="What blank lines are: nothing, or rows without a measurement."),
     click.option("--encoding", metavar="NAME", help="The encoding of the text: cp1252, utf-16, …"),
     click.option("--skip", metavar="N", callback=whole(0), help="Lines above the table that are not read."),
+    click.option("--sheet", metavar="NAME", help="The sheet of an Excel workbook, where several hold data."),
 )  # fmt: skip
 
 
@@ -70,9 +71,11 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
         blank: str | None,
         encoding: str | None,
         skip: int | None,
+        sheet: str | None,
         **others: Any,
     ) -> Any:
-        marks = {"decimal": decimal, "thousands": thousands, "blank": blank, "encoding": encoding, "skip": skip, "record": record}
+        marks = {"decimal": decimal, "thousands": thousands, "blank": blank, "encoding": encoding, "skip": skip}
+        marks |= {"record": record, "sheet": sheet}
         said = {name: value for name, value in marks.items() if value}
         return command(mapping=_mapping(columns, time, t0, missing, scales, inputs, u0, regressors, said), **others)
 

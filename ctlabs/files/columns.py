@@ -6,17 +6,21 @@ import difflib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
+from ctlabs.files import times
 from ctlabs.files.mapping import NO_TIME, Mapping, pasted
-from ctlabs.files.spelling import shown
-from ctlabs.files.table import Layout, plain
+from ctlabs.files.spelling import GROUPED, NUMBER, WORDS, shown
+from ctlabs.files.table import Layout, plain, rows
 
 #: Names (in lower case, without units) of columns that hold times.
 TIMES = {
     "t", "time", "times", "timestamp", "timestamps", "date", "datetime", "date_time", "date time", "stamp", "utc", "clock", "epoch",
     "seconds", "elapsed", "temps", "zeit", "datum", "время", "дата", "time stamp", "unix",
-    "unixtime", "unix_time", "year", "month", "day", "sec",
+    "unixtime", "unix_time", "year", "month", "day", "sec", "jahr", "monat", "tag", "uhrzeit", "fecha", "hora", "heure", "mois",
 }  # fmt: skip
+#: So many rows tell a column of numbers from one of words.
+SAMPLE = 50
 _UNIT = re.compile(r"\s*[\[(/,].*$|[ _](s|ms|us|ns|sec|utc|gmt|local)$", re.IGNORECASE)
 
 
@@ -218,21 +222,49 @@ def _refuse(
     """Say which column lacks, and the options that would find it."""
     lacking = [plain(name) for name, place in zip(names, places, strict=True) if place is None]
     free = [name for i, name in enumerate(layout.header) if i not in places and i != time and name]
+    cells = _sample(layout)
+    measured = {name for name, column in cells.items() if _measures(column)}
     looking = [name for name in free if is_time(name)] if time is None and not mapping.time else []
     options, told = [], {**mapping.regressors, **mapping.columns}
     for name in lacking:
         rest = [column for column in free if column not in looking]
-        best = likely(told.get(name, name), rest) or (rest[0] if len(rest) == 1 else "")
+        numeric = [column for column in rest if column in measured] or rest
+        best = likely(told.get(name, name), rest) or (numeric[0] if len(numeric) == 1 else "")
         if best:
             free.remove(best)
         if best or free:
             options.append(("--regressor" if name in mapping.regressors else "--column", f"{name}={best or 'COLUMN'}"))
     if looking and "t" not in names:
-        options.append(("--time", looking[0]))
+        options += _clock(looking[0], cells.get(looking[0], []))
     columns = f"the column{'s' if len(lacking) > 1 else ''} {', '.join(told.get(name, name) for name in lacking)}"
     raise ValueError(
         f"{where}: expected {columns}, received {_listed(layout)}{'; ' if options else ''}{pasted(*options)}"
     )
+
+
+def _sample(layout: Layout) -> dict[str, list[str]]:
+    """The first cells of each column, without the missing ones."""
+    below = (cells for line, cells in rows(layout.text, layout.mark, "", layout.skip) if line > layout.line and len(cells) == layout.width)
+    columns = zip(*islice(below, SAMPLE), strict=True)
+    return {
+        name: [cell.strip() for cell in column if cell.strip().lower() not in WORDS]
+        for name, column in zip(layout.header, columns, strict=False)
+    }
+
+
+def _measures(cells: Sequence[str]) -> bool:
+    """Whether cells may be measurements: most are numbers, and they do not count the rows."""
+    numbers = [cell for cell in cells if NUMBER.fullmatch(cell) or GROUPED.fullmatch(cell)]
+    start = int(cells[0]) if cells and cells[0].isdecimal() else 0
+    counting = len(cells) > 2 and list(cells) == [str(start + i) for i in range(len(cells))]
+    return 2 * len(numbers) > len(cells) and not counting
+
+
+def _clock(name: str, cells: Sequence[str]) -> list[tuple[str, str]]:
+    """The options for a column of times, with the unit where its looks leave no doubt."""
+    dates = [cell for cell in cells if times.ways(cell) and not NUMBER.fullmatch(cell)]  # not a row of units
+    found = times.ways(dates[0]) if dates else times.calendar(cells[0]) if cells else []
+    return [("--time", f"{name}:{found[0]}"), ("--t0", "first")] if len(found) == 1 else [("--time", name)]
 
 
 def likely(name: str, columns: Sequence[str]) -> str:

@@ -96,7 +96,7 @@ def several(
     ``grid``: first instant and period of the model's own clock; a column that looks like times is taken without a word if it is that.
     """
     wanted = columns_.wanted(measurements, mapping)
-    layout = table.layout(text(content, source, wanted, mapping.encoding), wanted, source, mapping.skip)
+    layout = table.layout(text(content, source, wanted, mapping.encoding, mapping.sheet), wanted, source, mapping.skip)
     mapping = columns_.simulated(layout, measurements, mapping)
     found = columns_.find(layout, measurements, mapping, source)
     if found.doubt is not None:
@@ -123,7 +123,7 @@ def several(
 def header(content: bytes, source: str, mapping: Mapping = PLAIN) -> tuple[str, ...]:
     """The names of a table's columns."""
     wanted = columns_.wanted((), mapping)
-    layout = table.layout(text(content, source, wanted, mapping.encoding), wanted, source, mapping.skip)
+    layout = table.layout(text(content, source, wanted, mapping.encoding, mapping.sheet), wanted, source, mapping.skip)
     return tuple(map(table.plain, layout.header))
 
 
@@ -133,13 +133,15 @@ def _is_clock(record: Record, start: float, dt: float) -> bool:
     return bool((np.abs(record.t - start - dt * np.arange(record.rows)) <= 1e-9 * np.abs(record.t).max() + 1e-6 * dt).all())
 
 
-def text(content: bytes, source: str, wanted: Sequence[str] = (), encoding: str = "") -> str:
-    """The text of a table, or a table of another program written as text."""
+def text(content: bytes, source: str, wanted: Sequence[str] = (), encoding: str = "", sheet: str = "") -> str:
+    """The text of a table, or a table of another program written as text; of a workbook, its ``sheet``."""
     content = decode.unpacked(content, source)
     if kind := decode.kind(content):
         from ctlabs.files import frames
 
-        return frames.text(content, kind, source)
+        return frames.text(content, kind, source, sheet)
+    if sheet:
+        raise ValueError(f"{source}: --sheet {sheet}: expected an Excel workbook, received a text file; leave --sheet out")
     return decode.text(content, source, wanted, encoding)
 
 

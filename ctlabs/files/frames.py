@@ -6,6 +6,8 @@ import csv
 import io
 from typing import Any
 
+from ctlabs.files.mapping import pasted
+
 #: What reads each kind, and the package that pandas needs for it.
 READERS = {
     "excel": ("read_excel", "openpyxl"),
@@ -15,21 +17,23 @@ READERS = {
 NAMES = {"excel": "an Excel workbook", "parquet": "a parquet file", "feather": "a feather file"}
 
 
-def text(content: bytes, kind: str, source: str) -> str:
-    """The table as the text of a CSV file, its cells as they are."""
+def text(content: bytes, kind: str, source: str, sheet: str = "") -> str:
+    """The table as the text of a CSV file, its cells as they are; of a workbook that of the ``sheet``, or of the only one with data."""
     import pandas as pd
 
     reader, package = READERS[kind]
     what = f"{source}: expected a text file with separated values (CSV), received {NAMES[kind]}"
+    if sheet and kind != "excel":
+        raise ValueError(f"{source}: --sheet {sheet}: expected an Excel workbook, received {NAMES[kind]}; leave --sheet out")
     try:
-        options = _sheet(content, what) if kind == "excel" else {}
+        options = _sheet(content, source, sheet) if kind == "excel" else {}
         frame = getattr(pd, reader)(io.BytesIO(content), **options)
     except ImportError:
         raise ValueError(
             f"{what}, which needs the package {package}: pip install 'ctlabs[data]', or (save it as CSV)"
         ) from None
     except ValueError as error:
-        if str(error).startswith(what):
+        if str(error).startswith(f"{source}: expected a sheet"):
             raise
         raise ValueError(f"{what} (save it as CSV): it cannot be opened") from None
     except Exception:  # whatever the reader of a damaged file raises
@@ -45,17 +49,17 @@ def text(content: bytes, kind: str, source: str) -> str:
     return out.getvalue()
 
 
-def _sheet(content: bytes, what: str) -> dict[str, Any]:
-    """How the one sheet of a workbook that holds data is read: all cells, as they are."""
+def _sheet(content: bytes, source: str, sheet: str) -> dict[str, Any]:
+    """How a sheet of a workbook is read, the one that is asked for or the only one that holds data: all cells, as they are."""
     import pandas as pd
 
     book = pd.read_excel(io.BytesIO(content), sheet_name=None, header=None)
-    sheets = [name for name, frame in book.items() if not frame.dropna(how="all").empty]
-    if len(sheets) > 1:
-        raise ValueError(
-            f"{what} with {len(sheets)} sheets that hold data, {', '.join(map(str, sheets))}: save one as CSV"
-        )
-    return {"header": None, "dtype": object, "na_filter": False, "sheet_name": (sheets or list(book))[0]}
+    sheets = [str(name) for name, frame in book.items() if not frame.dropna(how="all").empty]
+    if sheet not in book and (sheet or len(sheets) > 1):
+        received = f'"{sheet}"' if sheet else f"{len(sheets)} sheets that hold data"
+        choices = " or ".join(pasted(("--sheet", name)) for name in sheets)
+        raise ValueError(f"{source}: expected a sheet of the workbook, received {received}; {choices}")
+    return {"header": None, "dtype": object, "na_filter": False, "sheet_name": sheet or (sheets or list(book))[0]}
 
 
 def _cells(column: Any) -> list[str]:

@@ -72,7 +72,7 @@ def survey(content: bytes, source: str, mapping: Mapping, measurements: Sequence
     (['numbers', 'numbers'], 1.0, '--column pos="pos [m]" --time time --t0 first --missing -9999')
     """
     wanted = columns_.wanted(measurements, mapping)
-    layout = table.layout(datafile.text(content, source, wanted, mapping.encoding), wanted, source, mapping.skip)
+    layout = table.layout(datafile.text(content, source, wanted, mapping.encoding, mapping.sheet), wanted, source, mapping.skip)
     lines, cells, remarks = _cells(layout, mapping, source)
     columns = tuple(
         _column(i, layout.header[i], cells[i], lines, layout, mapping, source) for i in range(layout.width)
@@ -230,7 +230,8 @@ def _suggested(
     for name in measurements:
         if name in free or name in named:
             continue
-        best = likely(name, free) or (free[0] if len(free) == 1 else "")
+        rest = [column for column in free if not _counts(columns, column)]
+        best = likely(name, free) or (rest[0] if len(rest) == 1 else "")
         named[name] = best or "COLUMN"
         if best:
             free.remove(best)
@@ -276,7 +277,7 @@ def _suggested(
         options += [("--regressor", f"{name}={column}") for name, column in rows.items()]
     if mapping.record:
         options.append(("--record-column", mapping.record))
-    for key in ("inputs", "u0", "record", "scale", "decimal", "thousands", "blank", "encoding", "skip"):
+    for key in ("inputs", "u0", "record", "scale", "decimal", "thousands", "blank", "encoding", "skip", "sheet"):
         if getattr(mapping, key):
             keys[key] = getattr(mapping, key)
     lines = ["[data]"]
@@ -288,6 +289,12 @@ def _suggested(
         )
     lines += [f"{key} = {_toml(value)}" for key, value in keys.items()]
     return ("\n".join(lines) if len(lines) > 1 else ""), pasted(*options)
+
+
+def _counts(columns: Sequence[Column], name: str) -> bool:
+    """Whether a column only counts the rows."""
+    values = next(c.values for c in columns if c.name == name)
+    return len(values) > 2 and bool((np.diff(values) == 1).all())
 
 
 def _key(name: str) -> str:

@@ -33,7 +33,7 @@ class Mapping:
     ``record`` : the column that tells of which of several records a row is ·
     ``missing`` : further words or numbers for "not measured" · ``scale`` : factors of measurements and inputs · ``decimal``,
     ``thousands`` : marks in numbers · ``blank`` : whether blank lines are to "skip" or "missing" rows · ``encoding`` ·
-    ``skip`` : lines above the table
+    ``skip`` : lines above the table · ``sheet`` : of a workbook
 
     >>> Mapping(columns={"position": "pos [m]"}).over(Mapping(time="stamp", unit="unix_ms")).time
     'stamp'
@@ -58,6 +58,7 @@ class Mapping:
     blank: str = ""
     encoding: str = ""
     skip: int = 0
+    sheet: str = ""
 
     def __post_init__(self) -> None:
         _one_of("--time COLUMN:UNIT", self.unit, UNITS)

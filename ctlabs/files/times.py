@@ -297,7 +297,7 @@ def _increasing(times: Times, cells: Sequence[str], lines: Sequence[int], number
         raise ValueError(
             f"{where} {lines[late[0]]}, column {numbers.name}: expected a time after {before} (rows in the "
             f"order of time{hint}), "
-            f"received {now}{more}"
+            f"received {now}{more}; {pasted(('--time', 'none'))} takes the rows for one period apart"
         )
     alike = np.flatnonzero(np.diff(t) <= 0)
     if alike.size and numbers.mapping.t0 != "first":
@@ -319,13 +319,21 @@ def choice(name: str, first: str) -> str:
     >>> choice("t", "1717156800000")
     '--time t:unix_ms --t0 first'
     """
+    units = calendar(first)
+    return pasted(("--time", f"{name}:{units[0]}"), ("--t0", "first")) if units else ""
+
+
+def calendar(first: str) -> list[str]:
+    """The units in which a number may be an instant of the calendar.
+
+    >>> calendar("45443.5"), calendar("12.5")
+    (['excel'], [])
+    """
     if not NUMBER.fullmatch(first.strip()):
-        return ""
+        return []
     value = abs(float(first.replace(",", ".")))
     likely = {"unix": 1, "unix_ms": 10**3, "unix_us": 10**6, "unix_ns": 10**9}
     units = [unit for unit, factor in likely.items() if 3e8 <= value / factor < 5e9]
     if "ymd" in ways(first):
-        units = ["ymd"]
-    elif 20000 <= value < 80000:
-        units = ["excel"]
-    return pasted(("--time", f"{name}:{units[0]}"), ("--t0", "first")) if units else ""
+        return ["ymd"]
+    return ["excel"] if 20000 <= value < 80000 else units

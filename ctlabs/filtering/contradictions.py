@@ -41,8 +41,11 @@ def known(model: DiscreteModel, z: Array, used: Mask, first: int) -> Mask:
     array([[False, False],
            [False,  True]])
     """
-    found = ~used & ~(np.isnan(z) if z.ndim == 2 else np.isnan(z).all(axis=2))
+    found = ~used
     found[:first] = False
+    if not found.any():
+        return found
+    found &= ~(np.isnan(z) if z.ndim == 2 else np.isnan(z).all(axis=2))
     if model.R.ndim == 2:
         return np.asarray(found & perfect(model.R))
     for k in np.flatnonzero(found.any(axis=1)):
@@ -66,6 +69,8 @@ def find(model: DiscreteModel, z: Array, history: Filtered, first: int, offset: 
     >>> kalman_filter(m, [0.5, 0.5]).contradictions[0]._replace(allowed=0)
     Contradiction(row=1, element=0, innovation=0.25, allowed=0, run=0)
     """
+    if not known(model, z, history.used, first).any():
+        return ()
     e, allowed = innovations(model, z, history, first, offset)
     with np.errstate(invalid="ignore"):
         wrong = np.argwhere(np.abs(e) > allowed[:, :, None])

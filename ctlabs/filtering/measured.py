@@ -39,6 +39,8 @@ def horizon(model: DiscreteModel, steps: int, least: int = 1) -> int:
 def gaps(z: Array, begin: int = 0) -> Mask:
     """Where data (rows, m, runs) are missing, (rows, m): NaN, in every run or in none. ``begin`` : the first row's number."""
     missing = np.isnan(z)
+    if z.shape[2] == 1 and not np.isinf(z).any():
+        return missing[:, :, 0]
     absent: Mask = np.all(missing, axis=2)
     wrong = np.isinf(z).any(axis=2) | (missing.any(axis=2) & ~absent)
     if wrong.any():

@@ -119,7 +119,8 @@ def _known(model: Any) -> int:
 
 def rows_of(z: ArrayLike, m: int) -> tuple[Array, bool]:
     """The data as (rows, m, runs), and whether they were given without runs."""
-    data = np.array(z, dtype=np.float64)
+    kept = isinstance(z, np.ndarray) and z.dtype == np.float64 and z.flags.owndata and not z.flags.writeable  # nobody changes it
+    data: Array = z if kept else np.array(z, dtype=np.float64)  # type: ignore[assignment]
     if data.ndim == 1 and m == 1:
         data = data[:, None]
     single = data.ndim == 2

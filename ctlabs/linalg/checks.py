@@ -66,32 +66,47 @@ def covariance(name: str, value: ArrayLike, *expected: tuple[int | str, ...]) ->
     if result.shape[-1] != result.shape[-2]:
         msg = f"{name}: expected a square matrix, received {_shape_text(result.shape)}"
         raise ValueError(msg)
-    size = np.maximum(np.abs(result).max(axis=(-2, -1), initial=0.0), np.finfo(float).tiny)
-    asymmetry = np.abs(result - np.swapaxes(result, -1, -2)).max(axis=(-2, -1), initial=0.0)
+    M = result if result.ndim == 2 else np.moveaxis(result, 0, -1).copy()  # of a stack every element is one long row
+    size = np.maximum(np.abs(M).max(axis=(0, 1), initial=0.0), np.finfo(float).tiny)
+    asymmetry = np.abs(M - M.swapaxes(0, 1)).max(axis=(0, 1), initial=0.0)
     if (asymmetry > ROUNDING * size).any():
         msg = f"{name}: expected a symmetric matrix, received one with asymmetry {asymmetry.max():.3g}"
         raise ValueError(msg)
-    result = 0.5 * (result + np.swapaxes(result, -1, -2))
+    M = 0.5 * (M + M.swapaxes(0, 1))
     # Scaling to a unit diagonal makes the test independent of the units of the states.
-    diagonal = np.diagonal(result, axis1=-2, axis2=-1)
-    if (diagonal < -LOST * size[..., None]).any():
+    own = np.arange(len(M))
+    diagonal = M[own, own]
+    if (diagonal < -LOST * size).any():
         msg = f"{name}: expected variances >= 0 on the diagonal, received {diagonal.min():.6g}"
         raise ValueError(msg)
     if (diagonal < 0).any():  # what rounding left of a variance of zero
         none = diagonal < 0
-        result = np.where(none[..., :, None] | none[..., None, :], 0.0, result)
-        diagonal = np.diagonal(result, axis1=-2, axis2=-1)
-    if result.shape[-1] == 1:
-        result.setflags(write=False)
-        return result
-    scale = np.sqrt(np.where(diagonal > 0, diagonal, size[..., None]))
-    lowest = np.linalg.eigvalsh(result / (scale[..., :, None] * scale[..., None, :])).min(initial=0.0)
-    if lowest < -ROUNDING:
-        found = f"one with eigenvalue {lowest:.3g} (scaled to unit diagonal)"
-        msg = f"{name}: expected a nonnegative definite matrix, received {found}"
-        raise ValueError(msg)
+        M = np.where(none[:, None] | none[None], 0.0, M)
+        diagonal = M[own, own]
+    if len(M) > 1:
+        scale = np.sqrt(np.where(diagonal > 0, diagonal, size))
+        lowest = _lowest(M / (scale[:, None] * scale[None]))
+        if lowest < -ROUNDING:
+            msg = f"{name}: expected a nonnegative definite matrix, received one with eigenvalue {lowest:.3g} (scaled to unit diagonal)"
+            raise ValueError(msg)
+    result = M if result.ndim == 2 else np.moveaxis(M, -1, 0).copy()
     result.setflags(write=False)
     return result
+
+
+def _lowest(M: Array) -> float:
+    """The lowest eigenvalue of M, or of a stack (n, n, k); 0 where none is below −ROUNDING, as pivots of M + ½ ROUNDING I show."""
+    if M.ndim == 2:
+        return float(np.linalg.eigvalsh(M).min(initial=0.0))
+    left, own = M.copy(), np.arange(len(M))
+    left[own, own] += 0.5 * ROUNDING
+    with np.errstate(all="ignore"):
+        for j in range(len(M)):
+            if not (left[j, j] > 0).all():
+                return float(np.linalg.eigvalsh(np.moveaxis(M, -1, 0)).min(initial=0.0))
+            row = left[j, j + 1 :] / left[j, j]
+            left[j + 1 :, j + 1 :] -= left[j + 1 :, j, None] * row[None]
+    return 0.0
 
 
 def measurement_covariance(name: str, value: ArrayLike, *expected: tuple[int | str, ...]) -> Array:

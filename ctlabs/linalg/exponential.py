@@ -11,6 +11,7 @@ changes, serves for a short step, and doubling leads from there to h.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple, NoReturn
 
 import numpy as np
@@ -30,6 +31,10 @@ WIDEST = 2.0**400
 
 #: Intervals that need no more doublings than these, and differ by less than this factor, are sums of the same terms.
 FEW, SHORT = 2, 256.0
+#: Products of stacks of matrices up to this size go by elements.
+SMALL = 4
+#: So many results of :func:`intervals` are kept, of so many numbers at most: constants of a model that do not move F and W ask again.
+KEPT, NUMBERS = 16, 2**16
 
 
 class Interval(NamedTuple):
@@ -125,6 +130,20 @@ def intervals(F: ArrayLike, W: ArrayLike, h: ArrayLike) -> Interval:
     lengths = checks.shaped("dt", h, ("k",))
     if not (lengths > 0).all():
         checks.positive("dt", float(lengths[~(lengths > 0)][0]))
+    if lengths.size * F.size > NUMBERS:
+        return _intervals(F, W, lengths)
+    known = _known(len(F), F.tobytes(), W.tobytes(), lengths.tobytes())
+    return Interval(*(part.copy() for part in known))
+
+
+@lru_cache(maxsize=KEPT)
+def _known(n: int, F: bytes, W: bytes, h: bytes) -> Interval:
+    """:func:`intervals` of what was asked before."""
+    return _intervals(np.frombuffer(F).reshape(n, n), np.frombuffer(W).reshape(n, n), np.frombuffer(h))
+
+
+def _intervals(F: Array, W: Array, lengths: Array) -> Interval:
+    """:func:`intervals` of checked arguments."""
     found = Interval(*(np.empty((len(lengths), *F.shape)) for _part in Interval._fields))
     left = lengths.copy()
     with np.errstate(over="ignore", invalid="ignore"):
@@ -165,21 +184,25 @@ def _scaling(F: Array, W: Array, h: float) -> tuple[Array, Array, float, int]:
 
 
 def _doubled(change: Array, Qd: Array, Gamma: Array, doublings: int) -> tuple[Array, Array, Array]:
-    """Φ, Qd and Γ of an interval, or of a stack, from Φ − I, Qd and Γ of its 2^doublings-th part."""
-    Phi, slow = np.eye(change.shape[-1]) + change, np.diagonal(change, axis1=-2, axis2=-1)
+    """Φ, Qd and Γ of an interval, or of a stack (n, n, k), from Φ − I, Qd and Γ of its 2^doublings-th part."""
+    own = np.arange(len(change))
+    Phi, slow = change.copy(), change[own, own]
+    Phi[own, own] += 1
     for _ in range(doublings):
-        Qd, Gamma = Qd + _times(_times(Phi, Qd), Phi.swapaxes(-1, -2)), Gamma + _times(Phi, Gamma)
+        Qd, Gamma = Qd + _times(_times(Phi, Qd), Phi.swapaxes(0, 1)), Gamma + _times(Phi, Gamma)
         Phi, slow = _squared(Phi, slow)
     return Phi, Qd, Gamma
 
 
 def _times(A: Array, B: Array) -> Array:
-    """AB; of long stacks of small matrices by whole stacks of elements, which numpy multiplies several times as fast."""
-    if A.ndim == 2 or A.shape[-1] > 4:
+    """AB; of stacks (n, n, k) of small matrices by whole rows of k elements, which numpy multiplies ten times as fast."""
+    if A.ndim == 2:
         return np.asarray(A @ B)
-    found = A[:, :, :1] * B[:, :1, :]
-    for j in range(1, A.shape[-1]):
-        found += A[:, :, j, None] * B[:, None, j, :]
+    if len(A) > SMALL:
+        return np.moveaxis(np.moveaxis(A, -1, 0) @ np.moveaxis(B, -1, 0), 0, -1)
+    found = A[:, 0, None] * B[None, 0]
+    for j in range(1, len(A)):
+        found += A[:, j, None] * B[None, j]
     return np.asarray(found)
 
 
@@ -193,17 +216,22 @@ def _alike(F: Array, W: Array, h: Array, scaling: tuple[Array, Array, float, int
     for m in range(1, 2 * len(P) - 1):
         moved = A @ D[-1]
         D.append((moved + moved.T) / m)
-    index, step = np.arange(len(D)), np.ldexp(h, -doublings)[:, None, None]
-    weights = np.vander(h / most, len(D), increasing=True)
+    index, step = np.arange(len(D))[:, None], np.ldexp(h, -doublings)
+    weights = np.vander(h / most, len(D), increasing=True).T
 
-    def summed(terms: Array, divided: Array) -> Array:
-        own = weights[:, : len(terms)] / divided[: len(terms)]
-        return np.asarray(np.tensordot(own, terms, axes=1))
+    def summed(terms: Array, weights: Array) -> Array:
+        """Σ_j weight_j·term_j, (n, n, k), laid out as the products want it."""
+        flat = terms.reshape(len(terms), -1)
+        if len(F) > SMALL:
+            return np.moveaxis((weights.T @ flat).reshape(-1, *F.shape), 0, -1)
+        return np.asarray((flat.T @ weights).reshape(*F.shape, -1))
 
-    first = weights[:, 1 : len(P)] @ P[1:].reshape(len(P) - 1, -1)
-    change = first.reshape(len(h), *F.shape)
-    Phi, Qd, Gamma = _doubled(change, step * summed(np.array(D), index + 1.0), step * summed(P, index + 1.0), doublings)
-    return Interval(Phi * ratio, size * product * (0.5 * (Qd + Qd.swapaxes(-1, -2))), Gamma * ratio)
+    own = weights / (index + 1)
+    Phi, Qd, Gamma = _doubled(
+        summed(P[1:], weights[1 : len(P)]), step * summed(np.array(D), own), step * summed(P, own[: len(P)]), doublings
+    )
+    unit, units = ratio[:, :, None], (size * product)[:, :, None]
+    return Interval(*(np.moveaxis(part, -1, 0) for part in (Phi * unit, units * (0.5 * (Qd + Qd.swapaxes(0, 1))), Gamma * unit)))
 
 
 def _series(A: Array, W: Array) -> tuple[Array, Array, Array]:
@@ -239,11 +267,10 @@ def _powers(A: Array) -> Array:
 
 def _squared(Phi: Array, slow: Array) -> tuple[Array, Array]:
     """Φ² and its diagonal − 1, from Φ and its diagonal − 1: of a slow mode the second is accurate, of a fast one the first."""
-    square, others, n = _times(Phi, Phi), Phi * Phi.swapaxes(-1, -2), Phi.shape[-1]
-    own = np.arange(n)
-    others[..., own, own] = 0.0
-    slow = slow * (2 + slow) + others.sum(axis=-1)
-    squares = square[..., own, own]
+    square, others, own = _times(Phi, Phi), Phi * Phi.swapaxes(0, 1), np.arange(len(Phi))
+    others[own, own] = 0.0
+    slow = slow * (2 + slow) + others.sum(axis=1)
+    squares = square[own, own]
     near = slow > -0.5
-    square[..., own, own] = np.where(near, 1 + slow, squares)
+    square[own, own] = np.where(near, 1 + slow, squares)
     return square, np.where(near, slow, squares - 1)

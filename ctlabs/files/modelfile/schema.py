@@ -203,6 +203,7 @@ class Data(_Table):
     blank: Text = ""
     encoding: Text = ""
     skip: Annotated[int, _whole(0, 10**6)] = 0
+    sheet: Text = ""
 
     @model_validator(mode="after")
     def _sensible(self) -> Data:

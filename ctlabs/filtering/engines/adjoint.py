@@ -22,13 +22,14 @@ Source: Koopman & Shephard, *Biometrika* 79 (1992) 823–826; the recursions: de
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from ctlabs.filtering.engines.common import emptied, entry, mirror, picked, picked_inverse, similarity
+from ctlabs.filtering.engines.common import copied, emptied, entry, mirror, picked, picked_inverse, similarity
 from ctlabs.linalg.checks import Array
-from ctlabs.linalg.compiled import kernel
+from ctlabs.linalg.compiled import helper, kernel
 
 
 class Passed(NamedTuple):
@@ -61,102 +62,195 @@ class Slopes(NamedTuple):
     P0: Array
 
 
+@helper
+def _equal(A: Array, B: Array) -> bool:
+    """Whether two matrices are the same to the last digit."""
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            if A[i, j] != B[i, j]:
+                return False
+    return True
+
+
+@partial(helper, inline="always")
+def _resting(seen: Passed, k: int) -> bool:
+    """Whether the same elements are used at k as at k+1, with the same gain and covariance."""
+    n, m = seen.K.shape[1], seen.K.shape[2]
+    for a in range(m):
+        if seen.used[k, a] != seen.used[k + 1, a]:
+            return False
+        for i in range(n):
+            if seen.K[k, i, a] != seen.K[k + 1, i, a]:
+                return False
+        for b in range(m):
+            if seen.S[k, a, b] != seen.S[k + 1, a, b]:
+                return False
+    return True
+
+
+@partial(helper, inline="always")
+def _updated(k: int, J: Array, V: Array, D: Array, X: Array, pick: Array, count: int, r: Array, u: Array, before: Array,
+             seen: Passed, out: Slopes) -> None:  # fmt: skip
+    """r through the update at k, and what H, R and z gain."""
+    n, h, g = r.shape[0], k if out.H.shape[0] > 1 else 0, k if out.R.shape[0] > 1 else 0
+    for a in range(count):
+        u[a] = 0.0
+        for b in range(count):
+            u[a] += V[a, b] * seen.innovation[k, pick[b]]
+        for i in range(n):
+            u[a] -= seen.K[k, i, pick[a]] * r[i]
+    for i in range(n):
+        s = r[i]
+        for a in range(count):
+            s += J[pick[a], i] * u[a]
+        before[i] = s
+    for a in range(count):
+        for j in range(n):
+            s = u[a] * seen.x_minus[k, j]
+            for i in range(n):
+                s += (u[a] * before[i] + X[a, i]) * seen.P_minus[k, i, j]
+            out.H[h, pick[a], j] += s
+        for b in range(count):
+            out.R[g, pick[a], pick[b]] += 0.5 * (u[a] * u[b] - D[a, b])
+        out.z[k, pick[a]] = -u[a]
+    for i in range(n):
+        r[i] = before[i]
+
+
+@partial(helper, inline="always")
+def _moved(k: int, F: Array, N: Array, r: Array, before: Array, G: Array, work: Array, seen: Passed, out: Slopes) -> None:
+    """r through the motion to k, and what Φ, Qd and c gain; N is that before the measurement at k."""
+    n = r.shape[0]
+    f, q, c = k - 1 if out.Phi.shape[0] > 1 else 0, k - 1 if out.Qd.shape[0] > 1 else 0, k - 1 if out.offset.shape[0] > 1 else 0
+    for i in range(n):
+        out.offset[c, i] += r[i]
+        for j in range(n):
+            G[i, j] = 0.5 * (r[i] * r[j] - N[i, j])
+            out.Qd[q, i, j] += G[i, j]
+            s = 0.0
+            for b in range(n):
+                s += F[i, b] * seen.P_plus[k - 1, b, j]
+            work[i, j] = s
+    for i in range(n):
+        for j in range(n):
+            s = r[i] * seen.x_plus[k - 1, j]
+            for b in range(n):
+                s += 2.0 * G[i, b] * work[b, j]
+            out.Phi[f, i, j] += s
+    for i in range(n):
+        s = 0.0
+        for j in range(n):
+            s += F[j, i] * r[j]
+        before[i] = s
+    for i in range(n):
+        r[i] = before[i]
+
+
+@helper
+def _gained(S: Array, K: Array, J: Array, pick: Array, count: int, C: Array, V: Array, SH: Array, B: Array) -> None:
+    """V = S⁻¹, S⁻¹H and B = I − KH of an update."""
+    n = K.shape[0]
+    picked_inverse(S, pick, count, C, V)
+    for a in range(count):
+        for i in range(n):
+            s = 0.0
+            for b in range(count):
+                s += V[a, b] * J[pick[b], i]
+            SH[a, i] = s
+    for i in range(n):
+        for j in range(n):
+            s = 1.0 if i == j else 0.0
+            for a in range(count):
+                s -= K[i, pick[a]] * J[pick[a], j]
+            B[i, j] = s
+
+
+@helper
+def _told(
+    N: Array, K: Array, J: Array, pick: Array, count: int, V: Array, SH: Array, B: Array,
+    NK: Array, D: Array, X: Array, N_minus: Array, work: Array,
+) -> None:  # fmt: skip
+    """D = S⁻¹ + KᵀN⁺K, X = KᵀN⁺(I−KH) − S⁻¹H and N⁻ of an update."""
+    n = K.shape[0]
+    for a in range(count):
+        for i in range(n):
+            s = 0.0
+            for j in range(n):
+                s += N[i, j] * K[j, pick[a]]
+            NK[i, a] = s
+    for a in range(count):
+        for j in range(n):
+            s = -SH[a, j]
+            for i in range(n):
+                s += NK[i, a] * B[i, j]
+            X[a, j] = s
+        for b in range(count):
+            s = V[a, b]
+            for i in range(n):
+                s += K[i, pick[a]] * NK[i, b]
+            D[a, b] = s
+    emptied(N_minus, 0.0)
+    similarity(B.T, N, N_minus, work)
+    for i in range(n):
+        for j in range(i + 1):
+            s = N_minus[i, j]
+            for a in range(count):
+                s += J[pick[a], i] * SH[a, j]
+            N_minus[i, j], N_minus[j, i] = s, s
+
+
+@helper
+def _rested(
+    k: int, begin: int, F: Array, J: Array, V: Array, D: Array, X: Array, N: Array, pick: Array, count: int,
+    r: Array, u: Array, before: Array, G: Array, work: Array, seen: Passed, out: Slopes,
+) -> int:  # fmt: skip
+    """Back from k as long as nothing changes but r, not as far as ``begin``; the last instant that is done."""
+    while k - 1 > begin and _resting(seen, k - 1):
+        k -= 1
+        if count > 0:
+            _updated(k, J, V, D, X, pick, count, r, u, before, seen, out)
+        _moved(k, F, N, r, before, G, work, seen, out)
+    return k
+
+
 @kernel
 def backward(Phi: Array, H: Array, seen: Passed, begin: int, out: Slopes) -> None:
     """From the last instant back to ``begin``; adds to ``out``. ``Phi`` (steps or 1, n, n), ``H`` (steps+1 or 1, m, n)."""
     rows, m, n = seen.K.shape[0], seen.K.shape[2], seen.K.shape[1]
-    r, before, N, B = np.zeros(n), np.zeros(n), np.zeros((n, n)), np.zeros((n, n))
+    r, before, N, N_minus, B = np.zeros(n), np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
     work, G = np.zeros((n, n)), np.zeros((n, n))
-    pick, u, e, C, V = np.empty(m, dtype=np.int64), np.zeros(m), np.zeros(m), np.zeros((m, m)), np.zeros((m, m))
+    pick, u, C, V, D = np.empty(m, dtype=np.int64), np.zeros(m), np.zeros((m, m)), np.zeros((m, m)), np.zeros((m, m))
     NK, SH, X = np.zeros((n, m)), np.zeros((m, n)), np.zeros((m, n))
-    for k in range(rows - 1, begin - 1, -1):
-        count = picked(seen.used[k], pick)
+    moved = True  # whether N has changed since the instant after
+    k = rows
+    while k > begin:
+        k -= 1
+        # Where gains and N have come to rest, what they alone make is that of the instant after.
+        other = k == rows - 1 or H.shape[0] > 1 or not _resting(seen, k)
+        if other:
+            count = picked(seen.used[k], pick)
+        J = entry(H, k)
         if count > 0:
-            J, P, S, K = entry(H, k), seen.P_minus[k], seen.S[k], seen.K[k]
-            picked_inverse(S, pick, count, C, V)
-            for a in range(count):
-                e[a] = 0.0
-                for b in range(count):
-                    e[a] += V[a, b] * seen.innovation[k, pick[b]]
-                u[a] = e[a]
-                for i in range(n):
-                    u[a] -= K[i, pick[a]] * r[i]
-                for i in range(n):
-                    s, p = 0.0, 0.0
-                    for b in range(count):
-                        s += V[a, b] * J[pick[b], i]
-                    for j in range(n):
-                        p += N[i, j] * K[j, pick[a]]
-                    SH[a, i], NK[i, a] = s, p
-            for i in range(n):
-                for j in range(n):
-                    s = 1.0 if i == j else 0.0
-                    for a in range(count):
-                        s -= K[i, pick[a]] * J[pick[a], j]
-                    B[i, j] = s
-            for i in range(n):
-                s = r[i]
-                for a in range(count):
-                    s += J[pick[a], i] * u[a]
-                before[i] = s
-            h, g = k % out.H.shape[0], k % out.R.shape[0]
-            for a in range(count):
-                for j in range(n):  # KᵀN⁺(I−KH) − S⁻¹H
-                    s = -SH[a, j]
-                    for i in range(n):
-                        s += NK[i, a] * B[i, j]
-                    X[a, j] = s
-                for j in range(n):
-                    s = u[a] * seen.x_minus[k, j]
-                    for i in range(n):
-                        s += (u[a] * before[i] + X[a, i]) * P[i, j]
-                    out.H[h, pick[a], j] += s
-                for b in range(count):
-                    s = V[a, b]
-                    for i in range(n):
-                        s += K[i, pick[a]] * NK[i, b]
-                    out.R[g, pick[a], pick[b]] += 0.5 * (u[a] * u[b] - s)
-                out.z[k, pick[a]] = -u[a]
-            emptied(G, 0.0)
-            similarity(B.T, N, G, work)
-            for i in range(n):
-                for j in range(i + 1):
-                    s = G[i, j]
-                    for a in range(count):
-                        s += J[pick[a], i] * SH[a, j]
-                    N[i, j], N[j, i] = s, s
-            for i in range(n):
-                r[i] = before[i]
+            K = seen.K[k]
+            if other:
+                _gained(seen.S[k], K, J, pick, count, C, V, SH, B)
+            if other or moved:
+                _told(N, K, J, pick, count, V, SH, B, NK, D, X, N_minus, work)
+            _updated(k, J, V, D, X, pick, count, r, u, before, seen, out)
+        elif other or moved:
+            copied(N, N_minus)
         if k > begin:
-            F, x, P = entry(Phi, k - 1), seen.x_plus[k - 1], seen.P_plus[k - 1]
-            f, q, c = (k - 1) % out.Phi.shape[0], (k - 1) % out.Qd.shape[0], (k - 1) % out.offset.shape[0]
-            for i in range(n):
-                out.offset[c, i] += r[i]
-                for j in range(n):
-                    G[i, j] = 0.5 * (r[i] * r[j] - N[i, j])
-                    out.Qd[q, i, j] += G[i, j]
-                    s = 0.0
-                    for b in range(n):
-                        s += F[i, b] * P[b, j]
-                    work[i, j] = s
-            for i in range(n):
-                for j in range(n):
-                    s = r[i] * x[j]
-                    for b in range(n):
-                        s += 2.0 * G[i, b] * work[b, j]
-                    out.Phi[f, i, j] += s
-            for i in range(n):
-                s = 0.0
-                for j in range(n):
-                    s += F[j, i] * r[j]
-                before[i] = s
-            for i in range(n):
-                r[i] = before[i]
-            emptied(G, 0.0)
-            similarity(F.T, N, G, work)
-            mirror(G)
-            N, G = G, N
+            F = entry(Phi, k - 1)
+            _moved(k, F, N_minus, r, before, G, work, seen, out)
+            if other or moved or Phi.shape[0] > 1:
+                emptied(G, 0.0)
+                similarity(F.T, N_minus, G, work)
+                mirror(G)
+                moved = not _equal(G, N)
+                N, G = G, N
+            if not moved and H.shape[0] == 1 and Phi.shape[0] == 1:
+                k = _rested(k, begin, F, J, V, D, X, N_minus, pick, count, r, u, before, G, work, seen, out)
     for i in range(n):
         out.x0[i] = r[i]
         for j in range(n):
-            out.P0[i, j] = 0.5 * (r[i] * r[j] - N[i, j])
+            out.P0[i, j] = 0.5 * (r[i] * r[j] - N_minus[i, j])

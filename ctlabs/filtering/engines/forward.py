@@ -8,6 +8,7 @@ Of the elements that are measured at k (their rows of H, their part of R):
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -339,7 +340,7 @@ def settled(P: Array, before: Array, Phi: Array, B: Array, A: Array, X: Array, Y
     return False
 
 
-@helper
+@partial(helper, inline="always")
 def put(
     k: int,
     x_minus: Array,
@@ -376,6 +377,45 @@ def put(
     out.nis[k] = nis if count > 0 else np.nan
 
 
+@helper
+def coasted(
+    k: int, Phi: Array, c: Array, H: Array, C: Array, Kt: Array, half: float, pick: Array, count: int, z: Array, used: Array,
+    x: Array, x_minus: Array, nu: Array, e: Array, P_minus: Array, P: Array, S: Array, total: float, out: Histories,
+) -> tuple[int, float]:  # fmt: skip
+    """From the instant k on with fixed covariances, as long as the same elements are measured: where that ends, and the log-likelihood."""
+    n, m, rows, keep = x.shape[0], z.shape[1], z.shape[0], out.nis.shape[0] > 0
+    while k < rows:
+        for a in range(m):
+            if used[k, a] != used[k - 1, a]:
+                return k, total
+        varying = k - 1 if c.shape[0] > 1 else 0
+        for i in range(n):
+            s = c[varying, i] if c.shape[0] > 0 else 0.0
+            for j in range(n):
+                s += Phi[i, j] * x[j]
+            x_minus[i] = s
+        nis = 0.0
+        for a in range(count):
+            s = z[k, pick[a]]
+            for j in range(n):
+                s -= H[pick[a], j] * x_minus[j]
+            nu[a] = s
+            for b in range(a):
+                s -= C[a, b] * e[b]
+            e[a] = s / C[a, a]
+            nis += e[a] * e[a]
+        total -= 0.5 * nis + half
+        for i in range(n):
+            s = x_minus[i]
+            for a in range(count):
+                s += Kt[a, i] * nu[a]
+            x[i] = s
+        if keep:
+            put(k, x_minus, x, P_minus, P, Kt, nu, S, nis, pick, count, out)
+        k += 1
+    return k, total
+
+
 @kernel
 def forward(
     system: System, x0: Array, P0: Array, z: Array, used: Array, begin: int, out: Histories
@@ -395,7 +435,15 @@ def forward(
     Phi_N, Q_N, M = np.empty((n, n)), np.empty((n, n)), np.zeros((n, m))
     L, d, pick, sizes = np.empty((m, m)), np.empty(m), np.empty(m, dtype=np.int64), np.empty((3, m))
     fixed, wait, look, half, total, count, perfect = False, 1, 0, 0.0, 0.0, 0, False
-    for k in range(begin, rows):
+    k = begin
+    while k < rows:
+        if fixed and not correlated:
+            Phi, H = entry(system.Phi, 0), entry(system.H, 0)
+            k, total = coasted(
+                k, Phi, system.c, H, C, Kt, half, pick, count, z, used, x, x_minus, nu, e, P_minus, P, S, total, out
+            )  # fmt: skip
+            if k == rows:
+                break
         same = k > begin and alike(used[k], used[k - 1])
         if k > begin:
             if correlated and not (constant and k > begin + 1 and alike(used[k - 1], used[k - 2])):
@@ -463,4 +511,5 @@ def forward(
             x[i] = s
         if keep:
             put(k, x_minus, x, P_minus, P, Kt, nu, S, nis, pick, count, out)
+        k += 1
     return DONE, rows, total
