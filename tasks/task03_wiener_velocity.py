@@ -17,7 +17,6 @@ from scipy.optimize import brentq
 
 from ctlabs.reporting.params import Covariance, Variance, Vector, given
 from ctlabs.reporting.report import SOLVER
-from ctlabs.text import _
 
 META = {
     "name": "task03",
@@ -66,13 +65,13 @@ def alpha_beta(c, R):
 
 def closed_form(r, lab):
     """The gain of the α–β tracker."""
-    r.says(_("**The α–β filter.** The steady filter is the α–β tracker with $\\alpha = \\bar{K}_1$, $\\beta = \\bar{K}_2\\tau$. From $\\bar{P}^- = \\Phi\\bar{P}^+\\Phi^T + Q_d$ with $\\bar{P}^-_{j1} = \\bar{K}_jR/(1-\\alpha)$ and $\\bar{P}^+_{j1} = \\bar{K}_jR$ the element (2,2) gives the first equation below, (1,2) gives $\\bar{P}^+_{22}$, and (1,1) then the second:"))
+    r.says("**The α–β filter.** The steady filter is the α–β tracker with $\\alpha = \\bar{K}_1$, $\\beta = \\bar{K}_2\\tau$. From $\\bar{P}^- = \\Phi\\bar{P}^+\\Phi^T + Q_d$ with $\\bar{P}^-_{j1} = \\bar{K}_jR/(1-\\alpha)$ and $\\bar{P}^+_{j1} = \\bar{K}_jR$ the element (2,2) gives the first equation below, (1,2) gives $\\bar{P}^+_{22}$, and (1,1) then the second:")
     r.math(r"\frac{\beta^2}{1 - \alpha} = \frac{\sigma_w^2\tau^3}{R} = \rho, \qquad \alpha^2 + \alpha\beta + \frac{\beta^2}6 - 2\beta = 0, \qquad \bar P^+ = \begin{bmatrix} \alpha R & \beta R/\tau \\ \beta R/\tau & \sigma_w^2\tau\,\bigl(\tfrac\alpha\beta - \tfrac12\bigr) \end{bmatrix}")
     found = [lab.limit.K[0, 0], lab.limit.K[1, 0] * lab.p.tau]
-    r.value("alpha_beta", found, "1", agrees=lab.answer, routes=(_("Riccati equation"), _("the two equations, root bracketed")), kind=SOLVER)
+    r.value("alpha_beta", found, "1", agrees=lab.answer, routes=("Riccati equation", "the two equations, root bracketed"), kind=SOLVER)
     alpha, beta = lab.answer["alpha_beta"]
     if beta:
-        r.check(_("P̄⁺ of the velocity"), lab.limit.P_plus[1, 1], lab.p.sigma_w2 * lab.p.tau * (alpha / beta - 0.5), (_("Riccati equation"), _("closed form in α, β")))
+        r.check("P̄⁺ of the velocity", lab.limit.P_plus[1, 1], lab.p.sigma_w2 * lab.p.tau * (alpha / beta - 0.5), ("Riccati equation", "closed form in α, β"))
 
 
 def report(p, experiment):

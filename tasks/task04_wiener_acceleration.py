@@ -15,7 +15,6 @@ from ctlabs.tasks import _kinematics, _kinematics_analytic
 
 from ctlabs.labs.experiment import covariances
 from ctlabs.reporting.params import Covariance, Variance, Vector, given
-from ctlabs.text import _
 
 META = {
     "name": "task04",
@@ -55,18 +54,18 @@ def analytic(p):
 
 def closed_form(r, lab):
     """What takes the place of the α–β equations: the gains by the innovation's variance."""
-    r.says(_("**The α–β–γ filter.** With $\\alpha = \\bar{K}_1$, $\\beta = \\bar{K}_2\\tau$, $\\gamma = \\bar{K}_3\\tau^2$ the element (3,3) of $\\bar{P}^- = \\Phi\\bar{P}^+\\Phi^T + Q_d$ gives $\\gamma^2/(1-\\alpha) = \\sigma_w^2\\tau^5/R$, as β does in lab 3."))
+    r.says("**The α–β–γ filter.** With $\\alpha = \\bar{K}_1$, $\\beta = \\bar{K}_2\\tau$, $\\gamma = \\bar{K}_3\\tau^2$ the element (3,3) of $\\bar{P}^- = \\Phi\\bar{P}^+\\Phi^T + Q_d$ gives $\\gamma^2/(1-\\alpha) = \\sigma_w^2\\tau^5/R$, as β does in lab 3.")
     innovation = lab.limit.P_minus[0, 0] + lab.p.R
-    r.check(_("K̄3² S̄ = σ_w²τ"), lab.limit.K[2, 0] ** 2 * innovation, lab.p.sigma_w2 * lab.p.tau, (_("Riccati equation"), _("element (3,3) of Q_d")))
+    r.check("K̄3² S̄ = σ_w²τ", lab.limit.K[2, 0] ** 2 * innovation, lab.p.sigma_w2 * lab.p.tau, ("Riccati equation", "element (3,3) of Q_d"))
     if lab.settled is None:
         return
     limit, variances = np.diag(lab.limit.P_plus), np.diagonal(covariances(lab.system, lab.settled).P_plus, axis1=1, axis2=2)[1:]
     inside = (np.abs(variances - limit) <= 0.01 * limit).all(axis=1)
     entered = int(np.argmax(inside)) + 1
     if entered < lab.settled:
-        r.says(_("The settling is not monotone: all variances are within 1 % of their limits at measurement {entered} already, leave the band again and stay in it from measurement {settled} on."), entered=entered, settled=lab.settled)
+        r.says("The settling is not monotone: all variances are within 1 % of their limits at measurement {entered} already, leave the band again and stay in it from measurement {settled} on.", entered=entered, settled=lab.settled)
     else:
-        r.says(_("Here the variances enter the band of 1 % about their limits at measurement {settled} and stay. (This need not be so: the poles are complex, and for other parameters the variances may pass through the band first.)"), settled=lab.settled)
+        r.says("Here the variances enter the band of 1 % about their limits at measurement {settled} and stay. (This need not be so: the poles are complex, and for other parameters the variances may pass through the band first.)", settled=lab.settled)
 
 
 def report(p, experiment):

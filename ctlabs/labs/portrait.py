@@ -17,7 +17,7 @@ from ctlabs.filtering.results import Covariances
 from ctlabs.labs.experiment import covariances
 from ctlabs.montecarlo import chance
 from ctlabs.reporting import plots
-from ctlabs.text import _, fill, squared
+from ctlabs.text import squared, text
 
 if TYPE_CHECKING:
     from ctlabs.labs.experiment import Experiment
@@ -47,17 +47,17 @@ def agreement(
     ``consistent`` (its own P is not the truth) is tested in bias and variance only.
     """
     tests = [
-        (_("mean error"), chance.bias(stats, P, bias)),
-        (_("error variance"), chance.variance(stats, P, bias)),
+        ("mean error", chance.bias(stats, P, bias)),
+        ("error variance", chance.variance(stats, P, bias)),
     ]
     if consistent:
         tests += [
             ("NEES", chance.nees(stats)),
             ("NIS", chance.nis(stats)),
-            (_("NIS of all instants together"), chance.pooled_nis(stats)),
+            ("NIS of all instants together", chance.pooled_nis(stats)),
         ]
     for what, test in tests:
-        report.chance(f"{what}, {name}" if name else what, test)
+        report.chance(text("{what}, {name}", what=what, name=name) if name else what, test)
     return max(abs(test.value) for _what, test in tests)
 
 
@@ -68,7 +68,7 @@ def portrait(
     steps: int,
     *,
     prefix: str = "",
-    xlabel: str | None = None,
+    xlabel: str = "measurement number i",
     state: int = 0,
     measurement: int = 0,
     limits: tuple[float, float] | None = None,
@@ -80,29 +80,29 @@ def portrait(
     ``prefix`` tells the figures of several filters apart; ``state`` is the one shown, ``measurement`` the one that
     measures it; ``limits`` are its steady variances before and after an update. Returns the statistics.
     """
-    xlabel = xlabel or _("measurement number i")
     name, unit = model.states[state], model.units[state]
     first = begins(model, first)
     schedule = covariances(model, steps, first)
     some = experiment.histories(model, steps=steps, stream=stream, first=first)
     stats = experiment.statistics(model, steps=steps, stream=stream, first=first)
-    labelled = fill("{name}, {unit}", name=name, unit=unit)
+    labelled = text("{name}, {unit}", name=name, unit=unit)
     measured = measurement if model.H[..., measurement, state].any() else None  # another state's is not drawn over it
     report.figure(
         f"{prefix}record",
         plots.record(some, xlabel=xlabel, ylabel=labelled, state=state, measurement=measured),
-        _("One run: truth, measurements, and the estimate of {name} with its ±σ band."),
+        "One run: truth, measurements, and the estimate of {name} with its ±σ band.",
         name=name,
     )
     report.figure(
         f"{prefix}sawtooth",
         plots.sawtooth({"": covariances(model, min(steps, SHOWN), first)}, xlabel=xlabel,
-                       ylabel=fill(_("variance of {name}, {unit}"), name=name, unit=squared(unit)),
+                       ylabel=text("variance of {name}, {unit}", name=name, unit=squared(unit)),
                        state=state, limits=None if limits is None else [limits]),
-        _("Error variance of {name} before and after each update.") + (_(" Dotted: the limits.") if limits else ""),
+        "Error variance of {name} before and after each update. Dotted: the limits." if limits
+        else "Error variance of {name} before and after each update.",
         name=name,
     )  # fmt: skip
-    report.figure(f"{prefix}gain", _gains(model, schedule, xlabel, first), _("The gain, known before any measurement."))
+    report.figure(f"{prefix}gain", _gains(model, schedule, xlabel, first), "The gain, known before any measurement.")
     report.figure(
         f"{prefix}errors",
         plots.errors(
@@ -113,19 +113,19 @@ def portrait(
             measurement=measurement,
             measured_unit=_measured_unit(model, measurement),
         ),
-        _("Innovations, prediction and filtering errors of 25 runs inside the bands of the theory."),
+        "Innovations, prediction and filtering errors of 25 runs inside the bands of the theory.",
     )
     report.figure(
         f"{prefix}ensemble",
         plots.ensemble_against_theory(stats, schedule.P_plus, xlabel=xlabel, units=model.units, names=model.states),
-        _("RMS and mean of the filtering errors of {runs} runs against theory, in the bands of 95 % of ensembles; "
-          "NEES and NIS averaged over the runs."),
+        "RMS and mean of the filtering errors of {runs} runs against theory, in the bands of 95 % of ensembles; "
+        "NEES and NIS averaged over the runs.",
         runs=experiment.runs,
     )  # fmt: skip
     worst = agreement(report, prefix.strip("_"), stats, schedule.P_plus)
     worst = max(worst, together(report, prefix.strip("_"), experiment, model, stream=stream, first=first))
     report.says(
-        _("The largest deviation of the ensemble from theory, over all tests, is {worst} standard errors."),
+        "The largest deviation of the ensemble from theory, over all tests, is {worst} standard errors.",
         worst=round(worst, 2),
     )
     return stats
@@ -141,18 +141,18 @@ def together(
     if model.horizon is not None:
         return 0.0
     stats = experiment.statistics(model, steps=TOGETHER, stream=stream + APART, first=first)
-    tests = [(_("NIS of {steps} instants together"), chance.pooled_nis(stats))]
+    tests = [("NIS of {steps} instants together", chance.pooled_nis(stats))]
     if model.N is None:
         plan = covariances(model, TOGETHER, first)
         tests.append(
             (
-                _("error variances of {steps} instants together"),
+                "error variances of {steps} instants together",
                 chance.pooled_variance(stats, plan.P_plus, chance.error_correlation(model, plan)),
             )
         )
     for what, test in tests:
-        text = fill(what, steps=TOGETHER)
-        report.chance(f"{text}, {name}" if name else text, test)
+        all_of_them = text(what, steps=TOGETHER)
+        report.chance(text("{what}, {name}", what=all_of_them, name=name) if name else all_of_them, test)
     return max(abs(test.value) for _what, test in tests)
 
 
@@ -160,14 +160,14 @@ def largest(report: Report) -> str:
     """A conclusion: how far all ensembles of the report are from theory."""
     chances = [check for check in report.checks if check.kind == "CHANCE" and check.value is not None]
     if not chances:
-        return _("No ensemble was tested: no filter here has a finite limit to compare with.")
+        return text("No ensemble was tested: no filter here has a finite limit to compare with.")
     worst = max(chances, key=lambda check: abs(check.value or 0.0))
-    text = _(
+    said = (
         "In {tests} tests of the ensemble the largest deviation from theory is {worst} standard errors ({name}); "
         "a right filter deviates as much in one of its tests with probability {p}."
     )
     p = min(1.0, len(chances) * min(chance.adjusted(check.value or 0.0, check.tolerance) for check in chances))
-    return fill(text, tests=len(chances), worst=round(abs(worst.value or 0.0), 2), name=worst.name, p=float(f"{p:.2g}"))
+    return text(said, tests=len(chances), worst=round(abs(worst.value or 0.0), 2), name=worst.name, p=float(f"{p:.2g}"))
 
 
 def _measured_unit(model: DiscreteModel, measurement: int) -> str:
@@ -176,7 +176,7 @@ def _measured_unit(model: DiscreteModel, measurement: int) -> str:
         units = {unit for unit, h in zip(model.units, model.H[measurement], strict=True) if h}
         if len(units) == 1 and units != {""}:
             return units.pop()
-    return _("units of z")
+    return "units of z"
 
 
 def _gains(model: DiscreteModel, schedule: Covariances, xlabel: str, first: int) -> plots.Figure:
@@ -188,5 +188,5 @@ def _gains(model: DiscreteModel, schedule: Covariances, xlabel: str, first: int)
         for j in range(model.m)
     }
     return plots.lines(
-        schedule.t[first:], {k: np.asarray(v) for k, v in curves.items()}, xlabel=xlabel, ylabel=_("gain K"), marker="."
+        schedule.t[first:], {k: np.asarray(v) for k, v in curves.items()}, xlabel=xlabel, ylabel="gain K", marker="."
     )
