@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import sympy
-from ctlabs.tasks import _kinematics_analytic as by_hand
+from ctlabs.tasks.answers import kinematics as by_hand
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import settling, settling_step, steady

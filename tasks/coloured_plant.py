@@ -14,8 +14,9 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import scipy.linalg
 import sympy
+from ctlabs.tasks.answers import coloured_plant as by_hand
+from ctlabs.tasks.answers.coloured_plant import TIMES
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import bucy
@@ -37,8 +38,6 @@ META = {
     "parts": ["model", "observer", "example", "white"],
 }
 
-#: Times at which the covariance is given, s.
-TIMES = (0.25, 0.5, 1.0, 2.0)
 #: Damping of the second-order shaping filter, and correlation of v0 with v, in what goes beyond the example.
 DAMPING, CORRELATION = 0.5, 0.5
 TIME, FREQUENCY = "t, s", "frequency ω, rad/s"
@@ -55,73 +54,6 @@ class Parameters(LabParameters):
     p0: Variance = given(1.0, unit="m²", meaning="variance of x(0)")
 
 
-def analytic(p):
-    """The example, by hand."""
-    P, polynomial = limit(p)
-    white = p.a + wide(p)
-    return {
-        "shaping_filter": [[math.sqrt(2 * p.D * p.alpha)], [1.0, p.alpha]],
-        "covariance_steady": P.tolist(),
-        "gain_steady": (P[0] / p.r).tolist(),
-        "filter_polynomial": polynomial,
-        "covariance_continuous": [covariance(p, t).tolist() for t in TIMES],
-        "white_claimed_variance": p.r * white,
-        "white_actual_variance": white_actual(p),
-    }
-
-
-def limit(p):
-    """P∞ and the filter's polynomial s² + c1 s + c0, from Δ(s)Δ(−s) = (a² − s²)(α² − s²) + 2Dαb²/r; nothing cancels."""
-    a, alpha, drive = p.a, p.alpha, 2 * p.D * p.alpha / p.r
-    c0 = math.hypot(a * alpha, math.sqrt(drive) * p.b)
-    c1 = math.sqrt(a * a + alpha * alpha + 2 * c0)
-    above = c0 + a * alpha if a >= 0 else drive * p.b**2 / (c0 - a * alpha)  # c0 + aα
-    K1 = 2 * above / (c1 + alpha - a) if c1 + alpha - a > abs(a) else c1 - alpha + a
-    K2 = drive * p.b / (c0 + alpha**2 + alpha * c1)
-    P1, P12 = p.r * K1, p.r * K2
-    return np.array([[P1, P12], [P12, p.D - P12**2 / (2 * alpha * p.r)]]), [1.0, c1, c0]
-
-
-def covariance(p, t):
-    """P(t) = P∞ + e^(At)Δ(I + MΔ)⁻¹e^(Aᵀt), Δ = P(0) − P∞, A the filter's matrix, M the information it has by t."""
-    P, polynomial = limit(p)
-    if not polynomial[2]:  # an integrator that nothing drives
-        return np.diag([p.p0 * p.r / (p.r + p.p0 * t), p.D])
-    A = np.array([[p.a - P[0, 0] / p.r, p.b], [-P[0, 1] / p.r, -p.alpha]])
-    flow, seen = scipy.linalg.expm(A * t), np.diag([1 / p.r, 0.0])
-    whole = scipy.linalg.solve_continuous_lyapunov(A.T, -seen)
-    difference = np.diag([p.p0, p.D]) - P
-    found = P + flow @ difference @ np.linalg.solve(np.eye(2) + (whole - flow.T @ whole @ flow) @ difference, flow.T)
-    return 0.5 * (found + found.T)
-
-
-def wide(p):
-    """λ = √(a² + b²S(0)/r), the bandwidth of the filter that takes w for white noise of strength S(0) = 2D/α."""
-    return math.hypot(p.a, p.b * math.sqrt(2 * p.D / (p.alpha * p.r)))
-
-
-def white_actual(p):
-    """E e² of ė = −λe − bw + kv with w of variance D and correlation time 1/α; None where that filter stands still."""
-    rate = wide(p)
-    if not rate:
-        return None
-    return (p.a + rate) ** 2 * p.r / (2 * rate) + p.b**2 * p.D / (rate * (rate + p.alpha))
-
-
-def discrete(p, dt, count):
-    """P⁻ and K at steps 1…count of the sampled example: P⁻ = YX⁻¹, where (X, Y) moves by powers of one matrix."""
-    F, W = np.array([[p.a, p.b], [0, -p.alpha]]), np.diag([0, 2 * p.D * p.alpha])
-    block = scipy.linalg.expm(dt * np.block([[-F, W], [np.zeros((2, 2)), F.T]]))
-    Phi = block[2:, 2:].T
-    Qd, back = Phi @ block[:2, 2:], np.linalg.inv(Phi).T
-    seen = back @ np.diag([dt / p.r, 0.0])
-    step = np.block([[back, seen], [Qd @ back, Phi + Qd @ seen]])
-    start = np.vstack([np.eye(2), Phi @ np.diag([p.p0, p.D]) @ Phi.T + Qd])
-    pairs = [np.linalg.matrix_power(step, k) @ start for k in range(count)]
-    P = np.array([pair[2:] @ np.linalg.inv(pair[:2]) for pair in pairs])
-    return P, P[:, :, :1] / (P[:, :1, :1] + p.r / dt)
-
-
 def plant(p):
     """ẋ = ax + bw, y = x + v; the strength of its noise input is replaced by the shaping filter."""
     return ContinuousModel([[p.a]], [[p.b]], [[0]], [[1]], Rc=[[p.r]], P0=[[p.p0]], states=["x"], measurements=["y"], units=["m"])
@@ -136,25 +68,6 @@ def models(p):
         "correlated": replace(example, N=[[CORRELATION * math.sqrt(p.r)]]),
         "second": shaping.augment(plant(p), shaping.second_order(p.D, p.alpha, DAMPING, name="w", unit="m/s")),
     }
-
-
-def report(p, experiment: Experiment) -> Report:
-    """The section, then its example, then what the white-noise filter loses."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, systems = analytic(p), models(p)
-    r.heading("Part I. Analysis")
-    part_model(r, p, answer, systems)
-    part_observer(r, systems)
-    part_example(r, p, answer, systems)
-    part_white(r, p, answer)
-    r.heading("Plan of the experiment")
-    dt, steps = plan(r, p, experiment, answer)
-    r.heading("Part II. Experiment")
-    experiment_example(r, p, experiment, answer, systems["example"], dt, steps)
-    experiment_white(r, p, experiment, answer, systems["example"], dt, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
 
 
 def part_model(r, p, answer, systems):
@@ -304,12 +217,12 @@ def part_white(r, p, answer):
     if expected is None:
         r.says("Here there is no such variance: {reason}.", reason=reason)
         return
-    optimum = float(limit(p)[0][0, 0])
+    optimum = float(by_hand.limit(p)[0][0, 0])
     size = max(float(claimed.P[0, 0]), 1e-300)
     r.holds("claimed ≥ true", claimed.P[0, 0] - actual, ("Riccati equation", "Lyapunov equation"), size=size)
     r.holds("true ≥ optimal", actual - optimum, ("Lyapunov equation", "closed form"), size=size)
     r.value("verdict_white", bool(claimed.P[0, 0] > actual * (1 + 1e-9) and actual > optimum * (1 + 1e-9)))
-    r.says("Criterion of `verdict_white`: the filter claims more than its true variance and that is more than the optimum: {claimed} against {actual} and {optimum} m². Its pole is −{pole} 1/s.", claimed=float(claimed.P[0, 0]), actual=actual, optimum=optimum, pole=wide(p))
+    r.says("Criterion of `verdict_white`: the filter claims more than its true variance and that is more than the optimum: {claimed} against {actual} and {optimum} m². Its pole is −{pole} 1/s.", claimed=float(claimed.P[0, 0]), actual=actual, optimum=optimum, pole=by_hand.wide(p))
     if not (p.b and p.D):
         r.says("Nothing drives the plant here, and the three coincide.")
         return
@@ -317,14 +230,14 @@ def part_white(r, p, answer):
     for factor in (0.25, 1.0, 4.0, 16.0):
         q = p.model_copy(update={"alpha": factor * p.alpha, "D": factor * p.D})
         best = bucy.steady(models(q)["example"]).P[0, 0]
-        r.check(text("optimum, α = {alpha}", alpha=q.alpha), best, limit(q)[0][0, 0], ("Riccati equation", "closed form"))
-        rows.append((q.alpha, best, white_actual(q), q.r * (q.a + wide(q)), 100 * (white_actual(q) / best - 1)))
+        r.check(text("optimum, α = {alpha}", alpha=q.alpha), best, by_hand.limit(q)[0][0, 0], ("Riccati equation", "closed form"))
+        rows.append((q.alpha, best, by_hand.white_actual(q), q.r * (q.a + by_hand.wide(q)), 100 * (by_hand.white_actual(q) / best - 1)))
     r.table("factors", ["α, 1/s", "optimal, m²", "true, m²", "claimed, m²", "loss, %"], rows,
             "The same density S(0) with another correlation time 1/α (D changes with α). For α much larger than λ the noise is white to the filter.")
     curves = {"optimal": [], "white noise assumed: true": [], "white noise assumed: claimed": []}
     for factor in factors:
         q = p.model_copy(update={"alpha": factor * p.alpha, "D": factor * p.D})
-        for name, value in zip(curves, (limit(q)[0][0, 0], white_actual(q), q.r * (q.a + wide(q))), strict=True):
+        for name, value in zip(curves, (by_hand.limit(q)[0][0, 0], by_hand.white_actual(q), q.r * (q.a + by_hand.wide(q))), strict=True):
             curves[name].append(value)
     figure = plots.lines(factors * p.alpha, curves, xlabel="α, 1/s", ylabel="variance of x, m²", log="x")
     r.figure("factors", figure, "Variances over α at a constant density S(0): as the noise becomes white, claim, truth and optimum meet.")
@@ -340,7 +253,7 @@ def lyapunov(p, k):
 
 def horizon(p):
     """Five time constants of the slower filter pole, s, but no longer than an unstable x stays of the size of its error."""
-    polynomial = limit(p)[1]
+    polynomial = by_hand.limit(p)[1]
     slow = float(np.abs(np.roots(polynomial).real).min())
     end = 5 / slow if slow > 1e-9 * p.alpha else 10 / p.alpha
     return min(end, 12 / p.a) if p.a > 0 else end
@@ -348,7 +261,7 @@ def horizon(p):
 
 def plan(r, p, experiment, answer):
     """Every number chosen."""
-    fast = max(float(np.abs(np.roots(answer["filter_polynomial"])).max()), p.alpha, wide(p))
+    fast = max(float(np.abs(np.roots(answer["filter_polynomial"])).max()), p.alpha, by_hand.wide(p))
     steps = int(min(max(math.ceil(horizon(p) * fast * 10), 40), 300))
     dt = min(0.1 / fast, horizon(p) / 40)
     r.says("White noise has no values, so the continuous filter is represented by the discrete one with a period δ much shorter than every time constant, on averages of y over δ, whose noise has the variance r/δ. The model is sampled exactly. The variance of this filter differs from the continuous one by O(δ); against its own theory it is tested without that difference.")
@@ -373,7 +286,7 @@ def experiment_example(r, p, experiment, answer, system, dt, steps):
     r.figure("noise", figure, "The plant noise w of the same run and its estimate: the observer follows its slow part.")
     schedule, t = covariances(sampled, steps), np.arange(steps + 1) * dt
     count = min(steps, 20)
-    P_minus, K = discrete(p, dt, count)
+    P_minus, K = by_hand.discrete(p, dt, count)
     routes = ("discrete recursion", "power of one matrix")
     r.check("P⁻ of the discrete filter", schedule.P_minus[1 : count + 1], P_minus, routes)
     r.check("gain of the discrete filter", schedule.K[1 : count + 1], K, routes)
@@ -398,7 +311,7 @@ def experiment_white(r, p, experiment, answer, system, dt, steps):
         period = dt / 16
         found = sensitivity.steady(discretise(system, period), discretise(replace(plant(p), Q=[[2 * p.D / p.alpha]]), period), compare=C).P_plus[0, 0]
         # One period changes a variance by its fraction δ·(rate of the filter) at most; twice that is allowed.
-        bound = 2 * period * max(wide(p), p.alpha, p.a + wide(p)) * answer["white_claimed_variance"]
+        bound = 2 * period * max(by_hand.wide(p), p.alpha, p.a + by_hand.wide(p)) * answer["white_claimed_variance"]
         r.holds("true variance for a short period within O(δ) of the Lyapunov equation", bound - abs(found - expected), ("discrete sensitivity analysis", "continuous closed form"), size=expected)
     optimal = covariances(truth, steps)
     figure = plots.lines(optimal.t, {"optimal": optimal.P_plus[:, 0, 0], "white noise assumed: true": actual.P_plus[:, 0, 0], "white noise assumed: claimed": actual.claimed.P_plus[:, 0, 0]},
@@ -429,6 +342,25 @@ def conclusions(r, p, answer):
         lines.append("Plant and shaping filter have the same pole; the closed forms need no exception for that.")
     lines.append(largest(r))
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """The section, then its example, then what the white-noise filter loses."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer, systems = by_hand.analytic(p), models(p)
+    r.heading("Part I. Analysis")
+    part_model(r, p, answer, systems)
+    part_observer(r, systems)
+    part_example(r, p, answer, systems)
+    part_white(r, p, answer)
+    r.heading("Plan of the experiment")
+    dt, steps = plan(r, p, experiment, answer)
+    r.heading("Part II. Experiment")
+    experiment_example(r, p, experiment, answer, systems["example"], dt, steps)
+    experiment_white(r, p, experiment, answer, systems["example"], dt, steps)
+    r.heading("Conclusions")
+    conclusions(r, p, answer)
+    return r
 
 
 if __name__ == "__main__":

@@ -13,6 +13,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from ctlabs.tasks.answers import slow_error as by_hand
+from ctlabs.tasks.answers.slow_error import AR_BEYOND, AR_DT, AR_N
 from numpy.polynomial import Polynomial
 
 from ctlabs import montecarlo
@@ -41,8 +43,6 @@ DENSE, INSTANTS = 200, 120
 #: Example (ii): polynomial signal, harmonic drift; times of the samples, s, and of the estimates.
 POLY_T, POLY_AT, OMEGA = 0.2 * np.arange(1, 61), 0.2 * np.arange(1, 81), 0.5
 POLY_MEAN, POLY_VARIANCE, DRIFT_VARIANCE, POLY_NOISE = (1.0, 0.5, 0.05), (4.0, 0.25, 0.01), (2.0, 2.0), 0.25
-#: Example (iii): samples, samples beyond the record, period; factors, variances and mean of the two AR(1) sequences.
-AR_N, AR_BEYOND, AR_DT = 60, 20, 1.0
 AR_SLOW, AR_SLOW_VARIANCE, AR_SLOW_MEAN, AR_FAST, AR_FAST_VARIANCE, AR_WHITE = 0.97, 4.0, 3.0, 0.5, 1.0, 0.25
 AR_MEAN, AR_VARIANCE = (10.0, 2.0), (100.0, 4.0)
 STEP = "number of measurements k"
@@ -57,84 +57,6 @@ class Parameters(LabParameters):
     sigma_lambda2: Variance = given(100.0, unit="u²", meaning="prior variance of λ")
     sigma_mu2: Variance = given(50.0, unit="u²", meaning="prior variance of μ")
     k: Count = given(10_000, unit="1", meaning="number of measurements")
-
-
-def analytic(p):
-    """The closed forms of section 5."""
-    sw, sl, sm, k = p.sigma_w2, p.sigma_lambda2, p.sigma_mu2, p.k
-    D = sw + k * (sl + sm)
-    answer = {
-        "lambda_variance": sl * (sw + k * sm) / D,
-        "mu_variance": sm * (sw + k * sl) / D,
-        "covariance": -k * sl * sm / D,
-        "variance_floor": sl * sm / (sl + sm) if sl + sm else 0.0,
-        "naive_variance": naive(k, sw, sl, sm),
-        "naive_minimum_k": sw / (2 * sm - sl) if 2 * sm > sl > 0 else None,
-        "lambda_gain": sl / D,
-        "mu_gain": sm / D,
-    }
-    return answer | percentages(p.lam, p.mu, sw, sl, sm, k)
-
-
-def naive(k, sw, sl, sm):
-    """True error variance of the estimator that ignores μ."""
-    return sl * sw / (sw + k * sl) + (k * sl / (sw + k * sl)) ** 2 * sm
-
-
-def percentages(lam, mu, sw, sl, sm, k):
-    """Mean and standard deviation of the errors of λ̂ and μ̂, for given λ and μ, in per cent of them."""
-    D, found = sw + k * (sl + sm), {}
-    for name, true, share in (("lambda", lam, sl), ("mu", mu, sm)):
-        found[f"{name}_error_percent_expected"] = 100 * (k * share * (lam + mu) / D - true) / true if true else None
-        found[f"{name}_error_percent_sd"] = 100 * share * math.sqrt(k * sw) / D / abs(true) if true else None
-    return found
-
-
-def limits(lam, mu, sl, sm):
-    """The errors that no number of measurements removes, in per cent (None for a true value of 0)."""
-    share = sl / (sl + sm) if sl + sm else 0.0
-    return [
-        100 * (part * (lam + mu) - true) / true if true else None for part, true in ((share, lam), (1 - share, mu) if sl + sm else (0.0, mu))
-    ]
-
-
-def conditioned(phi, psi, K, K_lambda, K_mu, m_lambda, m_mu, y):
-    """Mean and covariance of (λ, μ) from the joint Gaussian distribution of (λ, μ) and y, by its definition."""
-    H, n = np.hstack([phi, psi]), len(m_lambda)
-    P = np.zeros((n + len(m_mu), n + len(m_mu)))
-    P[:n, :n], P[n:, n:] = K_lambda, K_mu
-    m = np.concatenate([m_lambda, m_mu])
-    gain = np.linalg.solve(H @ P @ H.T + K, H @ P).T
-    return m + gain @ (y - H @ m), P - gain @ H @ P
-
-
-def corrected(phi, psi, K, K_lambda, K_mu, m_lambda, m_mu, y, *, last=None):
-    """Estimate and covariance of λ by equations (11), (12), (15), misprints removed, inverses as printed.
-
-    ``last`` is the last factor inside the inverse, where it is not to be Φ_λ.
-    """
-    W, Kl, Km = np.linalg.inv(K), np.linalg.inv(K_lambda), np.linalg.inv(K_mu)
-    A = np.linalg.inv(Km + psi.T @ W @ psi)
-    P = np.linalg.inv(Kl + phi.T @ W @ phi - phi.T @ W @ psi @ A @ psi.T @ W @ (phi if last is None else last))
-    return P @ (Kl @ m_lambda + phi.T @ W @ y - phi.T @ W @ psi @ A.T @ (Km @ m_mu + psi.T @ W @ y)), P
-
-
-def by_inverses(sl, sm, i):
-    """Risk (15) of section 5 for the information i = k/σ_w² of the samples, as printed; infinite where all digits cancel."""
-    left = 1 / sl + i - i * (1 / (1 / sm + i)) * i
-    return 1 / left if left else math.inf
-
-
-def log_density(y, mean, K):
-    """log N(y; mean, K)."""
-    e = y - mean
-    return -0.5 * (e @ np.linalg.solve(K, e) + np.linalg.slogdet(K)[1] + len(y) * math.log(2 * math.pi))
-
-
-def posterior_odds(average, k, sw, sl, sm):
-    """Probability that a slow error is present, from the average of k samples (even odds beforehand)."""
-    absent, present = sl + sw / k, sl + sm + sw / k
-    return 1 / (1 + math.sqrt(present / absent) * math.exp(-0.5 * average**2 * (1 / absent - 1 / present)))
 
 
 def constants(p, noise=None, count=1, sm=None):
@@ -210,27 +132,6 @@ def moving_state(*, slow=True):
     )
 
 
-def report(p, experiment: Experiment) -> Report:
-    """Reproduce the paper, part by part."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer = analytic(p)
-    y = montecarlo.simulate(truth(p, named(constants(p))), p.k, 1, experiment.seed).z[:, 0, 0]
-    poly = experiment.histories(bayes.model(polynomial()), steps=len(POLY_T), runs=1, stream=2)
-    moved = experiment.histories(moving_state(), steps=AR_N, runs=1, stream=3)
-    r.heading("Plan of the experiment")
-    plan(r, p, experiment)
-    r.heading("Part I. Analysis")
-    part_batch(r, p, y, poly, moved)
-    part_recursive(r, p, answer, y, poly, moved, experiment)
-    r.heading("Part II. Experiment")
-    part_figure1(r, p, y, experiment)
-    part_figure2(r, p, answer)
-    part_statement(r, p, answer, poly, experiment)
-    r.heading("Conclusions")
-    conclusions(r, p)
-    return r
-
-
 def plan(r, p, experiment):
     """Every number chosen."""
     r.table("plan", ["example", "signal", "slow error", "noise", "samples"], [
@@ -259,7 +160,7 @@ def part_batch(r, p, y, poly, moved):
              "The vector $\\bar{y}[k]$ of (3) has $k + 1$ samples, 0 to $k$, whereas the recursion has its prior at 0 and samples 1 to $k$. Equal numbers of samples are compared here, 1 to $k$."])
     part = (powers(POLY_T)[:, :2], polynomial().psi, POLY_NOISE * np.eye(len(POLY_T)), np.diag(POLY_VARIANCE[:2]), np.diag(DRIFT_VARIANCE), np.zeros(2), np.zeros(2), poly.z[1:, 0, 0])
     phi = np.array([1.0, POLY_T[-1]])
-    right, wrong = (float(phi @ corrected(*part, last=last)[1] @ phi) for last in (None, part[1]))
+    right, wrong = (float(phi @ by_hand.corrected(*part, last=last)[1] @ phi) for last in (None, part[1]))
     r.check("risk of λ₀ + λ₁t under the drift, last factor Φ_λ", float(bayes.batch(SlowError(*part[:2], POLY_NOISE, *part[3:5]), part[-1]).signal(phi)[1][0]), right, ("orthogonal transformations", "(15) corrected"))
     r.says("For the size of it: for a signal $\\lambda_0 + \\lambda_1t$ under the drift of (ii) (two parameters each) the risk at the last sample is {right} by the corrected form; with the printed factor (15) would give {wrong}.", right=right, wrong=wrong)
     r.says("**Computation.** The inverses are not formed. With $(\\lambda, \\mu) = m + F\\xi$ and whitened samples the estimate is a least-squares problem, solved by orthogonal transformations; for white noise its cost is linear in the number of samples and no matrix of their size is formed.")
@@ -275,12 +176,12 @@ def part_batch(r, p, y, poly, moved):
         s_hat, risk = found.signal(phi)
         K = problem.noise if problem.noise.ndim == 2 else problem.noise * np.eye(problem.N)
         given_ = (problem.phi, problem.psi, K, problem.K_lambda, problem.K_mu, problem.m_lambda, problem.m_mu, samples)
-        mean, P = conditioned(*given_)
+        mean, P = by_hand.conditioned(*given_)
         routes, size = ("orthogonal transformations", "joint distribution conditioned"), np.abs(problem.covariance).max()
         r.check(text("estimates of λ and μ, {name}", name=name), found.mean, mean, routes)
         r.check(text("their covariance, {name}", name=name), found.P, P, routes, scale=size)
         if p.sigma_lambda2 * p.sigma_mu2 or name != "(i)":
-            mean, P = corrected(*given_)
+            mean, P = by_hand.corrected(*given_)
             slack = rounding(p) if name == "(i)" else 1.0  # inverses cancel
             routes = ("orthogonal transformations", "(11), (12), (15) corrected")
             r.check(text("ŝ[N, k], {name}", name=name), s_hat, phi @ mean, routes, scale=slack * float(np.abs(s_hat).max() or 1.0))
@@ -323,7 +224,7 @@ def part_recursive(r, p, answer, y, poly, moved, experiment):
         np.abs(whole.x[-1] - batch.mean).max() / scale.max(), np.abs(whole.P[-1] - batch.P).max() / scale.max() ** 2,
         *compared(r, "(i)", small, bayes.batch(constants(p, count=short), y[:short]), np.eye(2)),
         *compared(r, "(ii)", filtered(bayes.model(polynomial()), poly.z[1:]), bayes.batch(polynomial(), poly.z[1:, 0, 0]), np.eye(5)),
-        *compared(r, "(iii)", filtered(moving_state(), moved.z[1:]), bayes.batch(moving(), moved.z[1:, 0, 0]), state_of_moving()),
+        *compared(r, "(iii)", filtered(moving_state(), moved.z[1:]), bayes.batch(moving(), moved.z[1:, 0, 0]), by_hand.state_of_moving()),
     ]
     r.value("batch_minus_recursive_max", max(differences))
     r.holds("batch = recursion to 10⁻⁹", 1e-9 - max(differences), ("batch", "recursion"), size=1.0)
@@ -343,7 +244,7 @@ def part_recursive(r, p, answer, y, poly, moved, experiment):
         r.value(name, gain[i], agrees=answer, routes=("batch, last sample 1 and all others 0", "closed form"))
     r.check("gain on the last measurement", whole.K[-1], gain, ("square-root recursion", "batch, last sample 1 and all others 0"), scale=float(gain.max() or 1.0) * rounding(p))
     k = np.arange(1, short + 1)
-    closed = [analytic(p.model_copy(update={"k": int(i)})) for i in k]
+    closed = [by_hand.analytic(p.model_copy(update={"k": int(i)})) for i in k]
     for label, name, (i, j) in zip(D, ("lambda_variance", "mu_variance", "covariance"), ((0, 0), (1, 1), (0, 1)), strict=True):
         r.check(label, small.P_plus[1:, i, j], [one[name] for one in closed], ("Kalman filter", "closed form"))
     floor = update(system.P0, [[1.0, 1.0]], [[0.0]]).P_plus[0, 0]
@@ -352,13 +253,6 @@ def part_recursive(r, p, answer, y, poly, moved, experiment):
     r.check("σ_μ²λ̂ = σ_λ²μ̂ at every k", p.sigma_mu2 * whole.x[:, 0], p.sigma_lambda2 * whole.x[:, 1], ("estimate of λ", "estimate of μ"), scale=scale.max() ** 3)
     separate(r, p, y[:short], experiment)
     numerics(r, p, whole)
-
-
-def state_of_moving():
-    """Position and velocity at the last sample, and the slow error there, from (λ, μ) of the batch."""
-    C = np.zeros((3, 2 + AR_N))
-    C[0, :2], C[1, 1], C[2, -1] = (1.0, AR_N * AR_DT), 1.0, 1.0
-    return C
 
 
 def compared(r, name, filtered, batch, C):
@@ -403,7 +297,7 @@ def numerics(r, p, whole):
         found = bayes.batch(problem, ones)
         kept = found.combination([1.0, 1.0])[1][0]
         r.check(text("variance of λ + μ after {k} samples", k=k), kept, exact, ("root of the batch", "closed form"))
-        rows.append((k, *errors, abs(kept / exact - 1), abs(by_inverses(sl, sm, k / sw) / risk - 1)))
+        rows.append((k, *errors, abs(kept / exact - 1), abs(by_hand.by_inverses(sl, sm, k / sw) / risk - 1)))
     r.table("rounding", ["k", "(I − KT)M", "Joseph", "Potter, P formed", "batch, root kept", "risk by (15)"], rows,
             "Relative errors of the variance of λ + μ by five routes, and of the risk by inverses.")
     r.says("Every form that hands over P as a matrix of doubles loses the variance of λ + μ in proportion to k, Joseph's form included: an entry of P holds no more than 16 digits, and the sum of the four entries is what is left of them. Checks of such forms therefore allow a relative error of $10^{-14}k(\\sigma_\\lambda^2 + \\sigma_\\mu^2)/\\sigma_w^2$ where that exceeds 10⁻⁸ (here it is {allowed}). What keeps the variance is a root of P, asked for the combination itself, or a root carried through the recursion, sample by sample:", allowed=1e-14 * p.k * (sl + sm) / sw)
@@ -442,7 +336,7 @@ def part_figure2(r, p, answer):
         best = covariances(bayes.model(problem), len(counts)).P_plus[1:, 0, 0]
         worse = sensitivity.actual(bayes.model(problem), bayes.model(problem.ignoring()), len(counts), compare=[[1.0, 0.0]]).P_plus[1:, 0, 0]
         curves[text("σ_μ² = {v}: ignored", v=sm)], curves[text("σ_μ² = {v}: optimal", v=sm)] = worse, best
-        r.check(text("variance that ignores μ, σ_μ² = {v}", v=sm), worse, [naive(k, sw, sl, sm) for k in counts], ("sensitivity", "closed form"))
+        r.check(text("variance that ignores μ, σ_μ² = {v}", v=sm), worse, [by_hand.naive(k, sw, sl, sm) for k in counts], ("sensitivity", "closed form"))
         r.check(text("optimal variance, σ_μ² = {v}", v=sm), best, sl * (sw + counts * sm) / (sw + counts * (sl + sm)), ("Kalman filter", "closed form"))
         r.holds(text("the optimal estimator is never worse, σ_μ² = {v}", v=sm), worse - best, ("sensitivity", "Kalman filter"), size=sl or 1.0)
         rows.append((sm, sl * sm / (sl + sm) if sl + sm else 0.0, best[-1], worse[-1], worse[-1] / best[-1] if best[-1] else 1.0))
@@ -470,7 +364,7 @@ def minimum(r, p, answer):
     at = [0.5 * found, found, 2 * found]
     variances = [float(sensitivity.actual(bayes.model(one), bayes.model(one.ignoring()), 1, compare=[[1.0, 0.0]]).P_plus[1, 0, 0]) for one in (constants(p, noise=[sw / k]) for k in at)]
     r.holds("the variance is least there", np.array([variances[0], variances[2]]) - variances[1], ("sensitivity", "closed form of k"), size=variances[1])
-    r.check("the least variance", variances[1], naive(answer["naive_minimum_k"], sw, sl, sm), ("sensitivity", "closed form"))
+    r.check("the least variance", variances[1], by_hand.naive(answer["naive_minimum_k"], sw, sl, sm), ("sensitivity", "closed form"))
     r.says("As $2\\sigma_\\mu^2 > \\sigma_\\lambda^2$, the estimator that ignores μ is best at k = {k}, with a variance of {least} u². More measurements make it worse, towards {sm} u²: it averages the noise away and trusts what remains.", k=found, least=variances[1], sm=sm)
 
 
@@ -511,8 +405,8 @@ def part_statement(r, p, answer, poly, experiment):
     worst = agreement(r, "fixed λ and μ", stats, actual.P_plus, actual.bias_plus, consistent=False)
     r.says("An ensemble of {runs} runs with the given λ = {lam} and μ = {mu} has, at k = {k}, mean errors of {a} and {b} u where theory says {c} and {d} u; the largest deviation at any k is {worst} standard errors.",
            runs=experiment.runs, lam=p.lam, mu=p.mu, k=p.k, a=stats.bias[-1, 0], b=stats.bias[-1, 1], c=actual.bias_plus[-1, 0], d=actual.bias_plus[-1, 1], worst=round(worst, 2))
-    ends = limits(p.lam, p.mu, p.sigma_lambda2, p.sigma_mu2)
-    paper, at_infinity = percentages(*PAPER), limits(PAPER[0], PAPER[1], PAPER[3], PAPER[4])
+    ends = by_hand.limits(p.lam, p.mu, p.sigma_lambda2, p.sigma_mu2)
+    paper, at_infinity = by_hand.percentages(*PAPER), by_hand.limits(PAPER[0], PAPER[1], PAPER[3], PAPER[4])
     rows = [
         (name, printed, paper[f"{key}_error_percent_expected"], paper[f"{key}_error_percent_sd"], (printed - abs(paper[f"{key}_error_percent_expected"])) / paper[f"{key}_error_percent_sd"], end)
         for name, key, printed, end in zip(("λ̂", "μ̂"), ("lambda", "mu"), PRINTED, at_infinity, strict=True)
@@ -536,14 +430,14 @@ def doubted(r, p, counts, noise, poly, experiment):
     bank = bayes.hypotheses([bayes.model(problem), bayes.model(problem.ignoring())], some.z[1:])
     sizes = np.diff([0, *counts])
     averages = np.cumsum(sizes * some.z[1:, 0, 0]) / counts
-    exact = [posterior_odds(a, k, p.sigma_w2, p.sigma_lambda2, p.sigma_mu2) for a, k in zip(averages, counts, strict=True)]
+    exact = [by_hand.posterior_odds(a, k, p.sigma_w2, p.sigma_lambda2, p.sigma_mu2) for a, k in zip(averages, counts, strict=True)]
     r.says("**Is there a slow error at all?** Two filters, one with μ and one without, even odds, and Bayes' rule on their innovations.")
     r.check("probability of a slow error, (i)", bank.probability[1:, 0, 0], exact, ("innovations of two filters", "average of the samples"), scale=rounding(p))
-    ending = posterior_odds(p.lam + p.mu, 1e300, p.sigma_w2, p.sigma_lambda2, p.sigma_mu2) if p.sigma_lambda2 else (1.0 if p.sigma_mu2 and p.lam + p.mu else 0.5)
+    ending = by_hand.posterior_odds(p.lam + p.mu, 1e300, p.sigma_w2, p.sigma_lambda2, p.sigma_mu2) if p.sigma_lambda2 else (1.0 if p.sigma_mu2 and p.lam + p.mu else 0.5)
     drift, y = polynomial(), poly.z[1:, 0, 0]
     other = bayes.hypotheses([bayes.model(drift), bayes.model(drift.ignoring())], poly.z[1:])
     common, noise_ = drift.phi @ drift.K_lambda @ drift.phi.T, drift.noise * np.eye(drift.N)
-    densities = [log_density(y, drift.phi @ drift.m_lambda, K) for K in (common + drift.psi @ drift.K_mu @ drift.psi.T + noise_, common + noise_)]
+    densities = [by_hand.log_density(y, drift.phi @ drift.m_lambda, K) for K in (common + drift.psi @ drift.K_mu @ drift.psi.T + noise_, common + noise_)]
     r.check("log-likelihoods of the two hypotheses, (ii)", other.log_likelihood[-1, :, 0], densities, ("innovations of two filters", "joint density"))
     figure = plots.lines(counts, {"(i), constant error": bank.probability[1:, 0, 0]}, xlabel=STEP, ylabel="probability of a slow error", log="x", ylim=(0.0, 1.02), straight={"limit for k → ∞": ([1, p.k], [ending, ending])})
     r.figure("hypotheses", figure, "Probability of a slow error in (i). The data hold one value of λ + μ, however many the samples, so the question is never decided: for this λ + μ the probability tends to {ending}.", ending=ending)
@@ -566,6 +460,27 @@ def conclusions(r, p):
     lines.append("The printed 7 % and 15 % are one ordinary draw about 8.26 % and −13.39 %, and do not vanish with k." if v["verdict_statement"] else "The printed 7 % and 15 % are no ordinary draw of the model.")
     lines.append(largest(r))
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Reproduce the paper, part by part."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer = by_hand.analytic(p)
+    y = montecarlo.simulate(truth(p, named(constants(p))), p.k, 1, experiment.seed).z[:, 0, 0]
+    poly = experiment.histories(bayes.model(polynomial()), steps=len(POLY_T), runs=1, stream=2)
+    moved = experiment.histories(moving_state(), steps=AR_N, runs=1, stream=3)
+    r.heading("Plan of the experiment")
+    plan(r, p, experiment)
+    r.heading("Part I. Analysis")
+    part_batch(r, p, y, poly, moved)
+    part_recursive(r, p, answer, y, poly, moved, experiment)
+    r.heading("Part II. Experiment")
+    part_figure1(r, p, y, experiment)
+    part_figure2(r, p, answer)
+    part_statement(r, p, answer, poly, experiment)
+    r.heading("Conclusions")
+    conclusions(r, p)
+    return r
 
 
 if __name__ == "__main__":

@@ -12,10 +12,11 @@ takes one with R = 0 as the state.
 
 import math
 from dataclasses import replace
-from decimal import Decimal, localcontext
 from functools import partial
 
 import numpy as np
+from ctlabs.tasks.answers import task01 as by_hand
+from ctlabs.tasks.answers.task01 import AFTER
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import settling, settling_step, steady
@@ -37,8 +38,6 @@ META = {
 
 STEP = "measurement number i"
 FACTORS = (0.01, 0.1, 1.0, 10.0, 100.0)
-#: Steps after the anomaly that are listed.
-AFTER = 6
 
 
 class Parameters(LabParameters):
@@ -52,127 +51,16 @@ class Parameters(LabParameters):
     steps: Count = given(10, unit="1", meaning="number of measurements (a list R sets it)")
 
 
-def variances(p):
-    """R(t_i), i = 1, 2, …: the list, or the number repeated."""
-    return list(p.R) if isinstance(p.R, tuple) else [p.R] * p.steps
-
-
-def analytic(p):
-    """The sheet's answers, by hand."""
-    R, Qd = variances(p), p.sigma_w2 * p.tau
-    posterior = conditioned(p.P0, Qd, R)
-    prior = [P + Qd for P in [p.P0, *posterior[:-1]]]
-    gain = [gain_of(P, r) for P, r in zip(prior, R, strict=True)]
-    root = math.sqrt(Qd**2 + 4 * Qd * R[-1]) if math.isfinite(R[-1]) else None
-    limit = None if root is None else 0.5 * (root - Qd)
-    return {
-        "prior_variance": prior,
-        "posterior_variance": posterior,
-        "gain": gain,
-        "prior_variance_steady": None if root is None else 0.5 * (root + Qd),
-        "posterior_variance_steady": limit,
-        "gain_steady": None if root is None else gain_by_ratio(Qd, R[-1]),
-        "settling_step": None if root is None else settling_by_hand(p.P0, Qd, R, limit),
-        "bias_factor": list(np.cumprod([1 - K for K in gain])),
-        "posterior_variance_missing": None if root is None else recovery(limit, Qd, math.inf, R[-1]),
-        "posterior_variance_perfect": None if root is None else recovery(limit, Qd, 0.0, R[-1]),
-    }
-
-
-def conditioned(P0, Qd, R):
-    """Var(x(t_i) | z_1…z_i) for every i, by conditioning the joint Gaussian distribution: Cov(x_i, x_j) = P0 + min(i, j)Qd.
-
-    Cov(z) = L diag(d) Lᵀ grows by a row with every measurement. What is left of x_i is a difference of numbers as large as
-    P0 + iQd, so it is formed with 60 digits, of the same doubles.
-    """
-    with localcontext() as digits:
-        digits.prec = 60
-        start, step = Decimal(float(P0)), Decimal(float(Qd))
-        used, L, d, found = [], [], [], []
-        for i, r in enumerate(R, start=1):
-            row = weights([start + j * step for j in used], L, d)
-            before = start + i * step - sum((a * a * v for a, v in zip(row, d, strict=True)), Decimal(0))
-            if math.isfinite(r):
-                noise = Decimal(float(r))
-                known = before + noise <= Decimal("1e-40") * (start + i * step + noise)
-                used, L, d = [*used, i], [*L, row], [*d, Decimal(0) if known else before + noise]
-                before = Decimal(0) if known else before - before * before / (before + noise)
-            found.append(float(before) if r > 0 else 0.0)
-    return found
-
-
-def weights(covariances, L, d):
-    """a with covariances = L diag(d) a, row by row; a measurement that says nothing new (d = 0) has none."""
-    a = []
-    for c, row, v in zip(covariances, L, d, strict=True):
-        rest = c - sum((x * y * w for x, y, w in zip(row, a, d, strict=False)), Decimal(0))
-        a.append(rest / v if v else Decimal(0))
-    return a
-
-
-def gain_of(P, R):
-    """P/(P + R); 0 for an infinite R, and where nothing is left to learn."""
-    return P / (P + R) if math.isfinite(R) and P + R > 0 else 0.0
-
-
-def gain_by_ratio(Qd, R):
-    """K̄ from ρ = Qd/R, written without cancellation; 1 for R = 0 with noise, 0 without noise."""
-    if R == 0:
-        return 1.0 if Qd else 0.0
-    ratio = Qd / R
-    return 2 * ratio / (ratio + math.sqrt(ratio**2 + 4 * ratio)) if ratio else 0.0
-
-
-def settling_by_hand(P0, Qd, R, limit):
-    """The first measurement from which P⁺ stays within 1 % of its limit; R goes on with its last entry, and there P⁺ is monotone."""
-    P, outside, i = P0, 0, 0
-    while i < len(R) or (limit and abs(P - limit) > 0.001 * limit):
-        P, r, i = P + Qd, R[min(i, len(R) - 1)], i + 1
-        P = 0.0 if r == 0 or P == 0 else 1 / (1 / P + 1 / r)
-        outside = i if abs(P - limit) > 0.01 * limit else outside
-    return None if limit == 0 and P > 0 else outside + 1
-
-
-def recovery(limit, Qd, anomaly, R):
-    """P⁺ at t* and after, from the steady state, by the information: 1/P⁺ = 1/(P + Qd) + 1/R."""
-    P, found = limit, []
-    for r in [anomaly] + [R] * AFTER:
-        P = P + Qd
-        P = 0.0 if r == 0 or P == 0 else 1 / (1 / P + 1 / r)
-        found.append(P)
-    return found
-
-
-def continuous(p, sigma_w2=None):
-    """ẋ = w: the constant is the initial state, the Brownian motion its increments."""
-    return ContinuousModel(F=[[0]], G=[[1]], Q=[[p.sigma_w2 if sigma_w2 is None else sigma_w2]], H=[[1]], x0=[p.x0_mean], P0=[[p.P0]],
-                           states=["x"], units=["m"])
-
-
 def model(p, R, sigma_w2=None):
     """The sampled system with a constant variance R, or one for each measurement (t0 has none)."""
     stacked = np.array([math.inf, *R])[:, None, None] if np.ndim(R) else [[R]]
     return discretise(continuous(p, sigma_w2), p.tau, stacked)
 
 
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, R = analytic(p), variances(p)[-1]
-    r.heading("Part I. Analysis")
-    build = partial(model, p)
-    analysis(r, p, answer, R)
-    r.heading("Plan of the experiment")
-    steps = plan(r, experiment)
-    r.heading("Part II. Experiment")
-    sweep(r, build, experiment, steps, "a", "Influence of the diffusion", "diffusion σ_w², m²/s",
-          [(p.sigma_w2 * f, p.sigma_w2 * f, R) for f in FACTORS])
-    sweep(r, build, experiment, steps, "b", "Influence of the measurement variance", "variance R, m²", [(R * f, p.sigma_w2, R * f) for f in FACTORS])
-    part_c(r, p, build, experiment, steps)
-    part_d(r, p, build, answer, experiment, R)
-    r.heading("Conclusions")
-    conclusions(r, p, answer, R)
-    return r
+def continuous(p, sigma_w2=None):
+    """ẋ = w: the constant is the initial state, the Brownian motion its increments."""
+    return ContinuousModel(F=[[0]], G=[[1]], Q=[[p.sigma_w2 if sigma_w2 is None else sigma_w2]], H=[[1]], x0=[p.x0_mean], P0=[[p.P0]],
+                           states=["x"], units=["m"])
 
 
 def analysis(r, p, answer, R):
@@ -184,8 +72,8 @@ def analysis(r, p, answer, R):
     r.math(r"\hat x(t_i^-) = \hat x(t_{i-1}^+), \qquad P(t_i^-) = P(t_{i-1}^+) + Q_d")
     r.math(r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R(t_i)}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = [1 - K(t_i)]P(t_i^-)")
     r.says("The position itself never becomes stationary (its variance grows by $Q_d$ each period); its estimation error does.")
-    at = [i * p.tau for i in range(1, len(variances(p)) + 1)]
-    system = model(p, variances(p))
+    at = [i * p.tau for i in range(1, len(by_hand.variances(p)) + 1)]
+    system = model(p, by_hand.variances(p))
     schedule = covariances(system, len(at))
     routes = ("recursion", "joint conditioning")
     r.value("prior_variance", schedule.P_minus[1:, 0, 0], "m²", at=at, agrees=answer, routes=routes)
@@ -270,15 +158,15 @@ def part_c(r, p, build, experiment, steps):
         limit = steady.solve(build(R, Qd / p.tau))
         other = steady.solve(build(7 * R, 7 * Qd / p.tau))
         r.check(text("K̄ at ρ = {ratio}, σ_w² and R seven times larger", ratio=ratio), other.K[0, 0], limit.K[0, 0], ("scaled system", "system"))
-        r.check(text("K̄ at ρ = {ratio}", ratio=ratio), limit.K[0, 0], gain_by_ratio(Qd, R), ("Riccati equation", "closed form"))
+        r.check(text("K̄ at ρ = {ratio}", ratio=ratio), limit.K[0, 0], by_hand.gain_by_ratio(Qd, R), ("Riccati equation", "closed form"))
         rows.append((ratio, limit.K[0, 0], limit.P_plus[0, 0] / R, 1 - limit.K[0, 0], settling(build(R, Qd / p.tau))))
     r.table("ratio", ["ρ", "K̄", "P̄⁺/R", "multiplier 1 − K̄", "settling step"], rows, "The gain and the relative variance depend on ρ alone; the settling step also on P0.")
     ratios = np.logspace(-3, 3, 121)
-    curves = {"K̄ = P̄⁺/R": [gain_by_ratio(x, 1.0) for x in ratios], "error multiplier 1 − K̄": [1 - gain_by_ratio(x, 1.0) for x in ratios]}
+    curves = {"K̄ = P̄⁺/R": [by_hand.gain_by_ratio(x, 1.0) for x in ratios], "error multiplier 1 − K̄": [1 - by_hand.gain_by_ratio(x, 1.0) for x in ratios]}
     figure = plots.lines(ratios, curves, xlabel="ratio $\\rho = \\sigma_w^2\\tau/R$", ylabel="steady gain, multiplier (ratio)", log="x",
                          points={"table": (FACTORS, [row[1] for row in rows])}, ylim=(0.0, 1.02))
     r.figure("ratio", figure, "The steady gain: below ρ ≈ 0.1 the filter averages many measurements, above ρ ≈ 10 it follows the last one.")
-    R = variances(p)[-1]
+    R = by_hand.variances(p)[-1]
     if math.isfinite(R) and R > 0:
         limit = steady.solve(build(R))
         portrait(r, experiment, build(R), steps, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]))
@@ -336,6 +224,26 @@ def conclusions(r, p, answer, R):
         lines.append("Only the ratio σ_w²τ/R shapes the filter; the scale of the variances is R.")
     lines.append(largest(r))
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer, R = by_hand.analytic(p), by_hand.variances(p)[-1]
+    r.heading("Part I. Analysis")
+    build = partial(model, p)
+    analysis(r, p, answer, R)
+    r.heading("Plan of the experiment")
+    steps = plan(r, experiment)
+    r.heading("Part II. Experiment")
+    sweep(r, build, experiment, steps, "a", "Influence of the diffusion", "diffusion σ_w², m²/s",
+          [(p.sigma_w2 * f, p.sigma_w2 * f, R) for f in FACTORS])
+    sweep(r, build, experiment, steps, "b", "Influence of the measurement variance", "variance R, m²", [(R * f, p.sigma_w2, R * f) for f in FACTORS])
+    part_c(r, p, build, experiment, steps)
+    part_d(r, p, build, answer, experiment, R)
+    r.heading("Conclusions")
+    conclusions(r, p, answer, R)
+    return r
 
 
 if __name__ == "__main__":

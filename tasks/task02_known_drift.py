@@ -13,6 +13,7 @@ from functools import partial
 
 import numpy as np
 from ctlabs.tasks import task01_brownian_position as lab1
+from ctlabs.tasks.answers import task02 as by_hand
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import steady
@@ -39,22 +40,6 @@ class Parameters(lab1.Parameters):
     u: Real = given(1.0, unit="m/s", meaning="known constant velocity")
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    R, Qd = lab1.variances(p), p.sigma_w2 * p.tau
-    steady_gain = lab1.gain_by_ratio(Qd, R[-1]) if math.isfinite(R[-1]) else 0.0
-    forgets = None if steady_gain == 0 else p.u * p.tau * (1 - steady_gain) / steady_gain
-    return {
-        "control_increment": p.u * p.tau,
-        "posterior_variance": lab1.conditioned(p.P0, Qd, R),
-        "gain_steady": steady_gain if math.isfinite(R[-1]) else None,
-        "unmodelled_drift_bias_prior": None if forgets is None else forgets + p.u * p.tau,
-        "unmodelled_drift_bias_posterior": forgets,
-        "unmodelled_drift_mse": None if forgets is None else steady_gain * R[-1] + forgets**2,
-        "posterior_variance_known_start": lab1.conditioned(0.0, Qd, R),
-    }
-
-
 def model(p, R, sigma_w2=None, u=None):
     """ẋ = u + w, sampled; the known input adds uτ to the mean each period."""
     continuous = ContinuousModel(
@@ -64,37 +49,16 @@ def model(p, R, sigma_w2=None, u=None):
     return discretise(continuous, p.tau, stacked, u=[p.u if u is None else u])
 
 
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, R, build = analytic(p), lab1.variances(p)[-1], partial(model, p)
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, build)
-    forgotten(r, answer, build, R)
-    r.heading("Plan of the experiment")
-    steps = lab1.plan(r, experiment)
-    r.heading("Part II. Experiment")
-    lab1.sweep(r, build, experiment, steps, "a", "Influence of the diffusion", "diffusion σ_w², m²/s",
-               [(p.sigma_w2 * f, p.sigma_w2 * f, R) for f in lab1.FACTORS])
-    lab1.sweep(r, build, experiment, steps, "b", "Influence of the measurement variance", "variance R, m²", [(R * f, p.sigma_w2, R * f) for f in lab1.FACTORS])
-    lab1.part_c(r, p, build, experiment, steps)
-    forgets_in_experiment(r, build, experiment, steps, R)
-    lab1.part_d(r, p, build, lab1.analytic(p), experiment, R)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
-
-
 def part_a(r, p, answer, build):
     """The known input, and why the covariances do not feel it."""
     r.section("a", "Model and filter")
     r.says("The known velocity is an input: $\\dot{x} = u + w$. Over one period it moves the state by $u\\tau$ (u is a velocity: it is multiplied by the period), and the prediction adds just that:")
     r.math(r"x(t_{i+1}) = x(t_i) + u\tau + w_d(t_i), \qquad \hat x(t_i^-) = \hat x(t_{i-1}^+) + u\tau, \qquad P(t_i^-) = P(t_{i-1}^+) + Q_d")
-    system = build(lab1.variances(p))
-    r.model(build(lab1.variances(p)[-1]))
+    system = build(lab1.by_hand.variances(p))
+    r.model(build(lab1.by_hand.variances(p)[-1]))
     r.says("In the error $e = \\hat{x} - x$ the input cancels, $e(t_i^-) = e(t_{i-1}^+) - w_d(t_{i-1})$. So the variances, the gain, the settling and the effect of an anomaly are those of lab 1, whatever u.")
     r.value("control_increment", float(system.offset[0]), "m", agrees=answer, routes=("discretised input", "product uτ"))
-    steps = len(lab1.variances(p))
+    steps = len(lab1.by_hand.variances(p))
     schedule, without = covariances(system, steps), covariances(replace(system, offset=None), steps)
     at = [i * p.tau for i in range(1, steps + 1)]
     r.value("posterior_variance", schedule.P_plus[1:, 0, 0], "m²", at=at, agrees=answer, routes=("recursion", "joint conditioning"))
@@ -150,11 +114,32 @@ def conclusions(r, p, answer):
     elif p.u == 0:
         lines.append("With u = 0 there is nothing to forget: both filters are the same.")
     else:
-        own = answer["gain_steady"] * lab1.variances(p)[-1]
+        own = answer["gain_steady"] * lab1.by_hand.variances(p)[-1]
         lines.append(text("A filter that forgets the drift has a steady bias of {bias} m after an update; its mean square error is {mse} m² where it claims {claimed} m². A larger gain would lower the bias.",
                           bias=bias, mse=answer["unmodelled_drift_mse"], claimed=own))
     lines.append(lab1.largest(r))
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer, R, build = by_hand.analytic(p), lab1.by_hand.variances(p)[-1], partial(model, p)
+    r.heading("Part I. Analysis")
+    part_a(r, p, answer, build)
+    forgotten(r, answer, build, R)
+    r.heading("Plan of the experiment")
+    steps = lab1.plan(r, experiment)
+    r.heading("Part II. Experiment")
+    lab1.sweep(r, build, experiment, steps, "a", "Influence of the diffusion", "diffusion σ_w², m²/s",
+               [(p.sigma_w2 * f, p.sigma_w2 * f, R) for f in lab1.FACTORS])
+    lab1.sweep(r, build, experiment, steps, "b", "Influence of the measurement variance", "variance R, m²", [(R * f, p.sigma_w2, R * f) for f in lab1.FACTORS])
+    lab1.part_c(r, p, build, experiment, steps)
+    forgets_in_experiment(r, build, experiment, steps, R)
+    lab1.part_d(r, p, build, lab1.by_hand.analytic(p), experiment, R)
+    r.heading("Conclusions")
+    conclusions(r, p, answer)
+    return r
 
 
 if __name__ == "__main__":

@@ -12,11 +12,12 @@ variant 1, and they are equal iff R12 = 0.
 
 import math
 from dataclasses import replace
-from itertools import islice
 
 import numpy as np
 import sympy
-from ctlabs.tasks import _kinematics_analytic as by_hand
+from ctlabs.tasks.answers import kinematics as one_coordinate
+from ctlabs.tasks.answers import task05 as by_hand
+from ctlabs.tasks.answers.task05 import LISTED
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import kalman_filter, settling, steady, updates
@@ -44,8 +45,6 @@ STATES, UNITS = ("x", "v_x", "y", "v_y"), ("m", "m/s", "m", "m/s")
 STEP = "measurement number i"
 #: Other units of length (m) and time (s), for the check of the units.
 METRE, SECOND = 3.7, 0.23
-#: Measurements in the lists.
-LISTED = 10
 #: Measurements simulated at a changing geometry, fewer where the point would wander far.
 SIMULATED = 20
 #: Factors of the experiment and their levels.
@@ -69,91 +68,10 @@ class Parameters(LabParameters):
     tau: Positive = given(1.0, unit="s", meaning="period of the measurements")
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    t, q, c, s = p.tau, p.sigma_w2, math.cos(p.theta), math.sin(p.theta)
-    across = (p.D * p.sigma_theta) ** 2
-    R11, R22, R12 = p.sigma_D**2 * c**2 + across * s**2, p.sigma_D**2 * s**2 + across * c**2, s * c * (p.sigma_D**2 - across)
-    Phi, root = np.array([[1, t], [0, 1]]), math.sqrt(q)
-    standard = root * np.array([[math.sqrt(t**3 / 3), 0], [math.sqrt(3 * t / 4), math.sqrt(t) / 2]])
-    limits = {R: np.diag(by_hand.steady_state(2, q, t, R)[1]) for R in (R11, R22, p.sigma_D**2, across)}
-    first = np.concatenate([limits[R11], limits[R22]])
-    best = turned(limits[p.sigma_D**2], limits[across], p.theta)
-    paths = {R: transient(p, Phi, standard, R, LISTED) for R in (R11, R22, p.sigma_D**2, across)}
-    return {
-        "Phi": np.kron(np.eye(2), Phi), "Qd": np.kron(np.eye(2), q * np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]])),
-        "unit_lower_factor": np.kron(np.eye(2), [[1, 0], [3 / (2 * t), 1]]), "standardised_noise_factor": np.kron(np.eye(2), standard),
-        "diagonal_noise_variances": [q * t**3 / 3, q * t / 4] * 2,
-        "pseudo_measurement_covariance": [[R11, R12], [R12, R22]], "l21": R12 / R11, "diagonal_variances": [R11, p.sigma_D**2 * across / R11],
-        "posterior_variance_steady_variant1": first, "posterior_variance_steady_variant2": best, "variance_ratio_steady": first / best,
-        "posterior_variance_variant1": np.hstack([paths[R11], paths[R22]]),
-        "posterior_variance_variant2": turned(paths[p.sigma_D**2], paths[across], p.theta),
-        "settling_step_variant1": settling_by_hand(p, Phi, standard, (R11, R22), first, lambda a, b: np.concatenate([a, b])),
-        "settling_step_variant2": settling_by_hand(p, Phi, standard, (p.sigma_D**2, across), best, lambda a, b: turned(a, b, p.theta)),
-        "cost_of_update": costs(4),
-    }
-
-
-def turned(along, across, theta):
-    """Variances of (x, v_x, y, v_y) where radius and its normal have independent errors with the variances given."""
-    c2, s2 = math.cos(theta) ** 2, math.sin(theta) ** 2
-    return np.concatenate([c2 * along + s2 * across, s2 * along + c2 * across], axis=-1)
-
-
-def spread(p):
-    """Variances of each coordinate and each velocity at t0: as good as a first measurement, and 10τ of Brownian motion."""
-    return p.sigma_D**2 + (p.D * p.sigma_theta) ** 2, 10 * p.sigma_w2 * p.tau
-
-
-def transient(p, Phi, standard, R, count):
-    """Variances after 1…count updates of one coordinate measured with the variance R, by square-root arrays."""
-    return np.array([np.diag(P) for _K, P in islice(by_hand.filtered(Phi, standard, R, np.diag(spread(p))), count)])
-
-
-def settling_by_hand(p, Phi, standard, noises, limit, combine, longest=20_000):
-    """The first i from which all four variances stay within 1 % of their limits; the two filters run side by side."""
-    one, other = (by_hand.filtered(Phi, standard, R, np.diag(spread(p))) for R in noises)
-    outside = 0
-    for i, ((_K, A), (_L, B)) in enumerate(zip(one, other, strict=False), start=1):
-        if (np.abs(combine(np.diag(A), np.diag(B)) - limit) > 0.01 * limit).any():
-            outside = i
-        if i > 2 * outside + 32:
-            return outside + 1
-        if i >= longest:
-            return None
-    return None
-
-
-def costs(n):
-    """Operations of an update: variant 1 as two filters of n/2 states, as one; variant 2 decorrelated; both at once."""
-    def scalar(k):
-        return k * (2 * k - 1) + 9 * k - 2 * k + 2 * k**2
-
-    both = 2 * n * (2 * n - 1) + 4 * (2 * n - 1) + 4 + 4 * n
-    return [2 * scalar(n // 2), 2 * scalar(n), 2 * scalar(n) + 3 + 2 * (n + 1), both + 3 + 2 * (n + 1) + 2 * n + 4 * n + 4 * n**2]
-
-
-def moments(D, theta, sigma_D, sigma_theta):
-    """Exact mean and covariance of (D + e_D)(cos, sin)(θ + e_θ) − (x, y), by E cos e_θ = exp(−σ_θ²/2)."""
-    less = -math.expm1(-(sigma_theta**2))
-    radial = sigma_D**2 * (1 + (1 - less) ** 2) / 2 + D**2 * less**2 / 2
-    normal = -(D**2 + sigma_D**2) * math.expm1(-2 * sigma_theta**2) / 2
-    c, s = math.cos(theta), math.sin(theta)
-    turn = np.array([[c, -s], [s, c]])
-    return D * math.expm1(-(sigma_theta**2) / 2) * np.array([c, s]), turn @ np.diag([radial, normal]) @ turn.T
-
-
-def moments_by_quadrature(D, theta, sigma_D, sigma_theta):
-    """The same by Gauss–Hermite nodes in e_D and e_θ."""
-    node, weight = np.polynomial.hermite_e.hermegauss(60)
-    weight = weight / weight.sum()
-    r, angle = np.meshgrid(D + sigma_D * node, sigma_theta * node, indexing="ij")
-    radial, normal = (r - D) * np.cos(angle) - 2 * D * np.sin(angle / 2) ** 2, r * np.sin(angle)
-    c, s = math.cos(theta), math.sin(theta)
-    e = np.stack([c * radial - s * normal, s * radial + c * normal])
-    both = weight[:, None] * weight
-    mean = (e * both).sum(axis=(1, 2))
-    return mean, np.einsum("aij,bij,ij->ab", e - mean[:, None, None], e - mean[:, None, None], both)
+def system(p, R=None):
+    """The discrete model at fixed geometry; the index of a measurement is its time."""
+    R = covariance(p, *start(p)) if R is None else R
+    return replace(discretise(continuous(p), p.tau, R), dt=1.0)
 
 
 def start(p):
@@ -183,46 +101,17 @@ def correlation(R):
 
 def continuous(p):
     """Two independent Wiener velocities."""
-    position, velocity = spread(p)
+    position, velocity = by_hand.spread(p)
     return ContinuousModel(
         F=np.kron(np.eye(2), [[0, 1], [0, 0]]), G=np.kron(np.eye(2), [[0], [1]]), Q=p.sigma_w2 * np.eye(2), H=np.kron(np.eye(2), [[1, 0]]),
         x0=[start(p)[0], 0, start(p)[1], 0], P0=np.diag([position, velocity] * 2), states=STATES, measurements=["z_x", "z_y"], units=UNITS,
     )
 
 
-def system(p, R=None):
-    """The discrete model at fixed geometry; the index of a measurement is its time."""
-    R = covariance(p, *start(p)) if R is None else R
-    return replace(discretise(continuous(p), p.tau, R), dt=1.0)
-
-
 def variants(p, R=None):
     """The truth, which is what variant 2 believes, and the design of variant 1."""
     truth = system(p, R)
     return truth, replace(truth, R=truth.R * np.eye(2))
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, (truth, first) = analytic(p), variants(p)
-    r.heading("Part I. Analysis")
-    model_part(r, p, answer, truth)
-    part_a(r, p)
-    part_b(r, p, answer, truth)
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment, truth)
-    r.heading("Part II. Experiment and the rest of the analysis")
-    part_c(r, p, answer, truth, first, experiment, steps)
-    part_d(r, answer, truth)
-    part_e(r, truth, experiment)
-    part_f(r, p, answer, truth, experiment, steps)
-    part_g(r, p, answer, truth, first)
-    cost(r, answer)
-    nonlinear(r, p, experiment)
-    r.heading("Conclusions")
-    conclusions(r, p)
-    return r
 
 
 def model_part(r, p, answer, truth):
@@ -291,10 +180,10 @@ def part_b(r, p, answer, truth):
     r.value("correlation_coefficient", correlation(truth.R))
     r.value("verdict_b_independent", bool(abs(correlation(truth.R)) <= ROUNDING))
     rows = [0.2 * 0.5**j for j in range(4)]
-    gaps = [np.linalg.norm(moments(1.0, p.theta, e / 2, e)[1] - shaped(p.theta, (e / 2) ** 2, e**2)) / e**2 for e in rows]
+    gaps = [np.linalg.norm(by_hand.moments(1.0, p.theta, e / 2, e)[1] - shaped(p.theta, (e / 2) ** 2, e**2)) / e**2 for e in rows]
     r.order("first-order covariance against the exact one, relative", gaps, 2.0, ("exact moments", "first order"))
-    mean, exact = moments(p.D, p.theta, p.sigma_D, p.sigma_theta)
-    again = moments_by_quadrature(p.D, p.theta, p.sigma_D, p.sigma_theta)
+    mean, exact = by_hand.moments(p.D, p.theta, p.sigma_D, p.sigma_theta)
+    again = by_hand.moments_by_quadrature(p.D, p.theta, p.sigma_D, p.sigma_theta)
     r.check("exact covariance of the conversion", exact, again[1], ("closed form", "Gauss–Hermite quadrature"), scale=size)
     r.table("moments", ["of (e_x, e_y)", "mean, m", "R11, m²", "R22, m²", "R12, m²"], [
         ("first order", [0.0, 0.0], truth.R[0, 0], truth.R[1, 1], truth.R[0, 1]), ("exact", list(mean), exact[0, 0], exact[1, 1], exact[0, 1]),
@@ -315,7 +204,7 @@ def shaped(theta, along, across):
 
 def length(p):
     """Measurements at a changing geometry: until the point's own wandering reaches a quarter of D, at most SIMULATED."""
-    position, velocity = spread(p)
+    position, velocity = by_hand.spread(p)
     t = p.tau * np.arange(1, SIMULATED + 1)
     return max(2, int((np.sqrt(position + velocity * t**2 + p.sigma_w2 * t**3 / 3) <= p.D / 4).sum()))
 
@@ -324,7 +213,7 @@ def plan(r, p, experiment, truth):
     """Every number chosen."""
     settled = settling(truth)
     steps = min(max(SIMULATED, 10 + (settled or SIMULATED)), 60)
-    position, velocity = spread(p)
+    position, velocity = by_hand.spread(p)
     r.says("Parts (c) and (f) fix the geometry at D, θ: the pseudo-measurements are linear with a constant R, and theory and ensemble can be compared exactly. Part (g) uses the true sensor: polar noise, `atan2`, the conversion, and R at the geometry predicted by each filter at each measurement, on several trajectories. Both variants see the same random numbers throughout.")
     r.table("plan", ["quantity", "value", "why"], [
         ["measurements, fixed geometry", steps, "the transient and ten more"],
@@ -445,9 +334,9 @@ def factors(r, p, experiment):
 def analytic_limits(p):
     """Steady variances of both variants from those of one coordinate."""
     R = covariance(p, *start(p))
-    along, across = (np.diag(by_hand.steady_state(2, p.sigma_w2, p.tau, variance)[1]) for variance in (p.sigma_D**2, (p.D * p.sigma_theta) ** 2))
-    own = [np.diag(by_hand.steady_state(2, p.sigma_w2, p.tau, variance)[1]) for variance in np.diag(R)]
-    return np.concatenate(own), turned(along, across, p.theta)
+    along, across = (np.diag(one_coordinate.steady_state(2, p.sigma_w2, p.tau, variance)[1]) for variance in (p.sigma_D**2, (p.D * p.sigma_theta) ** 2))
+    own = [np.diag(one_coordinate.steady_state(2, p.sigma_w2, p.tau, variance)[1]) for variance in np.diag(R)]
+    return np.concatenate(own), by_hand.turned(along, across, p.theta)
 
 
 def part_g(r, p, answer, truth, first):
@@ -546,7 +435,7 @@ def along(p, velocity, steps):
 
 def small(p, runs, steps):
     """A factor of all noises at which nothing but the linear terms is seen by so many runs, or None where rounding would be."""
-    position, velocity = spread(p)
+    position, velocity = by_hand.spread(p)
     t = steps * p.tau
     away = math.sqrt(position + velocity * t**2 + p.sigma_w2 * t**3 / 3) / p.D
     longer = max(p.D * p.sigma_theta / p.sigma_D, p.sigma_D / (p.D * p.sigma_theta))
@@ -629,6 +518,29 @@ def conclusions(r, p):
                       verdict="first-order pseudo-measurements are good enough" if index < 0.1 else "the pseudo-measurements should be corrected for it, or an extended filter used on D and θ themselves"))
     lines.append(largest(r))
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer, (truth, first) = by_hand.analytic(p), variants(p)
+    r.heading("Part I. Analysis")
+    model_part(r, p, answer, truth)
+    part_a(r, p)
+    part_b(r, p, answer, truth)
+    r.heading("Plan of the experiment")
+    steps = plan(r, p, experiment, truth)
+    r.heading("Part II. Experiment and the rest of the analysis")
+    part_c(r, p, answer, truth, first, experiment, steps)
+    part_d(r, answer, truth)
+    part_e(r, truth, experiment)
+    part_f(r, p, answer, truth, experiment, steps)
+    part_g(r, p, answer, truth, first)
+    cost(r, answer)
+    nonlinear(r, p, experiment)
+    r.heading("Conclusions")
+    conclusions(r, p)
+    return r
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ after which the estimate only changes its sign.
 import math
 
 import numpy as np
+from ctlabs.tasks.answers import task06 as by_hand
 
 from ctlabs.filtering import settling_step
 from ctlabs.labs.experiment import Experiment, covariances, filtered
@@ -41,49 +42,6 @@ class Parameters(LabParameters):
     R: VariancesOrInf = given((1, 1, 1, 1, 1, 1), unit="m²", meaning='variances of the measurement errors, 0 and "inf" allowed; as many measurements as entries')
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    total = information(p.P0, p.R)
-    posterior = [reciprocal(J) for J in total[1:]]
-    return {
-        "posterior_information": total[1:],
-        "posterior_variance": posterior,
-        "gain": [share(before, R) for before, R in zip(total, p.R, strict=False)],
-        "settling_step": 1 if p.P0 == 0 else p.R.index(0) + 1 if 0 in p.R else None,
-    }
-
-
-def reciprocal(x):
-    """1/x, with 1/0 = ∞ and 1/∞ = 0."""
-    return math.inf if x == 0 else 1 / x
-
-
-def information(P0, R):
-    """1/P at t0, t1, …: the sum of what the start and each measurement say."""
-    return list(np.cumsum([reciprocal(P0), *map(reciprocal, R)]))
-
-
-def share(before, R):
-    """The gain: the measurement's share of the information after it; none where everything was known."""
-    if before == math.inf:
-        return 0.0
-    return 1.0 if R == 0 else reciprocal(R) / (before + reciprocal(R))
-
-
-def least_squares(z, P0, R):
-    """x̂(t_i⁺), i = 1, 2, …, each from all measurements z (n, runs) up to t_i at once."""
-    signs = (-1.0) ** np.arange(1, len(R) + 1)[:, None]
-    if P0 == 0:
-        return np.zeros_like(z)
-    weights = np.array([[reciprocal(x) if 0 < x else 0.0] for x in R])
-    moved = np.where(weights > 0, signs * z, 0.0)  # each z(t_j) brought back to t0
-    start = np.cumsum(weights * moved, axis=0) / (1 / P0 + np.cumsum(weights, axis=0))
-    if 0 in R:
-        first = R.index(0)
-        start[first:] = signs[first] * z[first]
-    return signs * start
-
-
 def model(P0, R):
     """x(t_{i+1}) = −x(t_i), z(t_i) = x(t_i) + v(t_i) with the variances R(t_1), R(t_2) and so on."""
     return DiscreteModel(Phi=[[-1]], Qd=[[0]], H=[[1]], R=np.reshape([R[0], *R], (-1, 1, 1)), x0=[0], P0=[[P0]], dt=1,
@@ -105,25 +63,6 @@ def with_both(P0, R):
     return (*plain[:third], math.inf, *rest), (*plain[:third], *rest)
 
 
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, system = analytic(p), model(p.P0, p.R)
-    start = p.P0 or 1.0
-    both, without = with_both(p.P0, p.R)
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, system, experiment)
-    part_b(r, p, answer, system)
-    shown(r, experiment, start, both, without)
-    r.heading("Plan of the experiment")
-    plan(r, p, experiment, start, both)
-    r.heading("Part II. Experiment")
-    part_c(r, p, answer, system, experiment, start, both)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
-
-
 def part_a(r, p, answer, system, experiment):
     """Equations of the filter, and the same estimate from all measurements at once."""
     r.section("a", "Equations of the optimal filter")
@@ -139,7 +78,7 @@ def part_a(r, p, answer, system, experiment):
     schedule = covariances(system, len(p.R))
     r.value("gain", schedule.K[1:, 0, 0], at=range(1, len(p.R) + 1), agrees=answer, routes=("recursion", "share of the information"))
     some = experiment.histories(system, steps=len(p.R))
-    r.check("estimates of 25 records", some.x_plus[1:, 0], least_squares(some.z[1:, 0], p.P0, p.R),
+    r.check("estimates of 25 records", some.x_plus[1:, 0], by_hand.least_squares(some.z[1:, 0], p.P0, p.R),
             ("filter", "least squares over all measurements"), SOLVER, scale=float(np.abs(some.truth[1:]).max()) or 1.0)
 
 
@@ -159,10 +98,10 @@ def part_b(r, p, answer, system):
     P, routes = schedule.P_plus[:, 0, 0], ("recursion", "sum of information")
     r.says("**The given measurements.**")
     r.table("given", ["i", "R, m²", "P⁻, m²", "K", "P⁺, m²", "1/P⁺, 1/m²", "the measurement"],
-            [(i, p.R[i - 1], schedule.P_minus[i, 0, 0], schedule.K[i, 0, 0], P[i], reciprocal(P[i]), role(schedule, p.R, i)) for i in at],
+            [(i, p.R[i - 1], schedule.P_minus[i, 0, 0], schedule.K[i, 0, 0], P[i], by_hand.reciprocal(P[i]), role(schedule, p.R, i)) for i in at],
             "The filter along the given variances.")
     r.value("posterior_variance", P[1:], "m²", at=at, agrees=answer, routes=routes, kind=EXACT)
-    r.value("posterior_information", [reciprocal(x) for x in P[1:]], "1/m²", at=at, agrees=answer, routes=routes, kind=EXACT)
+    r.value("posterior_information", [by_hand.reciprocal(x) for x in P[1:]], "1/m²", at=at, agrees=answer, routes=routes, kind=EXACT)
     r.holds("P⁺ never increases", -np.diff(P), ("recursion", "proof 1"), size=p.P0 or 1.0)
     if p.P0 > 0:
         r.check("share of the initial error left, Π(1 − K) = P⁺/P0", np.cumprod(1 - schedule.K[1:, 0, 0]), [P_ / p.P0 for P_ in answer["posterior_variance"]],
@@ -283,6 +222,25 @@ def conclusions(r, p, answer):
     lines.append("The alternating sign costs nothing: Φ² = 1, so the variances are those of a constant.")
     lines.append(largest(r))
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer, system = by_hand.analytic(p), model(p.P0, p.R)
+    start = p.P0 or 1.0
+    both, without = with_both(p.P0, p.R)
+    r.heading("Part I. Analysis")
+    part_a(r, p, answer, system, experiment)
+    part_b(r, p, answer, system)
+    shown(r, experiment, start, both, without)
+    r.heading("Plan of the experiment")
+    plan(r, p, experiment, start, both)
+    r.heading("Part II. Experiment")
+    part_c(r, p, answer, system, experiment, start, both)
+    r.heading("Conclusions")
+    conclusions(r, p, answer)
+    return r
 
 
 if __name__ == "__main__":

@@ -12,6 +12,8 @@ its minimum is at K* = K̄ and equals K̄; for Q = 0 the limit is 0 for |Φ| ≤
 import math
 
 import numpy as np
+from ctlabs.tasks.answers import task07 as by_hand
+from ctlabs.tasks.answers.task07 import TABLE3
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import settling, steady
@@ -30,15 +32,6 @@ META = {
     "parts": ["a", "b", "c", "d", "e", "f", "g"],
 }
 
-#: Table 3 of the sheet: Φ, Q, R, P0.
-TABLE3 = (
-    (0.78, 0.39, 0.5, 1.0),
-    (0.78, 0.78, 0.5, 1.0),
-    (0.78, 0.39, 1.0, 1.0),
-    (0.78, 0.78, 1.0, 1.0),
-    (0.78, 0.39, 5.0, 1.0),
-    (1.0, 25.0, 32.0, 1.0),
-)
 STEP = "measurement number i"
 
 
@@ -55,98 +48,10 @@ class Parameters(LabParameters):
     steps: Count = given(5, unit="1", meaning="measurements in the lists and in table 3")
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    gain = optimal_gain(p.Phi**2, p.Q / p.R)
-    posterior = variances(p.Phi, p.Q, p.R, p.P0, p.steps)
-    table3 = [variances(*row, p.steps) for row in TABLE3]
-    return {
-        "gain_optimal_by_lambda": [optimal_gain(p.Phi2, ratio) for ratio in p.lambdas],
-        "gain_steady": gain,
-        "posterior_variance_steady": gain * p.R,
-        "prior_variance_steady": p.Phi**2 * gain * p.R + p.Q,
-        "settling_step": settling_by_hand(p.Phi, p.Q, p.R, p.P0, gain * p.R),
-        "suboptimal_variance_ratio": variance_ratio(p.K_star, p.Phi**2, p.Q / p.R),
-        "noiseless_limit": max(p.Phi**2 - 1, 0) * p.R / p.Phi**2 if p.Phi else 0.0,
-        "prior_variance": predicted(p.Phi, p.Q, posterior),
-        "posterior_variance": posterior[1:],
-        "gain": [P / p.R for P in posterior[1:]],
-        "table3_prior_variance": [predicted(row[0], row[1], P) for row, P in zip(TABLE3, table3, strict=True)],
-        "table3_posterior_variance": [P[1:] for P in table3],
-        "table3_gain": [[x / row[2] for x in P[1:]] for row, P in zip(TABLE3, table3, strict=True)],
-    }
-
-
-def optimal_gain(Phi2, ratio):
-    """K̄ of part (c), the positive root of Φ²K² + (λ + 1 − Φ²)K − λ = 0, written so that nothing cancels."""
-    b = ratio + 1 - Phi2
-    root = math.sqrt(b * b + 4 * Phi2 * ratio)
-    if b <= 0:
-        return (root - b) / (2 * Phi2)
-    return 2 * ratio / (b + root)
-
-
-def variance_ratio(K, Phi2, ratio):
-    """P̄/R of part (b) for a constant gain; None where it diverges."""
-    left = 1 - (1 - K) ** 2 * Phi2
-    return ((1 - K) ** 2 * ratio + K**2) / left if left > 0 else None
-
-
-def variances(Phi, Q, R, P0, steps):
-    """P⁺ at t0…: each step is the fraction R(Φ²P + Q)/(Φ²P + Q + R), so i steps are the i-th power of its matrix."""
-    step = np.array([[R * Phi**2, R * Q], [Phi**2, Q + R]])
-    step /= np.abs(np.linalg.eigvals(step)).max()
-    powers = [np.linalg.matrix_power(step, i) @ [P0, 1.0] for i in range(steps + 1)]
-    return [float(above / below) for above, below in powers]
-
-
-def settling_by_hand(Phi, Q, R, P0, limit):
-    """The first measurement from which P⁺ stays within 1 % of its limit: the step is increasing in P, so P⁺ is monotone."""
-    P, i = P0, 0
-    while i == 0 or abs(P - limit) > 0.01 * limit:
-        before, i = Phi**2 * P + Q, i + 1
-        P = R * before / (before + R)
-        if P == 0 != limit or (limit == 0 < P):
-            return None
-    return i
-
-
-def predicted(Phi, Q, posterior):
-    """P⁻ at t1… from P⁺ one step before."""
-    return [Phi**2 * P + Q for P in posterior[:-1]]
-
-
-def noiseless(Phi, R, P0, steps):
-    """P⁺ for Q = 0 by the information: 1/P(i) = Φ⁻²ⁱ/P0 + (1 + Φ⁻² + … + Φ⁻²⁽ⁱ⁻¹⁾)/R; for |Φ| ≤ 1 multiplied by Φ²ⁱ."""
-    if abs(Phi) > 1:
-        return [1 / (Phi ** (-2 * i) / P0 + sum(Phi ** (-2 * j) for j in range(i)) / R) for i in range(steps + 1)]
-    return [P0 * Phi ** (2 * i) / (1 + P0 / R * sum(Phi ** (2 * j) for j in range(1, i + 1))) for i in range(steps + 1)]
-
-
 def model(Phi, Q, R, P0):
     """x(i+1) = Φx(i) + w(i), z(i) = x(i) + v(i)."""
     return DiscreteModel(Phi=[[Phi]], Qd=[[Q]], H=[[1]], R=[[R]], x0=[0], P0=[[P0]], dt=1, states=["x"],
                          measurements=["z"], units=["m"])
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, system = analytic(p), model(p.Phi, p.Q, p.R, p.P0)
-    r.heading("Part I. Analysis")
-    part_a(r, p, system)
-    part_b(r, p, answer, system)
-    part_c(r, p, answer, system)
-    part_d(r, p, answer)
-    part_e(r, p, answer)
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment)
-    r.heading("Part II. Experiment")
-    part_f(r, p, answer, system)
-    part_g(r, p, system, experiment, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
 
 
 def part_a(r, p, system):
@@ -209,7 +114,7 @@ def part_c(r, p, answer, system):
     r.value("prior_variance_steady", limit.P_minus[0, 0], "m²", agrees=answer, routes=routes)
     r.value("posterior_variance_steady", limit.P_plus[0, 0], "m²", agrees=answer, routes=routes)
     if abs((1 - answer["gain_steady"]) * p.Phi) < 1:
-        least = variance_ratio(answer["gain_steady"], p.Phi**2, p.Q / p.R)
+        least = by_hand.variance_ratio(answer["gain_steady"], p.Phi**2, p.Q / p.R)
         r.check("least P̄/R equals K̄", least, answer["gain_steady"], ("formula of (b)", "formula of (c)"), SOLVER)
     r.says("For the given numbers λ = {ratio}, $\\bar{K} = {gain}$, $\\bar{P} = {posterior}$ m² after and $\\bar{P}^- = {prior}$ m² before an update; the steady filter's pole is $(1-\\bar{K})\\Phi = {pole}$.",
            ratio=p.Q / p.R, gain=limit.K[0, 0], posterior=limit.P_plus[0, 0], prior=limit.P_minus[0, 0], pole=float(limit.poles[0].real))
@@ -222,7 +127,7 @@ def part_d(r, p, answer):
     bounded = (1 - K) ** 2 * p.Phi2 < 1 - 1e-9
     curves = {
         f"λ = {ratio:g}": [
-            variance_ratio(k, p.Phi2, ratio) if good else math.nan for k, good in zip(K, bounded, strict=True)
+            by_hand.variance_ratio(k, p.Phi2, ratio) if good else math.nan for k, good in zip(K, bounded, strict=True)
         ]
         for ratio in p.lambdas
     }
@@ -235,7 +140,7 @@ def part_d(r, p, answer):
              square=p.Phi2)
     solved = [float(steady.solve(model(math.sqrt(p.Phi2), ratio, 1.0, 1.0)).K[0, 0]) for ratio in p.lambdas]
     r.value("gain_optimal_by_lambda", solved, agrees=answer, routes=("Riccati equation", "closed form"))
-    r.table("family", ["λ", "K̄", "P̄/R"], [(ratio, k, variance_ratio(k, p.Phi2, ratio)) for ratio, k in zip(p.lambdas, solved, strict=True)],
+    r.table("family", ["λ", "K̄", "P̄/R"], [(ratio, k, by_hand.variance_ratio(k, p.Phi2, ratio)) for ratio, k in zip(p.lambdas, solved, strict=True)],
             "The minima of the curves: the least P̄/R equals K̄.")
     if p.Phi2 >= 1:
         r.says("With Φ² = {square} the curves begin at $K_* = {least}$: a smaller gain does not hold the unstable system.",
@@ -256,7 +161,7 @@ def part_e(r, p, answer):
     curves, limits = {}, {}
     for Phi in shown:
         recursion = covariances(model(Phi, 0.0, p.R, start), length).P_plus[:, 0, 0]
-        r.check(text("P⁺ for Q = 0, |Φ| = {factor}", factor=Phi), recursion, noiseless(Phi, p.R, start, length),
+        r.check(text("P⁺ for Q = 0, |Φ| = {factor}", factor=Phi), recursion, by_hand.noiseless(Phi, p.R, start, length),
                 ("recursion", "sum of information"), SOLVER)
         curves[f"|Φ| = {Phi:g}"] = np.where(recursion > 1e-9 * p.R, recursion / p.R, np.nan)
         if Phi > 1:
@@ -378,6 +283,26 @@ def conclusions(r, p, answer):
                           settled=settled))
     lines.append(largest(r))
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer, system = by_hand.analytic(p), model(p.Phi, p.Q, p.R, p.P0)
+    r.heading("Part I. Analysis")
+    part_a(r, p, system)
+    part_b(r, p, answer, system)
+    part_c(r, p, answer, system)
+    part_d(r, p, answer)
+    part_e(r, p, answer)
+    r.heading("Plan of the experiment")
+    steps = plan(r, p, experiment)
+    r.heading("Part II. Experiment")
+    part_f(r, p, answer, system)
+    part_g(r, p, system, experiment, steps)
+    r.heading("Conclusions")
+    conclusions(r, p, answer)
+    return r
 
 
 if __name__ == "__main__":

@@ -14,7 +14,8 @@ from dataclasses import replace
 
 import mpmath
 import numpy as np
-from scipy import integrate, optimize, stats
+from ctlabs.tasks.answers import task09 as by_hand
+from ctlabs.tasks.answers.task09 import DIGITS, STRENGTH
 from scipy.special import ndtr
 
 from ctlabs.filtering import settling, steady
@@ -36,13 +37,8 @@ META = {
     "parts": ["a", "b"],
 }
 
-#: Q of the input, in units of b².
-STRENGTH = 2.0
 #: Parts of an interval in the plot of P(t).
 POINTS = 60
-#: Measurements that the dense check takes together.
-DENSE = 20
-DIGITS = 60
 #: Margins of the alarm rule, and limits, in standard deviations of the error and of the voltage.
 FACTORS, LIMITS = (0, 1, 2, 3), (2, 3)
 TIME = "t, s"
@@ -60,113 +56,6 @@ class Parameters(LabParameters):
     R_over_b2: VarianceOrInf = given(0.2, unit="1", meaning="variance of the measurement noise in part (b), over b²")
 
 
-def analytic(p):
-    """The sheet's answers, by hand, in units of b²."""
-    with mpmath.workdps(DIGITS):
-        F, g, h = circuit(p, "ladder")
-        Phi, Qd = sampled(F, g, p.dt)
-        perfect, noisy = (scalar_equations(F, g, h, p.dt, R, p.steps) for R in (0.0, p.R_over_b2))
-        return {
-            "Phi": floats(Phi),
-            "Qd": floats(Qd),
-            "U1_variance_unmeasured": [float(sampled(F, g, i * mpmath.mpf(p.dt))[1][0, 0]) for i in range(1, p.steps + 1)],
-            "posterior_steady_perfect": perfect_limit(Phi, Qd),
-            **{f"{name}_perfect": value for name, value in perfect.items()},
-            **{f"{name}_noisy": value for name, value in noisy.items()},
-        }
-
-
-def floats(matrix):
-    """An mpmath matrix as lists."""
-    return [[float(x) for x in row] for row in matrix.tolist()]
-
-
-def circuit(p, kind):
-    """F, the column G and the row H of the three readings of the missing figure."""
-    R1, R2, C1, C2 = (mpmath.mpf(x) for x in (p.R1, p.R2, p.C1, p.C2))
-    load = 0 if kind == "buffered" else 1 / (R2 * C1)
-    F = mpmath.matrix([[-1 / (R1 * C1) - load, load], [1 / (R2 * C2), -1 / (R2 * C2)]])
-    return F, mpmath.matrix([1 / (R1 * C1), 0]), (1, -1) if kind == "across" else (0, 1)
-
-
-def sampled(F, g, t):
-    """Φ by Newton's divided difference of e^(λt), and Q_d = P∞ − ΦP∞Φᵀ."""
-    middle, half = (F[0, 0] + F[1, 1]) / 2, mpmath.sqrt(((F[0, 0] - F[1, 1]) / 2) ** 2 + F[0, 1] * F[1, 0])
-    fast, slow = middle - half, middle + half
-    slope = (mpmath.exp(slow * t) - mpmath.exp(fast * t)) / (slow - fast) if half else t * mpmath.exp(middle * t)
-    Phi = mpmath.exp(fast * t) * mpmath.eye(2) + (F - fast * mpmath.eye(2)) * slope
-    P = stationary(F, g)
-    return Phi, P - Phi * P * Phi.T
-
-
-def stationary(F, g):
-    """P∞ from FP + PFᵀ + 2ggᵀ = 0, three linear equations."""
-    A = mpmath.matrix([[2 * F[0, 0], 2 * F[0, 1], 0], [F[1, 0], F[0, 0] + F[1, 1], F[0, 1]], [0, 2 * F[1, 0], 2 * F[1, 1]]])
-    p11, p12, p22 = mpmath.lu_solve(A, -STRENGTH * mpmath.matrix([g[0] ** 2, g[0] * g[1], g[1] ** 2]))
-    return mpmath.matrix([[p11, p12], [p12, p22]])
-
-
-def scalar_equations(F, g, h, dt, R, steps):
-    """The filter's equations element by element, from discharged capacitors."""
-    (Phi, Qd), (half, Q_half) = sampled(F, g, mpmath.mpf(dt)), sampled(F, g, mpmath.mpf(dt) / 2)
-    P, found = mpmath.zeros(2), {name: [] for name in ("U1_variance_prior", "U1_variance_posterior", "gain", "middle")}
-    for _i in range(steps):
-        found["middle"].append(float((half * P * half.T + Q_half)[0, 0]))
-        P = Phi * P * Phi.T + Qd
-        f1, f2 = P[0, 0] * h[0] + P[0, 1] * h[1], P[1, 0] * h[0] + P[1, 1] * h[1]
-        s = h[0] * f1 + h[1] * f2 + R
-        K1, K2 = (f1 / s, f2 / s) if math.isfinite(R) else (0, 0)
-        found["U1_variance_prior"].append(float(P[0, 0]))
-        P = mpmath.matrix([[P[0, 0] - K1 * f1, P[0, 1] - K1 * f2], [P[0, 1] - K1 * f2, P[1, 1] - K2 * f2]])
-        found["U1_variance_posterior"].append(float(P[0, 0]))
-        found["gain"].append([float(K1), float(K2)])
-    return found
-
-
-def fraction(Phi, Qd):
-    """(A, B, C, D): after perfect measurements P11⁺ follows p ← (Ap + B)/(Cp + D)."""
-    a, c, q, m, s = Phi[0, 0], Phi[1, 0], Qd[0, 0], Qd[0, 1], Qd[1, 1]
-    return q * c**2 + s * a**2 - 2 * m * a * c, q * s - m**2, c**2, s
-
-
-def perfect_limit(Phi, Qd):
-    """The positive root of Cp² + (D − A)p − B = 0."""
-    A, B, C, D = fraction(Phi, Qd)
-    return float(2 * B / (D - A + mpmath.sqrt((D - A) ** 2 + 4 * B * C)))
-
-
-def perfect_powers(p):
-    """P11⁺ after 1…steps perfect measurements by powers of the fraction's matrix."""
-    with mpmath.workdps(DIGITS):
-        A, B, C, D = fraction(*sampled(*circuit(p, "ladder")[:2], p.dt))
-        powers = [mpmath.matrix([[A, B], [C, D]]) ** i for i in range(1, p.steps + 1)]
-        return [float(M[0, 1] / M[1, 1]) for M in powers]
-
-
-def dense(p, R):
-    """Var(U1 | z1…zi) by conditioning the joint Gaussian distribution of all samples."""
-    if math.isinf(R):
-        return analytic(p)["U1_variance_unmeasured"][:DENSE]
-    n = min(p.steps, DENSE)
-    with mpmath.workdps(DIGITS):
-        F, g, _h = circuit(p, "ladder")
-        at = [sampled(F, g, i * mpmath.mpf(p.dt)) for i in range(1, n + 1)]
-        own = [Qd for _Phi, Qd in at]  # the covariance at t_i, from nothing
-        C, cross = mpmath.zeros(n), mpmath.zeros(n)
-        for j in range(n):
-            for i in range(j, n):
-                both = at[i - j - 1][0] * own[j] if i > j else own[j]
-                C[i, j] = C[j, i] = both[1, 1] + (R if i == j else 0)
-                cross[i, j] = both[0, 1]
-        L, left = mpmath.cholesky(C), []
-        for i in range(n):
-            y = []
-            for j in range(i + 1):
-                y.append((cross[i, j] - mpmath.fsum(L[j, k] * y[k] for k in range(j))) / L[j, j])
-            left.append(float(own[i][0, 0] - mpmath.fsum(x * x for x in y)))
-        return left
-
-
 def system(p, kind="ladder"):
     """The circuit with the state (U1, U0) and the input u, in units of b."""
     one, two = 1 / (p.R1 * p.C1), 1 / (p.R2 * p.C2)
@@ -174,27 +63,6 @@ def system(p, kind="ladder"):
     H = [[1, -1]] if kind == "across" else [[0, 1]]
     return ContinuousModel([[-one - load, load], [two, -two]], [[one], [0]], [[STRENGTH]], H, P0=np.zeros((2, 2)),
                            states=["U1", "U0"], measurements=["z"], units=["b", "b"])
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, box = analytic(p), system(p)
-    filters = {name: discretise(box, p.dt, R=[[R]]) for name, R in (("unmeasured", math.inf), ("perfect", 0.0), ("noisy", p.R_over_b2))}
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, filters["perfect"])
-    part_b(r, p, answer, filters["noisy"])
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment, filters)
-    r.heading("Part II. Experiment")
-    plot(r, p, answer, box, filters)
-    other_circuits(r, p)
-    noises(r, p, box)
-    ensembles(r, experiment, filters, steps)
-    alarm(r, p, experiment, filters, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, filters)
-    return r
 
 
 def part_a(r, p, answer, perfect):
@@ -225,7 +93,7 @@ def part_a(r, p, answer, perfect):
     r.math(r"\hat U_1(t_i^+) = \Phi_{11}\hat U_1(t_{i-1}^+) + \Phi_{12}z_{i-1} + \frac{P_{12}^-}{P_{22}^-}\left[z_i - \Phi_{21}\hat U_1(t_{i-1}^+) - \Phi_{22}z_{i-1}\right], \qquad \hat U_0(t_i^+) = z_i")
     schedule = covariances(perfect, p.steps)
     results(r, p, answer, schedule, "perfect")
-    r.check("P11⁺ after perfect measurements", schedule.P_plus[1:, 0, 0], perfect_powers(p), ("recursion", "power of the fraction's matrix"))
+    r.check("P11⁺ after perfect measurements", schedule.P_plus[1:, 0, 0], by_hand.perfect_powers(p), ("recursion", "power of the fraction's matrix"))
     r.check("P12⁺, P22⁺ after perfect measurements", schedule.P_plus[1:, 1, :], np.zeros((p.steps, 2)), ("recursion", "proof of rank 1"), EXACT, scale=float(schedule.P_minus[1:].max()))
     limit = steady.solve(perfect)
     r.value("posterior_steady_perfect", limit.P_plus[0, 0], "b²", agrees=answer, routes=("Riccati equation", "fixed point of the fraction"))
@@ -238,7 +106,7 @@ def results(r, p, answer, schedule, name):
     r.value(f"U1_variance_prior_{name}", schedule.P_minus[1:, 0, 0], "b²", at=at, agrees=answer, routes=routes)
     r.value(f"U1_variance_posterior_{name}", schedule.P_plus[1:, 0, 0], "b²", at=at, agrees=answer, routes=routes)
     r.value(f"gain_{name}", schedule.K[1:, :, 0], at=at, agrees=answer, routes=routes)
-    together = dense(p, 0.0 if name == "perfect" else p.R_over_b2)
+    together = by_hand.dense(p, 0.0 if name == "perfect" else p.R_over_b2)
     r.check(text("variance of U1, {name}", name=name), schedule.P_plus[1 : len(together) + 1, 0, 0], together, ("recursion", "joint Gaussian distribution"))
 
 
@@ -300,11 +168,11 @@ def other_circuits(r, p):
     for kind, label in names.items():
         box = system(p, kind)
         with mpmath.workdps(DIGITS):
-            by_hand = [scalar_equations(*circuit(p, kind), p.dt, R, p.steps) for R in (0.0, p.R_over_b2)]
+            exact = [by_hand.scalar_equations(*by_hand.circuit(p, kind), p.dt, R, p.steps) for R in (0.0, p.R_over_b2)]
         own = [covariances(discretise(box, p.dt, R=[[R]]), p.steps) for R in (0.0, p.R_over_b2)]
         rows += [(label, part, s.P_minus[1, 0, 0], s.P_plus[1, 0, 0], s.P_minus[-1, 0, 0], s.P_plus[-1, 0, 0]) for part, s in zip("ab", own, strict=True)]
         found += [(s.P_minus[1:, 0, 0], s.P_plus[1:, 0, 0]) for s in own]
-        wanted += [(s["U1_variance_prior"], s["U1_variance_posterior"]) for s in by_hand]
+        wanted += [(s["U1_variance_prior"], s["U1_variance_posterior"]) for s in exact]
     r.figure("buffered", plots.ladder([("$R_1$", "$C_1$", "$U_1$"), ("$R_2$", "$C_2$", "")], source="$u$", output="$U_0$", enclosure="black box", followers=True), "The buffered cascade: the second section does not load the first.")
     r.table("circuits", ["circuit", "part", "before t1", "after t1", "before the last", "after the last"], rows,
             "Error variance of U1, in units of b², at the first and the last of {steps} measurements.", steps=p.steps)
@@ -342,8 +210,8 @@ def alarm(r, p, experiment, filters, steps):
     V = covariances(filters["unmeasured"], p.steps).P_plus[-1, 0, 0]
     left = {name: covariances(filters[name], p.steps).P_plus[-1, 0, 0] / V for name in ("perfect", "noisy")}
     cases = [(name, limit, k) for name in left for limit in LIMITS for k in FACTORS]
-    joint = [unannounced(left[name], limit, k) for name, limit, k in cases]
-    again = [by_estimate(left[name], limit, k) for name, limit, k in cases]
+    joint = [by_hand.unannounced(left[name], limit, k) for name, limit, k in cases]
+    again = [by_hand.by_estimate(left[name], limit, k) for name, limit, k in cases]
     shape = (len(left), len(LIMITS), len(FACTORS))
     missed = [x / ndtr(-limit) for x, (_name, limit, _k) in zip(joint, cases, strict=True)]
     r.value("alarm_joint", np.reshape(joint, shape).tolist())
@@ -353,41 +221,11 @@ def alarm(r, p, experiment, filters, steps):
     rows = []
     for (name, limit, k), x, share in zip(cases, joint, missed, strict=True):
         if k == FACTORS[0]:
-            needed = margin(left[name], limit)
+            needed = by_hand.margin(left[name], limit)
         counted = f"{seen[name][k][0]} / {seen[name][k][1]}" if limit == LIMITS[0] else "—"
         rows.append(("(a)" if name == "perfect" else "(b)", limit, k, x, share, counted, needed if k == FACTORS[-1] else "—"))
     columns = ["filter", "limit, σ of U1", "margin k", "dangerous and unannounced", "share of the dangerous moments missed", "simulated", "k for a share of 1 %"]
     r.table("alarm", columns, rows, "The alarm rule after the last measurement of the plot, U1 having the standard deviation {sd} b. Simulated: moments missed of those dangerous, all runs and measurements together; the standard deviations are those of each moment.", sd=math.sqrt(V))
-
-
-def unannounced(left, limit, k):
-    """P(U1 ≥ limit, no alarm) by the voltage; U1 in its own standard deviations, ``left`` = P/V, margin k√left."""
-    if left <= 0:
-        return 0.0
-    if left >= 1:  # the estimate is 0
-        return float(ndtr(-limit)) if k < limit else 0.0
-    sd = math.sqrt(left * (1 - left))
-    density = stats.norm.pdf
-    return integrate.quad(lambda u: density(u) * ndtr((limit - k * math.sqrt(left) - (1 - left) * u) / sd), limit, limit + 12, epsabs=0, epsrel=1e-11, limit=500)[0]
-
-
-def by_estimate(left, limit, k):
-    """The same by the estimate, which has the variance 1 − left."""
-    if left <= 0:
-        return 0.0
-    if left >= 1:
-        return 0.5 * math.erfc(limit / math.sqrt(2)) if k < limit else 0.0
-    sd, end = math.sqrt(1 - left), limit - k * math.sqrt(left)
-    return integrate.quad(lambda e: math.exp(-0.5 * e * e) * ndtr((sd * e - limit) / math.sqrt(left)), -12.0, end / sd, epsabs=0, epsrel=1e-11, limit=500)[0] / math.sqrt(2 * math.pi)
-
-
-def margin(left, limit, share=0.01):
-    """The k with which at most ``share`` of the dangerous moments is missed."""
-    if left <= 0:
-        return 0.0
-    if left >= 1:
-        return limit
-    return optimize.brentq(lambda k: unannounced(left, limit, k) - share * ndtr(-limit), 0.0, 10 + limit / math.sqrt(left))
 
 
 def simulated(experiment, system, steps):
@@ -420,6 +258,27 @@ def conclusions(r, p, filters):
     lines.append(text("With three standard deviations as a margin the voltage is dangerous and unannounced in at most one moment in 740. Of the dangerous moments themselves part (b) misses up to {percent} %: an estimate is drawn towards 0 just where the voltage is large.", percent=round(100 * most, 2)))
     lines.append(largest(r))
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer, box = by_hand.analytic(p), system(p)
+    filters = {name: discretise(box, p.dt, R=[[R]]) for name, R in (("unmeasured", math.inf), ("perfect", 0.0), ("noisy", p.R_over_b2))}
+    r.heading("Part I. Analysis")
+    part_a(r, p, answer, filters["perfect"])
+    part_b(r, p, answer, filters["noisy"])
+    r.heading("Plan of the experiment")
+    steps = plan(r, p, experiment, filters)
+    r.heading("Part II. Experiment")
+    plot(r, p, answer, box, filters)
+    other_circuits(r, p)
+    noises(r, p, box)
+    ensembles(r, experiment, filters, steps)
+    alarm(r, p, experiment, filters, steps)
+    r.heading("Conclusions")
+    conclusions(r, p, filters)
+    return r
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from ctlabs.tasks.answers import task10 as by_hand
 
 from ctlabs.filtering import settling_step, steady, update
 from ctlabs.labs.experiment import Experiment, covariances
@@ -50,122 +51,6 @@ class Parameters(LabParameters):
     steps: Count = given(10, unit="1", meaning="measurements in the lists")
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    bad, good = (posterior(p.P0, p.R, dt, p.steps) for dt in (p.dt_bad, p.dt_good))
-    return {
-        "position_variance_bad": bad[:, 0, 0],
-        "velocity_variance_bad": bad[:, 1, 1],
-        "velocity_variance_good": good[:, 1, 1],
-        "velocity_variance_floor": conditional(p.P0) if loses(p.dt_bad) else 0.0,
-        "observability_rank_bad": 1 if loses(p.dt_bad) else 2,
-        "observability_rank_good": 1 if loses(p.dt_good) else 2,
-        "unobservable_direction": [0.0, 1.0] if loses(p.dt_bad) else None,
-        "reciprocal_condition_bad": reciprocal_condition(p.dt_bad),
-        "reciprocal_condition_good": reciprocal_condition(p.dt_good),
-        "velocity_settling_step_bad": settling_by_hand(p.P0, p.R) if loses(p.dt_bad) else None,
-    }
-
-
-def loses(dt):
-    """Whether sin dt is zero, as far as a phase can be known that is given in double precision."""
-    return abs(math.sin(dt)) <= max(1e-12, 8 * np.finfo(float).eps * dt)
-
-
-def offset(dt):
-    """How far dt is from the nearest multiple of π, s."""
-    return 0.0 if loses(dt) else abs(math.remainder(dt, math.pi))
-
-
-def reciprocal_condition(dt):
-    """σ_min/σ_max of [H; HΦ] = [[1, 0], [cos d, sin d]]: its squared singular values are 1 ± |cos d|."""
-    return math.tan(offset(dt) / 2)
-
-
-def phases(dt, N):
-    """cos jd, sin jd for j = 0…N."""
-    j = np.arange(N + 1)
-    if loses(dt):
-        return (-1.0) ** (j * round(dt / math.pi)), np.zeros(N + 1)
-    return np.cos(j * dt), np.sin(j * dt)
-
-
-def determinant(P0):
-    """det P0, without rounding where it is singular."""
-    (a, b), (_b, c) = P0
-    return a * c - b * b if a * c - b * b > 8 * np.finfo(float).eps * a * c else 0.0
-
-
-def conditional(P0):
-    """Variance of ẏ(0) once y(0) is known."""
-    return determinant(P0) / P0[0][0] if P0[0][0] else P0[1][1]
-
-
-def normal(dt, N):
-    """Σ hᵀh for 1…N measurements, h = [cos jd, sin jd], and its determinant as a sum of squares, where nothing cancels."""
-    c, s = phases(dt, N)
-    G = np.cumsum(np.stack([c, s])[:, None, 1:] * np.stack([c, s])[None, :, 1:], axis=-1).transpose(2, 0, 1)
-    return G, np.concatenate([[0.0], np.cumsum(np.cumsum(s[1:N] ** 2))])
-
-
-def scaled(P0, R, dt, N):
-    """P⁺/R of [y(0), ẏ(0)] after 1…N measurements, (R A + |A| adj G)/(R² + R tr AG + |A||G|), A = P0, for R > 0."""
-    A, (G, detG), detA = np.array(P0), normal(dt, N), determinant(P0)
-    adjugate = np.trace(G, axis1=1, axis2=2)[:, None, None] * np.eye(2) - G
-    below = R**2 + R * np.einsum("ij,nji->n", A, G) + detA * detG
-    return (R * A + detA * adjugate) / below[:, None, None]
-
-
-def posterior(P0, R, dt, N):
-    """P(t_i⁺), i = 1…N: that of the initial state, turned by the phase."""
-    if R:
-        start = R * scaled(P0, R, dt, N)
-    else:  # its limit: nothing is left, or what a single measured combination leaves, if it was not known (cos(π/2) is 6e-17)
-        (G, detG), A, detA = normal(dt, N), np.array(P0), determinant(P0)
-        seen = np.einsum("ij,nji->n", A, G)
-        adjugate = np.trace(G, axis1=1, axis2=2)[:, None, None] * np.eye(2) - G
-        start = np.array([
-            0 * A if detA * d > 0 else detA * g / t if t > 1e-24 * np.trace(A) else A for d, g, t in zip(detG, adjugate, seen, strict=True)
-        ])
-    turn = turns(dt, N)
-    found = turn @ start @ turn.transpose(0, 2, 1)
-    if not R:
-        found[:, 0] = found[:, :, 0] = 0.0  # y has just been measured perfectly
-    return found
-
-
-def turns(dt, N):
-    """Φ(t_i, t_0), i = 1…N."""
-    c, s = phases(dt, N)
-    return np.array([[c[1:], s[1:]], [-s[1:], c[1:]]]).transpose(2, 0, 1)
-
-
-def gains(P0, R, dt, N):
-    """K(t_i) = P(t_i⁺)Hᵀ/R, for R > 0."""
-    turn = turns(dt, N)
-    return (turn @ scaled(P0, R, dt, N) @ turn.transpose(0, 2, 1))[:, :, 0]
-
-
-def all_at_once(z, P0, R, dt):
-    """x̂(t_N⁺) (2, runs) from all measurements z (N, runs) at once, R > 0: turned from P⁺ Σ hᵀz/R at t0."""
-    c, s = phases(dt, len(z))
-    return turns(dt, len(z))[-1] @ scaled(P0, R, dt, len(z))[-1] @ np.stack([c[1:], s[1:]]) @ z
-
-
-def inverse(P0, R, dt, N):
-    """P⁻¹(t_i⁺), i = 1…N, for regular P0 and R > 0: what the start and the measurements say, turned by the phase."""
-    turn = turns(dt, N)
-    return turn @ (np.linalg.inv(np.array(P0)) + normal(dt, N)[0] / R) @ turn.transpose(0, 2, 1)
-
-
-def settling_by_hand(P0, R):
-    """The first i from which P22 = floor + P12²R/[P11(R + i P11)] stays within 1 % of its floor, at a losing period."""
-    (a, b), floor = P0[0], conditional(P0)
-    if not a or not b:
-        return 1
-    return max(1, math.ceil((b**2 * R / (0.01 * floor * a) - R) / a)) if floor else None
-
-
 def model(p):
     """y and ẏ as the state; no noise drives them."""
     return ContinuousModel(F=[[0, 1], [-1, 0]], G=[[0], [1]], Q=[[0]], H=[[1, 0]], P0=p.P0, states=["y", "ẏ"],
@@ -180,25 +65,6 @@ def sampled(p, dt):
     """
     system = discretise(model(p), dt, R=[[p.R]])
     return replace(system, Phi=np.round(system.Phi) + 0.0) if observability.loss_by_sampling(model(p), dt).lost else system
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer = analytic(p)
-    bad, good = sampled(p, p.dt_bad), sampled(p, p.dt_good)
-    r.heading("Part I. Analysis")
-    part_a(r, p, bad, good, experiment)
-    part_b(r, p, answer, bad, good)
-    sampling(r, p, answer)
-    near(r, p)
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment)
-    r.heading("Part II. Experiment")
-    part_c(r, p, bad, good, experiment, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
 
 
 def part_a(r, p, bad, good, experiment):
@@ -222,12 +88,12 @@ def part_a(r, p, bad, good, experiment):
         schedule = covariances(system, p.steps)
         K, P_minus = schedule.K[1:, :, 0], schedule.P_minus[1:]
         r.value(f"gain_{name}", K, at=at)
-        r.check(text("covariances, dt = {dt} s", dt=system.dt), schedule.P_plus[1:], posterior(p.P0, p.R, system.dt, p.steps), ("recursion", "all measurements at once"))
+        r.check(text("covariances, dt = {dt} s", dt=system.dt), schedule.P_plus[1:], by_hand.posterior(p.P0, p.R, system.dt, p.steps), ("recursion", "all measurements at once"))
         r.check(text("P⁺ = (I − KH)P⁻, dt = {dt} s", dt=system.dt), schedule.P_plus[1:], P_minus - K[:, :, None] * P_minus[:, :1], ("Joseph form", "short form"), scale=max(np.abs(P_minus).max(), 1e-300))
         if p.R:
-            r.check(text("gains, dt = {dt} s", dt=system.dt), K, gains(p.P0, p.R, system.dt, p.steps), ("recursion", "all measurements at once"), SOLVER, scale=known)
+            r.check(text("gains, dt = {dt} s", dt=system.dt), K, by_hand.gains(p.P0, p.R, system.dt, p.steps), ("recursion", "all measurements at once"), SOLVER, scale=known)
             some = experiment.histories(system, steps=p.steps)
-            whole = all_at_once(some.z[1:, 0], p.P0, p.R, system.dt)
+            whole = by_hand.all_at_once(some.z[1:, 0], p.P0, p.R, system.dt)
             r.check(text("estimates of 25 records, dt = {dt} s", dt=system.dt), some.x_plus[-1], whole, ("filter", "all measurements at once"), SOLVER, scale=known * max(np.abs(whole).max(), 1.0))
 
 
@@ -241,7 +107,7 @@ def part_b(r, p, answer, bad, good):
     (a, b), (_b, c) = p.P0
     r.says("(the right-hand formulas hold for a singular $P_0$ too). With the given numbers $P_{11} = {top}/({R} + {a}N)$, $P_{12} = {mid}/({R} + {a}N)$ and $P_{22} = {c} - {square} \\cdot N/({R} + {a}N)$. The position's variance tends to zero; that of the velocity stays above",
            top=p.R * a, mid=p.R * b, R=p.R, a=a, c=c, square=b * b)
-    r.math(r"\lim_{N\to\infty} P_{22} = P_{22}(0) - \frac{P_{12}^2(0)}{P_{11}(0)} = {floor} \; \text{m}^2/\text{s}^2,", floor=conditional(p.P0))
+    r.math(r"\lim_{N\to\infty} P_{22} = P_{22}(0) - \frac{P_{12}^2(0)}{P_{11}(0)} = {floor} \; \text{m}^2/\text{s}^2,", floor=by_hand.conditional(p.P0))
     r.says("the variance of $\\dot y(0)$ once $y(0)$ is known: the measurements tell of the velocity only what the initial correlation lets them. ∎",
            " (Here the position is known from the start, and the velocity keeps its variance.)" if not a else "")
     at, routes = list(range(1, p.steps + 1)), ("recursion", "all measurements at once")
@@ -256,7 +122,7 @@ def part_b(r, p, answer, bad, good):
     left = update(p.P0, bad.H, [[0.0]]).P_plus[1, 1] if lost else steady.solve(bad).P_plus[1, 1]
     r.value("velocity_variance_floor", left, "m²/s²", agrees=answer, routes=("perfect measurement of y(0)" if lost else "steady state", "limit of the formula"))
     if p.R and np.linalg.cond(np.array(p.P0)) < 1e6:
-        r.check("P⁻¹ at dt_bad", np.linalg.inv(few), inverse(p.P0, p.R, p.dt_bad, p.steps), ("recursion, inverted", "sum of information"))
+        r.check("P⁻¹ at dt_bad", np.linalg.inv(few), by_hand.inverse(p.P0, p.R, p.dt_bad, p.steps), ("recursion, inverted", "sum of information"))
     settled = answer["velocity_settling_step_bad"]
     found = settling_step(covariances(bad, max(settled, 2) + 1).P_plus[1:, 1, 1:], [left]) if settled and settled < 1e4 else None
     r.value("velocity_settling_step_bad", settled if found is None else found + 1,
@@ -277,7 +143,7 @@ def sampling(r, p, answer):
         system = sampled(p, loss.dt)
         r.value(f"observability_rank_{name}", loss.rank, agrees=answer, routes=("sampled model", "sine of the phase"))
         matrix = np.vstack([system.H, system.H @ system.Phi])
-        r.check(text("det [H; HΦ], dt = {dt} s", dt=loss.dt), np.linalg.det(matrix), 0.0 if loses(loss.dt) else math.sin(loss.dt), ("determinant", "sine of the phase"), scale=1.0)
+        r.check(text("det [H; HΦ], dt = {dt} s", dt=loss.dt), np.linalg.det(matrix), 0.0 if by_hand.loses(loss.dt) else math.sin(loss.dt), ("determinant", "sine of the phase"), scale=1.0)
         sigma = np.linalg.svd(matrix, compute_uv=False)
         r.value(f"reciprocal_condition_{name}", sigma[1] / sigma[0])
         r.check(text("reciprocal condition of [H; HΦ], dt = {dt} s", dt=loss.dt), sigma[1] / sigma[0], answer[f"reciprocal_condition_{name}"], ("singular values", "tangent of half the offset"), scale=1.0)
@@ -296,14 +162,14 @@ def sampling(r, p, answer):
                    value=round(math.cos(loss.dt)), rank=loss.rank)
         else:
             r.says("{name} = {dt} s does not: the nearest losing period is {nearest} s, {percent} % away, and the rank is {rank}. The smallest singular value of [H; HΦ] is {condition} of the largest ({verdict}).", name=f"dt_{name}", dt=loss.dt,
-                   nearest=nearest, percent=100 * loss.distance, rank=loss.rank, condition=reciprocal_condition(loss.dt), verdict=quality(loss.dt))
+                   nearest=nearest, percent=100 * loss.distance, rank=loss.rank, condition=by_hand.reciprocal_condition(loss.dt), verdict=quality(loss.dt))
     r.check("nearest losing periods", [loss.losing_periods[0] for loss in losses.values()], [math.pi * max(1, round(loss.dt / math.pi)) for loss in losses.values()],
             ("differences of eigenvalues", "zeros of sin d"))
 
 
 def quality(dt):
     """A reciprocal condition number in words: 1 at best, at π/2."""
-    condition = reciprocal_condition(dt)
+    condition = by_hand.reciprocal_condition(dt)
     if not condition:
         return "lost"
     return "well conditioned" if condition > 0.3 else "fair" if condition > 0.1 else "ill conditioned"
@@ -316,21 +182,21 @@ def near(r, p):
     N = max(p.steps, 2)
     dets = [float(np.linalg.det(observability.gramian(discretise(model(p), 2 * math.pi + 0.1 / N / 2**j, R=[[1.0]]), N))) for j in range(3)]
     r.order("determinant of the Gramian as ε → 0", dets, 2, ("Gramian", "leading term"))
-    floor = conditional(p.P0)
+    floor = by_hand.conditional(p.P0)
     periods = {"dt_bad": p.dt_bad, "dt_good": p.dt_good, "π/2": math.pi / 2, "π": math.pi, "2π": 2 * math.pi}
     periods |= {f"2π + {share} %": 2 * math.pi * (1 + share / 100) for share in (3, 1, 0.1, 0.01)}
     rows = []
     for name, dt in periods.items():
         loss, schedule = observability.loss_by_sampling(model(p), dt), covariances(sampled(p, dt), max(SEARCHED, p.steps))
         below = np.flatnonzero(schedule.P_plus[1:, 1, 1] <= 0.5 * floor) if floor else []
-        rows.append((name, dt, loss.rank, 100 * loss.distance, reciprocal_condition(dt), quality(dt), schedule.P_plus[p.steps, 1, 1], int(below[0]) + 1 if len(below) else None))
+        rows.append((name, dt, loss.rank, 100 * loss.distance, by_hand.reciprocal_condition(dt), quality(dt), schedule.P_plus[p.steps, 1, 1], int(below[0]) + 1 if len(below) else None))
     r.table("periods", ["period", "d, s", "rank", "from a losing period, %", "σ_min/σ_max of [H; HΦ]", "in words", text("P22 after {n}, m²/s²", n=p.steps), "measurements to halve the floor"], rows,
             "Rank against quality (in words: above 0.3 well conditioned, above 0.1 fair). The last column is the number of measurements until P22 is at most half of {floor} m²/s², the floor at d = kπ (— : not within {most}).", floor=floor, most=max(SEARCHED, p.steps))
     grid = np.union1d(np.linspace(0.05, 2.1 * math.pi, 120), [math.pi, 2 * math.pi])
     n = min(p.steps, 20)
     found = [covariances(sampled(p, dt), n).P_plus[n, 1, 1] for dt in grid]
-    r.check(text("P22 after {n} measurements against the period", n=n), found, [posterior(p.P0, p.R, dt, n)[-1, 1, 1] for dt in grid], ("recursion", "all measurements at once"))
-    marks = {f"{name} = {dt:.5g} s": ([dt % (2 * math.pi) or dt], [posterior(p.P0, p.R, dt, n)[-1, 1, 1]]) for name, dt in (("dt_bad", p.dt_bad), ("dt_good", p.dt_good))}
+    r.check(text("P22 after {n} measurements against the period", n=n), found, [by_hand.posterior(p.P0, p.R, dt, n)[-1, 1, 1] for dt in grid], ("recursion", "all measurements at once"))
+    marks = {f"{name} = {dt:.5g} s": ([dt % (2 * math.pi) or dt], [by_hand.posterior(p.P0, p.R, dt, n)[-1, 1, 1]]) for name, dt in (("dt_bad", p.dt_bad), ("dt_good", p.dt_good))}
     figure = plots.lines(
         grid, {text("after {n} measurements", n=n): found}, xlabel="sampling period d, s", ylabel="variance of ẏ, m²/s²",
         points=marks, straight={"floor at d = kπ": ([grid[0], grid[-1]], [floor, floor])}, ylim=(0.0, 1.1 * max(*found, floor) or 1.0),
@@ -363,7 +229,7 @@ def part_c(r, p, bad, good, experiment, steps):
     close = sampled(p, nearby(p))
     systems = {"dt_bad": bad, "1.2 % off a loss": close, "dt_good": good}
     schedules = {name: covariances(system, steps) for name, system in systems.items()}
-    floors = [conditional(p.P0) if loses(system.dt) else 0.0 for system in systems.values()]
+    floors = [by_hand.conditional(p.P0) if by_hand.loses(system.dt) else 0.0 for system in systems.values()]
     titles = {text("{name}: {dt} s", name=name, dt=systems[name].dt): replace(s, t=np.arange(steps + 1.0)) for name, s in schedules.items()}
     r.figure("velocity", plots.sawtooth(titles, xlabel=STEP, ylabel="variance of ẏ, m²/s²", state=1, limits=[(x, x) for x in floors]),
              "Variance of the velocity before and after each measurement at the three periods. Dotted: its limit.")
@@ -389,12 +255,12 @@ def known(x):
 
 def conclusions(r, p, answer):
     """What the numbers say."""
-    lines, floor, prior = [], conditional(p.P0), p.P0[1][1]
+    lines, floor, prior = [], by_hand.conditional(p.P0), p.P0[1][1]
     if not any(map(any, p.P0)):
         lines.append("The state is known from the start (P0 = 0): whatever the period, the gains are 0 and all variances stay 0.")
     for name, dt in (("dt_bad", p.dt_bad), ("dt_good", p.dt_good)):
         last = answer["velocity_variance_bad" if name == "dt_bad" else "velocity_variance_good"][-1]
-        if not loses(dt):
+        if not by_hand.loses(dt):
             line = "{name} = {dt} s keeps the oscillator observable (rank 2, {quality}: σ_min/σ_max = {condition}; {offset} s from a multiple of π). The velocity's variance tends to 0; after {steps} measurements it is {last} m²/s², from {prior} at the start."
         elif floor == 0 and prior > 0:
             line = "{name} = {dt} s loses the velocity (rank 1), but P0 is singular and ties it to the position, so its variance tends to 0 all the same: after {steps} measurements it is {last} m²/s², from {prior} at the start."
@@ -404,16 +270,35 @@ def conclusions(r, p, answer):
             line = "{name} = {dt} s loses the velocity (rank 1): without an initial correlation with the position its variance stays at {prior} m²/s² for ever."
         else:
             line = "{name} = {dt} s loses the velocity (rank 1), which does no harm here: it is known from the start."
-        lines.append(text(line, name=name, dt=dt, quality=quality(dt), condition=reciprocal_condition(dt), offset=offset(dt), steps=p.steps, last=last, prior=prior, floor=floor))
+        lines.append(text(line, name=name, dt=dt, quality=quality(dt), condition=by_hand.reciprocal_condition(dt), offset=by_hand.offset(dt), steps=p.steps, last=last, prior=prior, floor=floor))
     if p.dt_bad == p.dt_good:
         lines.append("Both periods are the same.")
-    elif loses(p.dt_bad) != loses(p.dt_good):
-        lines.append(text("Of the given periods {name} is the bad one.", name="dt_bad" if loses(p.dt_bad) else "dt_good"))
+    elif by_hand.loses(p.dt_bad) != by_hand.loses(p.dt_good):
+        lines.append(text("Of the given periods {name} is the bad one.", name="dt_bad" if by_hand.loses(p.dt_bad) else "dt_good"))
     else:
-        lines.append("Both given periods are bad ones." if loses(p.dt_bad) else "Neither of the given periods is a bad one in the strict sense.")
+        lines.append("Both given periods are bad ones." if by_hand.loses(p.dt_bad) else "Neither of the given periods is a bad one in the strict sense.")
     lines.append("A period near a bad one keeps the rank but not the quality: the number of measurements needed grows like ε^(−2/3) with the offset ε. The condition number, not the rank, should be asked.")
     lines.append(largest(r))
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer = by_hand.analytic(p)
+    bad, good = sampled(p, p.dt_bad), sampled(p, p.dt_good)
+    r.heading("Part I. Analysis")
+    part_a(r, p, bad, good, experiment)
+    part_b(r, p, answer, bad, good)
+    sampling(r, p, answer)
+    near(r, p)
+    r.heading("Plan of the experiment")
+    steps = plan(r, p, experiment)
+    r.heading("Part II. Experiment")
+    part_c(r, p, bad, good, experiment, steps)
+    r.heading("Conclusions")
+    conclusions(r, p, answer)
+    return r
 
 
 if __name__ == "__main__":

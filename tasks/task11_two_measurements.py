@@ -9,10 +9,10 @@ adds 1/R = 4. In general P⁻¹ grows by R⁻¹ at a measurement, and P⁻ → [
 """
 
 import math
-from fractions import Fraction
 
 import numpy as np
-import scipy.linalg
+from ctlabs.tasks.answers import task11 as by_hand
+from ctlabs.tasks.answers.task11 import WITHIN
 from pydantic import field_validator
 
 from ctlabs.filtering import settling, steady
@@ -37,8 +37,6 @@ SIMULATED = 30
 LISTED = 40
 #: A settling step beyond this is not searched for by recursion too.
 SEARCHED = 20_000
-#: The band of the settling time, as a fraction of the limit.
-WITHIN = 0.01
 #: Shapes of P(t1⁻), Q and R in the example with vectors, multiplied by the scalar values.
 SHAPES = (((1, 0.5), (0.5, 1)), ((1, 0), (0, 0.25)), ((1, 0.2), (0.2, 2)))
 SINCE = "time since t1, steps (i − 1)"
@@ -58,81 +56,16 @@ class Parameters(LabParameters):
     def _possible(cls, value, info):
         """The mean of a square is not less than the square of the mean."""
         mean = info.data.get("x1_mean", 0.0)
-        if decimal(value) < decimal(mean) ** 2:
+        if by_hand.decimal(value) < by_hand.decimal(mean) ** 2:
             raise ValueError(f"expected at least the square of x1_mean = {mean:.15g}, received {value:.15g}")
         return value
 
 
-def decimal(x):
-    """The fraction that a number is as it was written: 0.1 is 1/10."""
-    return Fraction(repr(float(x)))
-
-
-def analytic(p):
-    """The sheet's answers, by hand."""
-    exact = two_measurements(p)
-    P1 = start(p)
-    prior = predictions(P1, p.Q, p.R, p.steps)
-    above = 0.5 * (p.Q + math.sqrt(p.Q**2 + 4 * p.Q * p.R))
-    return {
-        "prior_variance": prior,
-        "gain": [gain(P, p.R) for P in prior],
-        "posterior_variance": [gain(P, p.R) * p.R for P in prior],
-        "information_increment": [1 / p.R if p.R else math.inf] * 2,
-        "posterior_estimate_coefficients_1": [float(c) for c in exact["coefficients"][0]],
-        "posterior_estimate_coefficients_2": [float(c) for c in exact["coefficients"][1]],
-        "prior_variance_steady": above,
-        "posterior_variance_steady": p.Q * p.R / above if above else 0.0,
-        "gain_steady": p.Q / above if above else 0.0,
-        "settling_step": settling_step(P1, p.Q, p.R),
-    }
-
-
-def start(p):
-    """Var x(t1) = E x² − (E x)², without cancellation."""
-    return float(decimal(p.x1_second_moment) - decimal(p.x1_mean) ** 2)
-
-
-def gain(P, R):
-    """K = P⁻/(P⁻ + R); 0 where a perfect measurement meets what is known."""
-    return P / (P + R) if P + R else 0.0
-
-
-def two_measurements(p):
-    """Exact P⁻, K, P⁺ at t1, t2 (sympy fractions), and x̂⁺ as the coefficients of 1, z1(, z2)."""
-    import sympy
-
-    z = sympy.symbols("z1 z2")
-    mean, second, Q, R = (sympy.Rational(*decimal(x).as_integer_ratio()) for x in (p.x1_mean, p.x1_second_moment, p.Q, p.R))
-    found = {"prior": [], "gain": [], "posterior": [], "coefficients": []}
-    P, x = second - mean**2, mean
-    for i in range(2):
-        K = P / (P + R) if P + R else sympy.Integer(0)
-        x = sympy.expand(x + K * (z[i] - x))
-        found["prior"].append(P)
-        found["gain"].append(K)
-        found["posterior"].append(K * R)
-        found["coefficients"].append([x.subs({z[0]: 0, z[1]: 0}), *(x.coeff(z[j]) for j in range(i + 1))])
-        P = K * R + Q
-    return found
-
-
-def steady_exact(p):
-    """P̄⁻ with its root, by sympy."""
-    import sympy
-
-    Q, R = (sympy.Rational(*decimal(x).as_integer_ratio()) for x in (p.Q, p.R))
-    return (Q + sympy.sqrt(Q**2 + 4 * Q * R)) / 2
-
-
-def predictions(P1, Q, R, steps):
-    """P⁻ at t1, t2, …: a step is the fraction [(R + Q)P + QR]/(P + R), so i steps are the i-th power of its matrix."""
-    if not R:
-        return [P1] + [Q] * (steps - 1)
-    step = np.array([[R + Q, Q * R], [1.0, R]])
-    step /= np.abs(np.linalg.eigvals(step)).max()
-    powers = [np.linalg.matrix_power(step, i) @ [P1, 1.0] for i in range(steps)]
-    return [float(above / below) for above, below in powers]
+def model(mean, P1, Q, R):
+    """x(t_{i+1}) = x(t_i) + w(t_i), z(t_i) = x(t_i) + v(t_i), from t1 on; scalars or matrices."""
+    n = len(mean)
+    return DiscreteModel(Phi=np.eye(n), Qd=Q, H=np.eye(n), R=R, x0=mean, P0=P1, dt=1, states=["x"] if n == 1 else None,
+                         measurements=["z"] if n == 1 else None, units=["m"] * n)
 
 
 def conditioned(P1, Q, R, N):
@@ -144,55 +77,6 @@ def conditioned(P1, Q, R, N):
         weights[i, 1 : i + 2] = np.linalg.solve(C[: i + 1, : i + 1] + R * np.eye(i + 1), C[i, : i + 1])
     weights[:, 0] = 1 - weights[:, 1:].sum(axis=1)
     return weights
-
-
-def settling_step(P1, Q, R):
-    """The first i from which P⁺ is within 1 % of its limit: (P⁺ − P̄⁺)/(P⁺ + P̄⁻) shrinks by (P̄⁺/P̄⁻)² with each step."""
-    if not R or not (Q or P1):
-        return 1
-    if not Q:
-        return None
-    prior = 0.5 * (Q + math.sqrt(Q**2 + 4 * Q * R))
-    posterior = Q * R / prior
-    first = gain(P1, R) * R
-    ratio = (first - posterior) / (first + prior)
-    edge = math.copysign(WITHIN, ratio) * posterior
-    far = abs(ratio) * (posterior + edge + prior) / abs(edge)
-    return 1 + max(0, math.ceil(math.log(far) / (2 * math.log(prior / posterior)))) if far else 1
-
-
-def vector_limit(Q, R):
-    """P̄⁻ for H = I: in the coordinates in which R = I and Q is diagonal every one is the scalar problem."""
-    q, V = scipy.linalg.eigh(Q, R)
-    back = R @ V
-    q = q.clip(0)
-    return back @ np.diag(0.5 * (q + np.sqrt(q**2 + 4 * q))) @ back.T
-
-
-def model(mean, P1, Q, R):
-    """x(t_{i+1}) = x(t_i) + w(t_i), z(t_i) = x(t_i) + v(t_i), from t1 on; scalars or matrices."""
-    n = len(mean)
-    return DiscreteModel(Phi=np.eye(n), Qd=Q, H=np.eye(n), R=R, x0=mean, P0=P1, dt=1, states=["x"] if n == 1 else None,
-                         measurements=["z"] if n == 1 else None, units=["m"] * n)
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, system = analytic(p), model([p.x1_mean], [[start(p)]], [[p.Q]], [[p.R]])
-    count = max(p.steps, SIMULATED)
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, system)
-    part_b(r, p, answer, system)
-    weights(r, p, answer, system, min(count, LISTED))
-    vectors(r, p)
-    r.heading("Plan of the experiment")
-    plan(r, p, experiment, count)
-    r.heading("Part II. Experiment")
-    part_c(r, p, answer, system, experiment, count)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
 
 
 def shown(x):
@@ -213,7 +97,7 @@ def part_a(r, p, answer, system):
     """Two measurements, in exact fractions."""
     r.section("a", "Two measurements")
     r.says("The given moments are those of $x(t_1)$, before any measurement; the filter starts there, without a prediction:")
-    exact = two_measurements(p)
+    exact = by_hand.two_measurements(p)
     r.math(r"\hat x(t_1^-) = E\,x(t_1) = {mean}, \qquad P(t_1^-) = E\,x^2(t_1) - [E\,x(t_1)]^2 = {second} - ({mean})^2 = {P}",
            mean=p.x1_mean, second=p.x1_second_moment, P=shown(exact["prior"][0]))
     r.math(r"\Phi = 1, \qquad Q_d = {Q} \; \text{m}^2, \qquad H = 1, \qquad R = {R} \; \text{m}^2", Q=p.Q, R=p.R)
@@ -252,7 +136,7 @@ def _rational(x):
     """A number as a sympy fraction."""
     import sympy
 
-    return sympy.Rational(*decimal(x).as_integer_ratio())
+    return sympy.Rational(*by_hand.decimal(x).as_integer_ratio())
 
 
 def _inverse(x):
@@ -284,7 +168,7 @@ def part_b(r, p, answer, system):
     r.table("sequence", ["i", "P⁻, m²", "K", "P⁺, m²", "1/P⁺, 1/m²"], [(i + 1, schedule.P_minus[i, 0, 0], schedule.K[i, 0, 0], schedule.P_plus[i, 0, 0], 1 / schedule.P_plus[i, 0, 0] if schedule.P_plus[i, 0, 0] else math.inf) for i in range(p.steps)],
             "The filter along the measurements.")
     r.says("**Steady state.** With $P(t_{i+1}^-) = P(t_i^-)$ what a measurement removes is what the noise adds, $\\bar{P}^{-2}/(\\bar{P}^- + R) = Q$, so")
-    exact, number = shown(steady_exact(p)), latex_number(answer["prior_variance_steady"])
+    exact, number = shown(by_hand.steady_exact(p)), latex_number(answer["prior_variance_steady"])
     r.math(r"\bar P^- = \frac{Q + \sqrt{Q^2 + 4QR}}2 = {root}, \qquad \bar P^+ = \bar P^- - Q = {posterior}, \qquad \bar K = \frac Q{\bar P^-} = {gain}",
            root=exact if exact == number else rf"{exact} \approx {number}", posterior=answer["posterior_variance_steady"], gain=answer["gain_steady"])
     limit = steady.solve(system)
@@ -312,9 +196,9 @@ def weights(r, p, answer, system, N):
     last, share = own[-1, 1:], answer["gain_steady"]
     still = model([1.0], system.P0, system.Qd, system.R)
     r.check("sum of all weights", responses(still, N).sum(axis=1), np.ones(N), ("filter's answer to unit measurements", "unbiasedness"), EXACT)
-    C = start(p) + p.Q * np.minimum(np.arange(N)[:, None], np.arange(N)) + p.R * np.eye(N)
+    C = by_hand.start(p) + p.Q * np.minimum(np.arange(N)[:, None], np.arange(N)) + p.R * np.eye(N)
     if p.R and np.linalg.cond(C) < 1e6:
-        whole = conditioned(start(p), p.Q, p.R, N)
+        whole = conditioned(by_hand.start(p), p.Q, p.R, N)
         whole[:, 0] *= p.x1_mean
         r.check(text("coefficients of all estimates up to {n} measurements", n=N), own, whole, ("filter's answer to unit measurements", "conditioning on all measurements at once"), SOLVER, scale=max(1.0, abs(p.x1_mean)))
     recent = np.arange(max(1, N - 11), N + 1)
@@ -332,12 +216,12 @@ def vectors(r, p):
     r.math(r"P^{-1}(t_i^+) = P^{-1}(t_i^-) + R^{-1}, \qquad K(t_i) = P(t_i^-)[P(t_i^-) + R]^{-1} = P(t_i^+)R^{-1}, \qquad P(t_{i+1}^-) = P(t_i^+) + Q")
     r.math(r"\hat x(t_i^+) = [I - K(t_i)]\,\hat x(t_i^-) + K(t_i)z_i, \qquad I - K(t_i) = P(t_i^+)P^{-1}(t_i^-)")
     r.says("(With $\\Phi \\ne I$ and a regular square $H$ the measurement adds $H^TR^{-1}H$, and $P(t_{i+1}^-) = \\Phi P(t_i^+)\\Phi^T + Q$.) Each measurement adds $R^{-1}$. In the steady state $\\bar{P}^-(\\bar{P}^- + R)^{-1}\\bar{P}^- = Q$; choosing coordinates in which $R = I$ and $Q = \\text{diag}(q_j)$ makes it scalar, $\\bar{P}^-_{jj} = [q_j + \\sqrt{q_j^2 + 4q_j}]/2$.")
-    P1, Q, R = (scale * np.array(shape) for scale, shape in zip((start(p), p.Q, p.R), SHAPES, strict=True))
+    P1, Q, R = (scale * np.array(shape) for scale, shape in zip((by_hand.start(p), p.Q, p.R), SHAPES, strict=True))
     system = model([p.x1_mean] * 2, P1, Q, R)
     r.says("Example in two dimensions, with the scalar values on the scale:")
     r.math(r"P(t_1^-) = {P1}, \qquad Q = {Q}, \qquad R = {R}", P1=P1, Q=Q, R=R)
     schedule = covariances(system, max(p.steps, 2) - 1, first=0)
-    if p.R and start(p) and 1e-6 < start(p) / p.R < 1e6:
+    if p.R and by_hand.start(p) and 1e-6 < by_hand.start(p) / p.R < 1e6:
         routes = ("recursion", "inverse covariances")
         inverse = np.linalg.inv
         r.check("P⁻¹ added by each measurement", inverse(schedule.P_plus) - inverse(schedule.P_minus), np.broadcast_to(inverse(R), schedule.P_plus.shape), routes, SOLVER, scale=np.abs(inverse(schedule.P_plus)).max())
@@ -346,7 +230,7 @@ def vectors(r, p):
                one=schedule.P_plus[0], two=schedule.P_plus[1], K=schedule.K[1], added=inverse(R))
     limit = steady.solve(system).P_minus
     r.value("vector_prior_covariance_steady", limit, "m²")
-    r.check("steady covariance of the vectors", limit, vector_limit(Q, R) if p.R else Q, ("Riccati equation", "scalar problems in common coordinates"))
+    r.check("steady covariance of the vectors", limit, by_hand.vector_limit(Q, R) if p.R else Q, ("Riccati equation", "scalar problems in common coordinates"))
     r.math(r"\bar P^- = {limit}", limit=limit)
 
 
@@ -355,7 +239,7 @@ def plan(r, p, experiment, count):
     r.says("The ensemble is compared with the variances of (b), over enough measurements to see the steady state. Index 0 is $t_1$: the first measurement is made at the start, without a prediction.")
     r.table("plan", ["quantity", "value", "why"], [
         ["measurements", count, "several settling times, unless Q is small"],
-        ["mean and variance of x(t1)", [p.x1_mean, start(p)], "from the given moments"],
+        ["mean and variance of x(t1)", [p.x1_mean, by_hand.start(p)], "from the given moments"],
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "any: the checks hold for all"],
     ], "Plan of the experiment.")
@@ -381,24 +265,43 @@ def known(x):
 
 def conclusions(r, p, answer):
     """What the numbers say."""
-    K, lines = two_measurements(p)["gain"], []
+    K, lines = by_hand.two_measurements(p)["gain"], []
     first, second = float(K[0]), float(K[1])
     if p.R == 0:
         lines.append("The measurements are perfect: the estimate is the last measurement, and what was known before is of no use." if second else "The first measurement is perfect and the state does not move: the others add nothing." if first else "The state is known from the start and does not move; even perfect measurements add nothing to that.")
     else:
         lines.append(text("The first measurement has the weight {first} against the prior mean, the second {second} against the estimate before it.", first=first, second=second))
         lines.append(text("Each adds the information 1/R = {added} 1/m²; how much of the variance this removes depends on what was known: {one} % at t1, {two} % at t2.", added=1 / p.R, one=100 * first, two=100 * second))
-    if start(p) == 0 and p.R:
+    if by_hand.start(p) == 0 and p.R:
         lines.append("x(t1) is known (its second moment is the square of its mean), so the first measurement changes nothing.")
     if p.Q and p.R:
         lines.append(text("The filter settles at measurement {settled}: P⁻ = {prior}, P⁺ = {posterior} m², K = {gain}.", settled=answer["settling_step"], prior=answer["prior_variance_steady"], posterior=answer["posterior_variance_steady"], gain=answer["gain_steady"]))
-    elif p.R and start(p):
+    elif p.R and by_hand.start(p):
         lines.append("Without process noise the state is a constant: its variance falls like R/i and the gain tends to 0.")
     elif p.R:
         lines.append("Without process noise it stays known for ever.")
     lines.append("With vectors and H = I everything holds with matrices; in suitable coordinates the steady state splits into scalar ones.")
     lines.append(largest(r))
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer, system = by_hand.analytic(p), model([p.x1_mean], [[by_hand.start(p)]], [[p.Q]], [[p.R]])
+    count = max(p.steps, SIMULATED)
+    r.heading("Part I. Analysis")
+    part_a(r, p, answer, system)
+    part_b(r, p, answer, system)
+    weights(r, p, answer, system, min(count, LISTED))
+    vectors(r, p)
+    r.heading("Plan of the experiment")
+    plan(r, p, experiment, count)
+    r.heading("Part II. Experiment")
+    part_c(r, p, answer, system, experiment, count)
+    r.heading("Conclusions")
+    conclusions(r, p, answer)
+    return r
 
 
 if __name__ == "__main__":

@@ -11,9 +11,9 @@ C(10, 2) = 45 pairs.
 
 import math
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
+from ctlabs.tasks.answers import task14 as by_hand
 from pydantic import model_validator
 
 from ctlabs.analysis import scheduling
@@ -55,56 +55,6 @@ class Parameters(LabParameters):
         return self
 
 
-def cases(p):
-    """P0, Qd, R and the limit of each part."""
-    s, high = p.sigma**2, p.sigma_high**2
-    return {
-        "a": (s, s, s, None),
-        "b": (s, s, s, p.limit_rms),
-        "c": (high, s, s, p.limit_rms),
-        "d": (s, high, s, p.limit_rms),
-        "e": (s, s, high, p.limit_rms),
-    }
-
-
-def analytic(p):
-    """The sheet's answers by trying every selection, one number at a time."""
-    answer = {"pairs": math.comb(p.horizon, p.fixes)}
-    for part, (P0, Qd, R, limit) in cases(p).items():
-        tried = [(instants, *followed(P0, Qd, R, instants, p.horizon)) for instants in combinations(range(p.horizon), p.fixes)]
-        good = [(rms, instants) for instants, rms, prior, _posterior in tried if limit is None or prior <= limit * (1 + 1e-12)]
-        least = min(good)[0] if good else None
-        answer[f"{part}_best_pair"] = list(max(i for rms, i in good if rms <= least * (1 + 1e-12))) if good else None
-        answer[f"{part}_terminal_rms"] = least
-        answer[f"{part}_feasible_pairs"] = len(good)
-        answer[f"{part}_feasible_posterior"] = sum(limit is None or posterior <= limit for *_rest, posterior in tried)
-        answer[f"{part}_gains"] = gains(P0, Qd, R, answer[f"{part}_best_pair"]) if good else None
-        answer[f"{part}_needed"] = min(prior for _i, _rms, prior, _posterior in tried)
-    return answer
-
-
-def followed(P0, Qd, R, instants, horizon):
-    """RMS at the end, and the largest RMS before and after a fix, of one selection."""
-    P, prior, posterior = P0, 0.0, 0.0
-    for t in range(horizon):
-        if t in instants:
-            prior = max(prior, math.sqrt(P))
-            P = 1 / (1 / P + 1 / R)
-            posterior = max(posterior, math.sqrt(P))
-        P = P + Qd
-    return math.sqrt(P), prior, posterior
-
-
-def gains(P0, Qd, R, instants):
-    """P/(P + R) at each fix, where P follows from the information of the fixes before: 1/P⁺ = 1/P⁻ + 1/R."""
-    found, P, last = [], P0, 0
-    for t in instants:
-        P += (t - last) * Qd
-        found.append(1 / (1 + R / P))
-        P, last = 1 / (1 / P + 1 / R), t
-    return found
-
-
 def model(p, P0, Qd, R):
     """x(i+1) = x(i) + u + w(i), z(i) = x(i) + v(i)."""
     return DiscreteModel(Phi=[[1]], Qd=[[Qd]], H=[[1]], R=[[R]], x0=[p.x0_mean], P0=[[P0]], dt=1, offset=[p.u], states=["x"], units=["m"])
@@ -115,28 +65,6 @@ def planned(p, system, instants):
     R = np.full((p.horizon + 1, 1, 1), np.inf)
     R[list(instants)] = system.R
     return replace(system, R=R)
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer = analytic(p)
-    systems = {part: model(p, *case[:3]) for part, case in cases(p).items()}
-    every = {part: scheduling.exhaustive(system, p.fixes, p.horizon) for part, system in systems.items()}
-    r.heading("Part I. Analysis")
-    for part in "abcde":
-        solve(r, p, part, systems[part], every[part], answer)
-    r.heading("Plan of the experiment")
-    r.table("plan", ["quantity", "value", "why"], [
-        ["selections tried in each part", len(every["a"].rms), "all of them"],
-        ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
-        ["seed", experiment.seed, "the same for every plan"],
-    ], "Plan of the experiment.")
-    r.heading("Part II. Experiment")
-    part_f(r, p, systems, every, answer, experiment)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
 
 
 TITLES = {
@@ -151,7 +79,7 @@ TITLES = {
 def solve(r, p, part, system, every, answer):
     """One part: the best plan by search, by complete enumeration, and what is missing where there is none."""
     r.section(part, TITLES[part])
-    P0, Qd, R, limit = cases(p)[part]
+    P0, Qd, R, limit = by_hand.cases(p)[part]
     if part == "a":
         r.says("The covariance does not depend on data, so a plan can be made before the flight. Between fixes the variance grows by $Q_d$ a period; a fix adds information:")
         r.math(r"P(t_{i+1}^-) = P(t_i^+) + Q_d, \qquad \frac1{P(t_i^+)} = \frac1{P(t_i^-)} + \frac1R \;\text{at a fix}, \qquad P(t_i^+) = P(t_i^-) \;\text{elsewhere}")
@@ -195,7 +123,7 @@ def part_f(r, p, systems, every, answer, experiment):
     r.section("f", "All selections, and the ensemble")
     rows, curves = [], {}
     for part, system in systems.items():
-        limit = cases(p)[part][3]
+        limit = by_hand.cases(p)[part][3]
         posterior = answer[f"{part}_feasible_posterior"]
         rows.append((part, limit, answer[f"{part}_best_pair"], answer[f"{part}_terminal_rms"], answer[f"{part}_feasible_pairs"], posterior, answer[f"{part}_needed"]))
         pair = answer[f"{part}_best_pair"]
@@ -238,6 +166,28 @@ def conclusions(r, p, answer):
         lines.append(text("The limit costs {loss} m at the end: an early fix is spent to keep the vehicle on the map.", loss=answer["b_terminal_rms"] - answer["a_terminal_rms"]))
     lines.append(largest(r))
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer = by_hand.analytic(p)
+    systems = {part: model(p, *case[:3]) for part, case in by_hand.cases(p).items()}
+    every = {part: scheduling.exhaustive(system, p.fixes, p.horizon) for part, system in systems.items()}
+    r.heading("Part I. Analysis")
+    for part in "abcde":
+        solve(r, p, part, systems[part], every[part], answer)
+    r.heading("Plan of the experiment")
+    r.table("plan", ["quantity", "value", "why"], [
+        ["selections tried in each part", len(every["a"].rms), "all of them"],
+        ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
+        ["seed", experiment.seed, "the same for every plan"],
+    ], "Plan of the experiment.")
+    r.heading("Part II. Experiment")
+    part_f(r, p, systems, every, answer, experiment)
+    r.heading("Conclusions")
+    conclusions(r, p, answer)
+    return r
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from ctlabs.tasks.answers import task15 as by_hand
 from pydantic import model_validator
 
 from ctlabs.analysis import sensitivity
@@ -59,51 +60,10 @@ class Parameters(LabParameters):
         return self
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    a, b, apart, q1, q2 = sampled(p.w0, p.wn, p.dt, p.Q1, p.Q2)
-    variance = variances(p.w0, p.wn, p.dt, p.Q1, p.Q2, p.Es2, p.En2, p.steps)
-    limit = variance_limit(p.w0, p.wn, p.dt, p.Q1, p.Q2)
-    gain = (a * apart * (limit or 0.0) + q1) / (apart**2 * (limit or 0.0) + q1 + q2)
-    pole = a - apart * gain
-    total = p.Es2 + p.En2
-    return {
-        "signal_variance": variance,
-        "gain": [p.Es2 / total if total else 0.0]
-        + [(a * apart * x + q1) / (apart**2 * x + q1 + q2) for x in variance[:-1]],
-        "signal_variance_steady": limit,
-        "gain_steady": gain,
-        "filter_pole": pole,
-        "filter_z_transfer_function": [[gain, -gain * b], [1.0, -pole]],
-        "signal_variance_steady_equal_frequencies": p.Q1 * p.Q2 / (p.Q1 + p.Q2) / (2 * p.w0) if p.w0 else None,
-    }
-
-
-def sampled(w0, wn, dt, Q1, Q2):
-    """a, b, a − b, q1, q2 of the discrete model, without cancellation."""
-    a, b = math.exp(-w0 * dt), math.exp(-wn * dt)
-    q = [Q * (-math.expm1(-2 * w * dt) / (2 * w) if w else dt) for w, Q in ((w0, Q1), (wn, Q2))]
-    return a, b, -a * math.expm1((w0 - wn) * dt) if (wn - w0) * dt > -600 else -b, *q
-
-
-def variances(w0, wn, dt, Q1, Q2, Es2, En2, steps):
-    """p from t0: each step is a fraction linear in p above and below, so i steps are the i-th power of its matrix."""
-    a, b, apart, q1, q2 = sampled(w0, wn, dt, Q1, Q2)
-    step = np.array([[a**2 * q2 + b**2 * q1, q1 * q2], [apart**2, q1 + q2]])
-    step /= np.abs(np.linalg.eigvals(step)).max()
-    start = Es2 * En2 / (Es2 + En2) if Es2 + En2 else 0.0
-    powers = [np.linalg.matrix_power(step, i) @ [start, 1.0] for i in range(steps + 1)]
-    return [float(above / below) for above, below in powers]
-
-
-def variance_limit(w0, wn, dt, Q1, Q2):
-    """The positive root of (a−b)²p² + [q1(1−b²) + q2(1−a²)]p − q1q2 = 0; None where p does not settle."""
-    _a, _b, apart, q1, q2 = sampled(w0, wn, dt, Q1, Q2)
-    linear = -q1 * math.expm1(-2 * wn * dt) - q2 * math.expm1(-2 * w0 * dt)
-    if not q1 * q2:
-        return 0.0 if apart or linear else None
-    below = linear + math.sqrt(linear**2 + 4 * apart**2 * q1 * q2)
-    return 2 * q1 * q2 / below if below else None
+def model(p, **change):
+    """The discrete model; there is no white noise in its measurement."""
+    q = p.model_copy(update=change)
+    return discretise(continuous(q.w0, q.wn, q.Q1, q.Q2, q.Es2, q.En2), q.dt, R=[[0]])
 
 
 def continuous(w0, wn, Q1, Q2, Es2, En2):
@@ -111,30 +71,6 @@ def continuous(w0, wn, Q1, Q2, Es2, En2):
     signal = replace(shaping.gauss_markov(1.0, 1.0, name="s", unit="V"), F=[[-w0]], Q=[[Q1]], P0=[[Es2]], measurements=["z"])
     noise = replace(shaping.gauss_markov(1.0, 1.0, name="n", unit="V"), F=[[-wn]], Q=[[Q2]], P0=[[En2]])
     return shaping.augment_measurement(signal, noise)
-
-
-def model(p, **change):
-    """The discrete model; there is no white noise in its measurement."""
-    q = p.model_copy(update=change)
-    return discretise(continuous(q.w0, q.wn, q.Q1, q.Q2, q.Es2, q.En2), q.dt, R=[[0]])
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, system = analytic(p), model(p)
-    small = reduced.discrete(system, keep=["s"], first=0)
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, system)
-    part_b(r, p, answer, system, small)
-    analysis_c(r, p, answer)
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment, answer, system)
-    r.heading("Part II. Experiment")
-    experiment_c(r, p, experiment, answer, system, small, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, answer, system)
-    return r
 
 
 def part_a(r, p, answer, system):
@@ -150,7 +86,7 @@ def part_a(r, p, answer, system):
     r.math(r"x(t_{i+1}) = \begin{bmatrix} a & 0 \\ 0 & b \end{bmatrix}x(t_i) + w_d(t_i), \quad z(t_i) = \begin{bmatrix} 1 & 1 \end{bmatrix}x(t_i), \qquad a = e^{-w_0\Delta t}, \; b = e^{-w_n\Delta t}")
     r.math(r"Q_d = \begin{bmatrix} q_1 & 0 \\ 0 & q_2 \end{bmatrix}, \qquad q_1 = \frac{Q_1(1-a^2)}{2w_0}, \quad q_2 = \frac{Q_2(1-b^2)}{2w_n} \qquad (q = Q\Delta t \text{ at a zero frequency})")
     r.model(system)
-    *_unused, q1, q2 = sampled(p.w0, p.wn, p.dt, p.Q1, p.Q2)
+    *_unused, q1, q2 = by_hand.sampled(p.w0, p.wn, p.dt, p.Q1, p.Q2)
     r.check("Q_d", system.Qd, np.diag([q1, q2]), ("doubling of the short interval", "by hand"))
     r.says("(The sheet prints $2\\delta(t)$ for the autocorrelation of $w_1$; $2\\delta(\\tau)$ is meant.) The first measurement is at $t_0$. Since it is perfect, every filtered estimate satisfies $\\hat{s} + \\hat{n} = z = s + n$: the errors of $\\hat{s}$ and $\\hat{n}$ are opposite, and the covariance after an update has one free element:")
     r.math(r"P(t_i^+) = p_i\begin{bmatrix} 1 & -1 \\ -1 & 1 \end{bmatrix}, \qquad P(t_i^-) = \begin{bmatrix} a^2p_{i-1} + q_1 & -ab\,p_{i-1} \\ -ab\,p_{i-1} & b^2p_{i-1} + q_2 \end{bmatrix}")
@@ -246,7 +182,7 @@ def analysis_c(r, p, answer):
         q = p.model_copy(update=change)
         system = model(q)
         p0 = covariances(system, 1, first=0).P_plus[0, 0, 0]
-        limit = variance_limit(q.w0, q.wn, q.dt, q.Q1, q.Q2)
+        limit = by_hand.variance_limit(q.w0, q.wn, q.dt, q.Q1, q.Q2)
         if limit is None:
             rows.append((name, p0, None, None, None, None, observability.analyse(system).rank))
             continue
@@ -274,21 +210,21 @@ def wrong_filters(r, p):
     r.says("**The filter that does not know.** The filter designed for the given numbers runs on each changed truth. It claims its own p; its true variance follows from covariance analysis, and by hand, since only the signal's error matters, with the gain K of the design:")
     r.math(r"e_i = [a - (a-b)K]\,e_{i-1} - (1-K)w_1 + K w_2 \quad\Rightarrow\quad p = \frac{(1-K)^2q_1 + K^2q_2}{1 - [a - (a-b)K]^2}")
     design, rows = model(p), []
-    if variance_limit(p.w0, p.wn, p.dt, p.Q1, p.Q2) is None:
+    if by_hand.variance_limit(p.w0, p.wn, p.dt, p.Q1, p.Q2) is None:
         r.says("Here it has no steady state to compare: {reason}.", reason=NO_LIMIT)
         return
-    a, _b, apart, _q1, _q2 = sampled(p.w0, p.wn, p.dt, p.Q1, p.Q2)
+    a, _b, apart, _q1, _q2 = by_hand.sampled(p.w0, p.wn, p.dt, p.Q1, p.Q2)
     gain = float(steady.solve(design).K[0, 0])
     for name, change in variants(p)[1:]:
         if "Q1" not in change:
             continue
-        truth, q = model(p, **change), sampled(p.w0, p.wn, p.dt, change["Q1"], p.Q2)
+        truth, q = model(p, **change), by_hand.sampled(p.w0, p.wn, p.dt, change["Q1"], p.Q2)
         if abs(a - apart * gain) >= 1 - 1e-12:
             r.says("With {name} its pole is on the unit circle and its error grows without bound.", name=name)
             continue
         found = sensitivity.steady(truth, design)
-        by_hand = ((1 - gain) ** 2 * q[3] + gain**2 * q[4]) / (1 - (a - apart * gain) ** 2)
-        r.check(text("true variance of the given filter, {name}", name=name), found.P_plus[0, 0], by_hand, ("sensitivity analysis", "by hand"))
+        expected = ((1 - gain) ** 2 * q[3] + gain**2 * q[4]) / (1 - (a - apart * gain) ** 2)
+        r.check(text("true variance of the given filter, {name}", name=name), found.P_plus[0, 0], expected, ("sensitivity analysis", "by hand"))
         best = steady.solve(truth).P_plus[0, 0]
         r.holds(text("not better than the optimal filter, {name}", name=name), found.P_plus[0, 0] - best, ("sensitivity analysis", "Riccati equation"), size=max(best, 1e-300))
         rows.append((name, steady.solve(design).P_plus[0, 0], found.P_plus[0, 0], best, found.P_plus[0, 0] / best if best else None))
@@ -317,7 +253,7 @@ def visible(p, steps):
     found = steps
     for _name, change in variants(p):
         q = p.model_copy(update=change)
-        curve = variances(q.w0, q.wn, q.dt, q.Q1, q.Q2, q.Es2, q.En2, steps)
+        curve = by_hand.variances(q.w0, q.wn, q.dt, q.Q1, q.Q2, q.Es2, q.En2, steps)
         found = min([found, *(i - 1 for i, x in enumerate(curve) if 0 < x < 1e-9 * max(curve))])
     return max(found, 1)
 
@@ -347,7 +283,7 @@ def experiment_c(r, p, experiment, answer, system, small, steps):
 def conclusions(r, p, answer, system):
     """What the numbers say."""
     limit, lines = answer["signal_variance_steady"], []
-    given_ = variance_limit(p.w0, p.wn, p.dt, p.Q1, p.Q2)
+    given_ = by_hand.variance_limit(p.w0, p.wn, p.dt, p.Q1, p.Q2)
     lines.append("Without white noise in the measurement one combination of the states is known exactly: the filter reduces to one state and one scalar recursion, and gives the same estimates to rounding.")
     if limit is None:
         lines.append(text("There is no steady state: {reason}.", reason=NO_LIMIT))
@@ -355,7 +291,7 @@ def conclusions(r, p, answer, system):
         lines.append("The signal's error variance tends to 0: one of the two processes is not driven by noise and becomes known.")
     else:
         lines.append(text("The signal's error variance tends to {limit} V² with the gain {gain}; the filter's pole is {pole}.", limit=limit, gain=answer["gain_steady"], pole=answer["filter_pole"]))
-    changed = [(name, variance_limit(p.w0, p.wn, p.dt, c["Q1"], p.Q2)) for name, c in variants(p) if "Q1" in c]
+    changed = [(name, by_hand.variance_limit(p.w0, p.wn, p.dt, c["Q1"], p.Q2)) for name, c in variants(p) if "Q1" in c]
     if given_ and all(x for _name, x in changed):
         lines.append(text("The strength of w1 acts in the steady state: {list_} of the given variance.", list_=", ".join(text("{name} gives {ratio}", name=name, ratio=x / given_) for name, x in changed)))
     lines.append("The initial variance of the noise acts only at the beginning; a filter with a wrong one becomes right by itself.")
@@ -370,6 +306,24 @@ def conclusions(r, p, answer, system):
         lines.append(text("The filter settles (p within 1 % of its limit) at measurement {settled}.", settled=settling(system, first=0)))
     lines.append(largest(r))
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer, system = by_hand.analytic(p), model(p)
+    small = reduced.discrete(system, keep=["s"], first=0)
+    r.heading("Part I. Analysis")
+    part_a(r, p, answer, system)
+    part_b(r, p, answer, system, small)
+    analysis_c(r, p, answer)
+    r.heading("Plan of the experiment")
+    steps = plan(r, p, experiment, answer, system)
+    r.heading("Part II. Experiment")
+    experiment_c(r, p, experiment, answer, system, small, steps)
+    r.heading("Conclusions")
+    conclusions(r, p, answer, system)
+    return r
 
 
 if __name__ == "__main__":

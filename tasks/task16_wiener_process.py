@@ -13,6 +13,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from ctlabs.tasks.answers import task16 as by_hand
+from ctlabs.tasks.answers.task16 import TIMES, WITHIN
 
 from ctlabs.filtering import bucy, settling, settling_step, steady
 from ctlabs.labs.experiment import Experiment, covariances
@@ -32,10 +34,6 @@ META = {
     "parts": ["a", "b", "c"],
 }
 
-#: Times at which P(t) is given, s.
-TIMES = (0.5, 1.0, 2.0, 5.0)
-#: The band of the settling time, as a fraction of the limit.
-WITHIN = 0.01
 TIME = "t, s"
 
 
@@ -49,66 +47,10 @@ class Parameters(LabParameters):
     dt: Positive = given(1.0, unit="s", meaning="period of the discrete measurements")
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    rate, limit = math.sqrt(p.Q / p.R), math.sqrt(p.Q) * math.sqrt(p.R)
-    prior, posterior = sampled_limits(p.Q, p.R, p.dt)
-    gain = posterior * p.dt / p.R
-    return {
-        "variance_steady_continuous": limit,
-        "gain_steady_continuous": rate,
-        "filter_transfer_function": [[rate], [1.0, rate]],
-        "variance_continuous": [variance(p.Q, p.R, p.P0, t) for t in TIMES],
-        "settling_time": settling_time(p.Q, p.R, p.P0),
-        "prior_variance_steady": prior,
-        "posterior_variance_steady": posterior,
-        "gain_steady": gain,
-        "filter_z_transfer_function": [[gain, 0.0], [1.0, gain - 1]],
-        "settling_step": settling_by_hand(p.Q, p.R, p.P0, p.dt),
-    }
-
-
-def variance(Q, R, P0, t):
-    """P(t) of part (a), the solution of P' = Q − P²/R."""
-    if not Q:
-        return P0 * R / (R + P0 * t)
-    limit, share = math.sqrt(Q) * math.sqrt(R), math.tanh(math.sqrt(Q / R) * t)
-    return limit * (P0 + limit * share) / (limit + P0 * share)
-
-
-def settling_time(Q, R, P0):
-    """When (P − P∞)/(P + P∞), which decays like e^(−2√(Q/R)t), enters the band for good; None if P∞ = 0 < P0."""
-    if not Q:
-        return None if P0 else 0.0
-    limit = math.sqrt(Q) * math.sqrt(R)
-    start = (P0 - limit) / (P0 + limit)
-    edge = WITHIN / (2 + WITHIN) if start > 0 else WITHIN / (2 - WITHIN)
-    return max(0.0, math.log(abs(start) / edge) / (2 * math.sqrt(Q / R))) if start else 0.0
-
-
-def sampled_limits(Q, R, dt):
-    """P⁻ and P⁺ of part (b): the roots of P² ∓ Q dt P − QR = 0, written so that nothing cancels."""
-    above = 0.5 * Q * dt + math.sqrt(Q * R + (0.5 * Q * dt) ** 2)
-    return above, Q * R / above if above else 0.0
-
-
-def settling_by_hand(Q, R, P0, dt):
-    """The same for P⁺: (P⁺ − P⁺∞)/(P⁺ + P⁻∞) shrinks by the factor (P⁺∞/P⁻∞)² with each measurement."""
-    if not Q:
-        return None if P0 else 1
-    prior, posterior = sampled_limits(Q, R, dt)
-    start = (P0 - posterior) / (P0 + prior)
-    edge = math.copysign(WITHIN, start) * posterior
-    ratio = abs(start) * (posterior + edge + prior) / abs(edge)
-    return max(1, math.ceil(math.log(ratio) / (2 * math.log(prior / posterior)))) if start else 1
-
-
-def posterior_variance(Q, R, P0, dt, k):
-    """P⁺ after k measurements, by the k-th power of the fraction R_d(P + Q_d)/(P + Q_d + R_d)."""
-    step = np.array([[R / dt, Q * R], [1.0, Q * dt + R / dt]])
-    step /= np.abs(np.linalg.eigvals(step)).max()
-    above, below = np.linalg.matrix_power(step, k) @ [P0, 1.0]
-    return float(above / below)
+def model(p):
+    """ẋ = w, z = x + v."""
+    return ContinuousModel(F=[[0]], G=[[1]], Q=[[p.Q]], H=[[1]], Rc=[[p.R]], x0=[p.x0_mean], P0=[[p.P0]], states=["x"],
+                           measurements=["z"], units=["m"])
 
 
 def time_scale(p):
@@ -116,31 +58,6 @@ def time_scale(p):
     if p.Q:
         return math.sqrt(p.R / p.Q)
     return p.R / p.P0 if p.P0 else 10 * p.dt
-
-
-def model(p):
-    """ẋ = w, z = x + v."""
-    return ContinuousModel(F=[[0]], G=[[1]], Q=[[p.Q]], H=[[1]], Rc=[[p.R]], x0=[p.x0_mean], P0=[[p.P0]], states=["x"],
-                           measurements=["z"], units=["m"])
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, system = analytic(p), model(p)
-    sampled = discretise(system, p.dt)
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, system)
-    part_b(r, p, answer, system, sampled)
-    r.heading("Plan of the experiment")
-    fine, steps, ratio = plan(r, p, experiment, system)
-    r.heading("Part II. Experiment")
-    part_c(r, p, answer, system, sampled)
-    limits(r, p, answer, system)
-    ensembles(r, p, experiment, sampled, fine, steps, ratio)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
 
 
 def part_a(r, p, answer, system):
@@ -276,11 +193,11 @@ def part_c(r, p, answer, system, sampled):
         r.says("The discrete filter needs so many measurements that the recursion is not run to that point; the closed form says how many, and a power of the step's matrix confirms it.")
     posterior = answer["posterior_variance_steady"]
     if step is not None and posterior:
-        after = abs(posterior_variance(p.Q, p.R, p.P0, p.dt, step) / posterior - 1)
+        after = abs(by_hand.posterior_variance(p.Q, p.R, p.P0, p.dt, step) / posterior - 1)
         r.holds("P⁺ is in the band at the settling step", WITHIN - after, ("power of the step's matrix", "definition"),
                 size=1.0)
         if step > 1:
-            before = abs(posterior_variance(p.Q, p.R, p.P0, p.dt, step - 1) / posterior - 1)
+            before = abs(by_hand.posterior_variance(p.Q, p.R, p.P0, p.dt, step - 1) / posterior - 1)
             r.holds("P⁺ is outside one step earlier", before - WITHIN, ("power of the step's matrix", "definition"),
                     size=1.0)
     if when is None:
@@ -301,7 +218,7 @@ def overlay(r, p, answer, system, sampled):
     size = float(shown.P_minus.max()) or 1.0
     r.holds("P⁺ ≤ P(t)", between[1:] - shown.P_plus[1:, 0, 0], routes, size=size)
     r.holds("P(t) ≤ P⁻", shown.P_minus[1:, 0, 0] - between[1:], routes, size=size)
-    closed = [posterior_variance(p.Q, p.R, p.P0, p.dt, k) for k in range(count + 1)]
+    closed = [by_hand.posterior_variance(p.Q, p.R, p.P0, p.dt, k) for k in range(count + 1)]
     r.check("P⁺ along the measurements", shown.P_plus[:, 0, 0], closed, ("recursion", "power of the step's matrix"),
             SOLVER)
     r.check("gain along the measurements", shown.K[1:, 0, 0], [P * p.dt / p.R for P in closed[1:]],
@@ -323,7 +240,7 @@ def limits(r, p, answer, system):
         r.says("**dt → 0.** Without process noise the discrete filter agrees with the continuous one at the instants of measurement for every period: $1/P(t_i^+) = 1/P_0 + i\\,dt/R = 1/P(t_i)$. The information of the measurements does not depend on how it is divided.")
         coarse = covariances(discretise(system, p.dt), 20)
         r.check("P⁺ = P(t) without process noise", coarse.P_plus[:, 0, 0],
-                [variance(p.Q, p.R, p.P0, t) for t in coarse.t], ("recursion", "closed form"), SOLVER)
+                [by_hand.variance(p.Q, p.R, p.P0, t) for t in coarse.t], ("recursion", "closed form"), SOLVER)
         return
     r.says("**dt → 0.** With $x = \\kappa\\,dt$ the steady state of (b) is $P^\\mp = P_\\infty(\\sqrt{1 + x^2/4} \\pm x/2)$. Expanded in x:")
     r.math(r"P^\mp = P_\infty\Bigl(1 \pm \frac{x}{2} + \frac{x^2}{8} + \dots\Bigr), \qquad \frac{P^- + P^+}{2} = P_\infty\Bigl(1 + \frac{x^2}{8} + \dots\Bigr)")
@@ -413,7 +330,7 @@ def ensembles(r, p, experiment, sampled, fine, steps, ratio):
         ]
         for what, test in tests:
             r.chance(text("{what}, {name}", what=what, name=name), test)
-        continuous = [variance(p.Q, p.R, p.P0, t) for t in theory.t]
+        continuous = [by_hand.variance(p.Q, p.R, p.P0, t) for t in theory.t]
         apart = [abs(P / C - 1) for P, C in zip(theory.P_plus[:, 0, 0], continuous, strict=True) if C]
         settled = settling_step(theory.P_plus[:, :, 0], steady.solve(system).P_plus[0], WITHIN)
         rows.append((name, theory.t[-1], theory.sd_plus[-1, 0], stats.rms[-1, 0], stats.bias[-1, 0],
@@ -459,6 +376,25 @@ def conclusions(r, p, answer):
                           when=when, step=step, time=step * p.dt))
     lines.append(largest(r))
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer, system = by_hand.analytic(p), model(p)
+    sampled = discretise(system, p.dt)
+    r.heading("Part I. Analysis")
+    part_a(r, p, answer, system)
+    part_b(r, p, answer, system, sampled)
+    r.heading("Plan of the experiment")
+    fine, steps, ratio = plan(r, p, experiment, system)
+    r.heading("Part II. Experiment")
+    part_c(r, p, answer, system, sampled)
+    limits(r, p, answer, system)
+    ensembles(r, p, experiment, sampled, fine, steps, ratio)
+    r.heading("Conclusions")
+    conclusions(r, p, answer)
+    return r
 
 
 if __name__ == "__main__":

@@ -14,6 +14,8 @@ import math
 
 import numpy as np
 from ctlabs.tasks import task16_wiener_process as lab16
+from ctlabs.tasks.answers import task17 as by_hand
+from ctlabs.tasks.answers.task17 import SUM, TIMES
 
 from ctlabs.filtering import bucy, settling, steady
 from ctlabs.labs.experiment import Experiment, covariances
@@ -33,11 +35,7 @@ META = {
     "parts": ["a", "b"],
 }
 
-#: Times at which P(t) is given, s.
-TIMES = (0.25, 0.5, 1.0, 2.0)
 TIME = "t, s"
-#: x3 of the states x1, x2.
-SUM = [[1.0, 1.0]]
 
 
 class Parameters(LabParameters):
@@ -51,33 +49,10 @@ class Parameters(LabParameters):
     dt: Positive = given(1.0, unit="s", meaning="period of the discrete measurements")
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    Q, P0 = p.q1 + p.q2, p.P01 + p.P02
-    rate = math.sqrt(Q / p.R)
-    prior, posterior = lab16.sampled_limits(Q, p.R, p.dt)
-    # z from w1 and w2: the Markov parameters H Fᵏ G are [1, 1], 0, 0; the rank of their Hankel matrix is the order.
-    markov = [np.ones((1, 2)), np.zeros((1, 2)), np.zeros((1, 2))]
-    hankel = np.block([[markov[i + j] for j in range(2)] for i in range(2)])
-    return {
-        "states_required": int(np.linalg.matrix_rank(hankel)),
-        "variance_steady_continuous": math.sqrt(Q) * math.sqrt(p.R),
-        "gain_steady_continuous": rate,
-        "filter_transfer_function": [[rate], [1.0, rate]],
-        "variance_continuous": [lab16.variance(Q, p.R, P0, t) for t in TIMES],
-        "prior_variance_steady": prior,
-        "posterior_variance_steady": posterior,
-        "gain_steady": posterior * p.dt / p.R,
-        "settling_step": lab16.settling_by_hand(Q, p.R, P0, p.dt),
-        "observability_rank_two_states": int(np.linalg.matrix_rank(np.array([SUM[0], [0.0, 0.0]]))),
-        "growth_rate_x1": growth(p),
-        "other_readings": other_readings(p),
-    }
-
-
-def growth(p):
-    """The rate at which P11 grows in the end: the noise of q2 x1 − q1 x2, which z never shows, seen in x1."""
-    return p.q1 * (p.q2 / (p.q1 + p.q2)) if p.q1 else 0.0
+def model(p):
+    """x3' = w, z = x3 + v."""
+    return ContinuousModel(F=[[0]], G=[[1]], Q=[[p.q1 + p.q2]], H=[[1]], Rc=[[p.R]], P0=[[p.P01 + p.P02]],
+                           states=["x3"], measurements=["z"], units=["m"])
 
 
 def two_states(p, t):
@@ -96,30 +71,12 @@ def two_states(p, t):
         learnt = start**2 * share / (limit + P0 * share)
     else:
         cross, learnt = start * p.R / (p.R + P0 * t), start**2 * t / (p.R + P0 * t)
-    Ps, Puu = lab16.variance(Q, p.R, P0, t), a**2 * p.P01 + b**2 * p.P02 + growth(p) * t - learnt
+    Ps, Puu = lab16.by_hand.variance(Q, p.R, P0, t), a**2 * p.P01 + b**2 * p.P02 + by_hand.growth(p) * t - learnt
     return (
         Puu + 2 * b * cross + b**2 * Ps,
         (a - b) * cross + a * b * Ps - Puu,
         Puu - 2 * a * cross + a**2 * Ps,
     )
-
-
-def other_readings(p):
-    """P∞ of x3 for the other readings of the figure, in the order of ``readings``."""
-    Q, c = p.q1 + p.q2, (4 * p.q1 + p.q2) / p.R
-    # Two different poles: the squares of the filter's poles have the sum 5 + Q/R and the product 4 + c.
-    above = Q / p.R + 2 * c / (math.sqrt(4 + c) + 2)
-    return [
-        Q / (math.sqrt(1 + Q / p.R) + 1),
-        p.R * above / (math.sqrt(9 + above) + 3),
-        p.R * math.sqrt(2) * (Q / p.R) ** 0.25,
-    ]
-
-
-def model(p):
-    """x3' = w, z = x3 + v."""
-    return ContinuousModel(F=[[0]], G=[[1]], Q=[[p.q1 + p.q2]], H=[[1]], Rc=[[p.R]], P0=[[p.P01 + p.P02]],
-                           states=["x3"], measurements=["z"], units=["m"])
 
 
 def unreduced(p):
@@ -151,24 +108,6 @@ def refusal(solve, system):
     except ValueError as error:
         return str(error)
     return ""
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, system, double = analytic(p), model(p), unreduced(p)
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, system)
-    trap(r, p, answer, system, double)
-    figure_lost(r, p, answer)
-    part_b(r, p, answer, system, double)
-    r.heading("Plan of the experiment")
-    steps, fine = plan(r, p, experiment)
-    r.heading("Part II. Experiment")
-    experiment_b(r, p, answer, experiment, system, double, steps, fine)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
 
 
 def part_a(r, p, answer, system):
@@ -318,7 +257,7 @@ def settled(r, p, answer):
         r.check("settling step", found, step, ("recursion", "closed form"), EXACT)
         return
     routes, Q, P0 = ("power of the step's matrix", "definition"), p.q1 + p.q2, p.P01 + p.P02
-    outside = [abs(lab16.posterior_variance(Q, p.R, P0, p.dt, k) / limit - 1) - lab16.WITHIN for k in (step - 1, step)]
+    outside = [abs(lab16.by_hand.posterior_variance(Q, p.R, P0, p.dt, k) / limit - 1) - lab16.by_hand.WITHIN for k in (step - 1, step)]
     r.holds("P⁺ is outside the band before the settling step, and inside from it", [outside[0], -outside[1]], routes, size=1.0)
 
 
@@ -386,6 +325,24 @@ def conclusions(r, p, answer):
                  else "The two-state filter is not wrong: its sum agrees with the one-state filter to rounding. Its P11 has a limit here, but one that depends on P01 and P02, and a steady solver has to refuse.")
     lines.append(largest(r))
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer, system, double = by_hand.analytic(p), model(p), unreduced(p)
+    r.heading("Part I. Analysis")
+    part_a(r, p, answer, system)
+    trap(r, p, answer, system, double)
+    figure_lost(r, p, answer)
+    part_b(r, p, answer, system, double)
+    r.heading("Plan of the experiment")
+    steps, fine = plan(r, p, experiment)
+    r.heading("Part II. Experiment")
+    experiment_b(r, p, answer, experiment, system, double, steps, fine)
+    r.heading("Conclusions")
+    conclusions(r, p, answer)
+    return r
 
 
 if __name__ == "__main__":

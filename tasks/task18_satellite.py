@@ -13,10 +13,10 @@ import math
 from dataclasses import replace
 from functools import cache
 
-import mpmath
 import numpy as np
 import sympy
-from scipy.integrate import solve_ivp
+from ctlabs.tasks.answers import task18 as by_hand
+from ctlabs.tasks.answers.task18 import LONG, RATES, SETS
 
 from ctlabs.filtering import update
 from ctlabs.labs.experiment import Experiment, covariances
@@ -36,17 +36,11 @@ META = {
     "parts": ["a", "b", "c", "d"],
 }
 
-#: Gravitational parameter of the Earth, m³/s².
-EARTH = 3.986004418e14
-#: Which of z1 = Θ and z2 = r each set of measurements has.
-SETS = {"theta": [0], "range": [1], "both": [0, 1]}
 STATES, UNITS = ["δr", "δṙ", "δΘ", "dδΘ/dt"], ["m", "m/s", "rad", "rad/s"]
 SQUARED = "m², m²/s², rad², rad²/s²"
 TIME = "t, s"
 #: Radians turned, at most: beyond, double precision no longer holds eight digits of the phase.
 PHASES = 1e7
-#: The filters are also followed for so many times the measurements.
-LONG = 4
 #: Runge-Kutta steps of all periods together, at most; largest relative spread simulated; largest index tested for chance.
 WORK, SPREAD, MILD = 800, 0.02, 0.05
 #: Bounds of the deviations that an extended filter moves, in natural units; it may take any angle.
@@ -63,115 +57,6 @@ class Parameters(LabParameters):
     dt: Positive = given(60.0, unit="s", meaning="sampling period")
     steps: Count = given(200, unit="1", meaning="measurements")
     P0: Covariance(4) = given(((1e6, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1e-8, 0), (0, 0, 0, 1e-14)), unit="m, m/s, rad, rad/s", meaning="covariance of the deviations at t0")
-
-
-def rate(p):
-    """w, the Earth's for r0 unless it is given."""
-    return p.w if p.w is not None else math.sqrt(EARTH / p.r0**3)
-
-
-def units(p):
-    """Natural units of the four states: r0, r0 w, 1 rad, w."""
-    return np.array([p.r0, p.r0 * rate(p), 1.0, rate(p)])
-
-
-def analytic(p):
-    """The sheet's answers, by hand."""
-    w = rate(p)
-    values = variances(p, [p.steps, LONG * p.steps])
-    return {
-        "F": [[0, 1, 0, 0], [3 * w**2, 0, 0, 2 * p.r0 * w], [0, 0, 0, 1], [0, -2 * w / p.r0, 0, 0]],
-        "B": [[0, 0], [1, 0], [0, 0], [0, 1 / p.r0]],
-        **{f"observability_rank_{name}": rank(rows, RATES) for name, rows in SETS.items()},
-        "observability_ranks_half_period": [rank(rows, transition(sympy, sympy.pi)) for rows in SETS.values()],
-        "observability_ranks_full_period": [rank(rows, transition(sympy, 2 * sympy.pi)) for rows in SETS.values()],
-        "unobservable_direction_range": [0, 0, 1, 0],
-        **{f"posterior_variances_{name}": np.diag(P[0]) for name, P in values.items()},
-        "covariances": values,
-        "gain_limit": -1.5 * w * p.dt / p.r0,
-        "growth": 2.25 * (w * p.dt * p.sigma_r / p.r0) ** 2,
-    }
-
-
-#: F in natural units, exactly.
-RATES = [[0, 1, 0, 0], [3, 0, 0, 2], [0, 0, 0, 1], [0, -2, 0, 0]]
-
-
-def transition(m, phase):
-    """Φ in natural units after the phase wt (Clohessy & Wiltshire), with sin and cos of the module m (math, mpmath, sympy)."""
-    c, s = m.cos(phase), m.sin(phase)
-    return [
-        [4 - 3 * c, s, 0, 2 - 2 * c],
-        [3 * s, c, 0, 2 * s],
-        [6 * s - 6 * phase, 2 * c - 2, 1, 4 * s - 3 * phase],
-        [6 * c - 6, -2 * s, 0, 4 * c - 3],
-    ]
-
-
-def rank(rows, A):
-    """Rank of [H; HA; HA²; HA³], exactly; natural units do not change it."""
-    A, H = sympy.Matrix(A), sympy.Matrix([[int(j == (2, 0)[row]) for j in range(4)] for row in rows])
-    return int(sympy.Matrix.vstack(*(H * A**k for k in range(4))).rank(simplify=True))
-
-
-def variances(p, counts):
-    """P(t_N⁺) for each N of ``counts``, from all measurements at once, by set; in natural units inside, 40 digits.
-
-    ΦL(I + LᵀΣ(HΦᵏ)ᵀR⁻¹HΦᵏL)⁻¹LᵀΦᵀ with P0 = LLᵀ holds for a singular P0 too.
-    """
-    found = {name: [] for name in SETS}
-    with mpmath.workdps(40):
-        L, phase = mpmath.matrix(root(np.array(p.P0) / np.outer(units(p), units(p))).tolist()), mpmath.mpf(rate(p)) * p.dt
-        sums, sigma = [mpmath.zeros(4), mpmath.zeros(4)], (mpmath.mpf(p.sigma_theta), mpmath.mpf(p.sigma_r) / p.r0)
-        columns = [list(L[:, j]) for j in range(4)]
-        for k in range(1, max(counts) + 1):
-            Phi = transition(mpmath, k * phase)
-            for row, S in enumerate(sums):
-                seen = [mpmath.fdot(Phi[(2, 0)[row]], column) / sigma[row] for column in columns]
-                for i in range(4):
-                    for j in range(i, 4):
-                        S[i, j] += seen[i] * seen[j]
-            if k in counts:
-                left = mpmath.matrix(Phi) * L
-                for name, rows in SETS.items():
-                    J = mpmath.matrix(4, 4)
-                    for i in range(4):
-                        for j in range(4):
-                            J[i, j] = (i == j) + sum(sums[row][min(i, j), max(i, j)] for row in rows)
-                    found[name].append(np.array((left * J**-1 * left.T).tolist(), dtype=float) * np.outer(units(p), units(p)))
-    return found
-
-
-def root(P):
-    """L with LLᵀ = P, by the eigenvalues of the correlations."""
-    sd = np.sqrt(np.diag(P))
-    safe = np.where(sd > 0, sd, 1.0)
-    values, vectors = np.linalg.eigh(P / np.outer(safe, safe))
-    return sd[:, None] * vectors * np.sqrt(values.clip(0))
-
-
-def slope(x, u, G):
-    """The sheet's equations, by hand."""
-    r, speed, _angle, turn = x
-    return np.array([speed, r * turn**2 - G / r**2 + u[0], turn, -2 * turn * speed / r + u[1] / r])
-
-
-def by_complex_step(x, u, G):
-    """∂f/∂(x, u) without differences: the imaginary part of f(x + iε)/ε."""
-    point, columns = np.concatenate([x, u]).astype(complex), []
-    for j in range(6):
-        moved = point.copy()
-        moved[j] += 1e-30j * max(abs(point[j]), 1e-12)
-        columns.append(slope(moved[:4], moved[4:], G).imag / moved[j].imag)
-    return np.array(columns).T
-
-
-def integrated(p, start, times):
-    """The nonlinear motion from a deviation at t0, by an integrator of order 8, in natural units; deviations (4, times)."""
-    whole = np.array([1.0, 0, 0, 1.0]) + start / units(p)
-    path = solve_ivp(lambda _t, x: slope(x, (0, 0), 1.0), (0, rate(p) * times[-1]), whole, "DOP853", rate(p) * times, rtol=1e-13, atol=1e-14)
-    nominal = np.array([np.ones(len(times)), 0 * times, rate(p) * times, np.ones(len(times))])
-    return (path.y - nominal) * units(p)[:, None]
 
 
 @cache
@@ -191,7 +76,7 @@ def seeing(rows):
 
 def measured(p, rows=(0, 1)):
     """The linear model of the deviations with some of the measurements."""
-    return linearisation.model(equations()[1], {"r_0": p.r0, "w": rate(p)}, H=seeing(rows), P0=p.P0, states=STATES, units=UNITS, measurements=[("z1", "z2")[row] for row in rows])
+    return linearisation.model(equations()[1], {"r_0": p.r0, "w": by_hand.rate(p)}, H=seeing(rows), P0=p.P0, states=STATES, units=UNITS, measurements=[("z1", "z2")[row] for row in rows])
 
 
 def noise(p, rows=(0, 1)):
@@ -209,8 +94,8 @@ def nonlinear(p, flow, rows=(0, 1), *, bounded=False):
 
     A filter far astray may put the satellite into the centre, where nothing is finite; bounds keep its deviations away from there.
     """
-    circle, turned = np.array([[p.r0], [0], [0], [rate(p)]]), np.array([[p.r0], [0], [rate(p) * p.dt], [rate(p)]])
-    low, high = ((edge * units(p))[:, None] for edge in ((LOWEST, HIGHEST) if bounded else (np.full(4, -np.inf), np.full(4, np.inf))))
+    circle, turned = np.array([[p.r0], [0], [0], [by_hand.rate(p)]]), np.array([[p.r0], [0], [by_hand.rate(p) * p.dt], [by_hand.rate(p)]])
+    low, high = ((edge * by_hand.units(p))[:, None] for edge in ((LOWEST, HIGHEST) if bounded else (np.full(4, -np.inf), np.full(4, np.inf))))
     return NonlinearModel(
         f=lambda _k, x, _w: flow.f(circle + np.clip(x, low, high)) - turned, h=lambda _k, x, v: x[[2, 0]] + v,
         F=lambda _k, x: flow.F(circle + np.clip(x, low, high)), H=lambda _k, _x: seeing((0, 1)),
@@ -225,27 +110,6 @@ def normal(P, scale):
     return np.asarray(P) / np.outer(sd, sd)
 
 
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    if rate(p) * p.dt * LONG * p.steps > PHASES:
-        msg = f"a phase w dt of {rate(p) * p.dt:g} rad in a period, of which too few digits are left after {LONG * p.steps} periods"
-        raise FloatingPointError(msg)
-    answer = analytic(p)
-    schedules = {name: covariances(discretise(measured(p, rows), p.dt, R=noise(p, rows)), LONG * p.steps) for name, rows in SETS.items()}
-    r.heading("Part I. Analysis")
-    part_a(r, p)
-    part_b(r, p, answer)
-    part_c(r, p, answer, schedules)
-    r.heading("Plan of the experiment")
-    trial = plan(r, p, experiment)
-    r.heading("Part II. Experiment")
-    found = part_d(r, p, experiment, trial)
-    r.heading("Conclusions")
-    conclusions(r, p, answer, schedules, found)
-    return r
-
-
 def part_a(r, p):
     """Jacobians at any point."""
     r.section("a", "Deviations from any nominal trajectory")
@@ -254,12 +118,12 @@ def part_a(r, p):
     r.says("Let $x^*(t)$, $u^*(t)$ solve $\\dot{x} = f(x, u)$, $x = (r, \\dot{r}, \\Theta, \\dot{\\Theta})$. For small $\\delta x = x - x^*$, $\\delta u = u - u^*$ Taylor's formula leaves $\\delta\\dot{x} = F\\,\\delta x + B\\,\\delta u$ with the derivatives along the nominal,")
     r.math(f"F(t) = {bracket(F)}, \\qquad B(t) = {bracket(B)}")
     r.says("all at $x^*(t)$, $u^*(t)$: in general a model that varies with time. $\\Theta$ itself appears nowhere, for the field is central: a turn of the whole motion is again a motion.")
-    w = rate(p)
+    w = by_hand.rate(p)
     point, u = np.array([1.3 * p.r0, 0.2 * p.r0 * w, 0.7, 0.8 * w]), np.array([0.03, -0.05]) * p.r0 * w**2
     values = dict(zip((*dynamics.states, *dynamics.inputs, sympy.Symbol("G", positive=True)), (*point, *u, p.r0**3 * w**2), strict=True))
-    scale = np.concatenate([units(p), [p.r0 * w**2] * 2]) / (units(p)[:, None] * w)
+    scale = np.concatenate([by_hand.units(p), [p.r0 * w**2] * 2]) / (by_hand.units(p)[:, None] * w)
     symbolic = np.array(F.row_join(B).subs(values).evalf(25).tolist(), dtype=float)
-    r.check("F, B at a point of an eccentric orbit with thrust", symbolic * scale, by_complex_step(point, u, p.r0**3 * w**2) * scale, ("sympy's derivatives", "complex step on the equations"), EXACT)
+    r.check("F, B at a point of an eccentric orbit with thrust", symbolic * scale, by_hand.by_complex_step(point, u, p.r0**3 * w**2) * scale, ("sympy's derivatives", "complex step on the equations"), EXACT)
 
 
 def bracket(matrix):
@@ -271,11 +135,11 @@ def part_b(r, p, answer):
     """The circular orbit."""
     r.section("b", "The circular orbit")
     _dynamics, circle = equations()
-    w = rate(p)
+    w = by_hand.rate(p)
     r.says("$r = r_0$, $\\Theta = wt$, $u = 0$ solves the equations if and only if $G = r_0^3w^2$. There F and B are constant:")
     r.math(f"F = {bracket(circle.F)}, \\qquad B = {bracket(circle.B)}")
     r.says("For the Earth $w = \\sqrt{3.986004418 \\cdot 10^{14}/r_0^3}$ = {w} rad/s" if p.w is None else "Here w = {w} rad/s is given, so that $G = r_0^3w^2$ = {G} m³/s²", ", and one revolution takes {T} s, {n} sampling periods. No noise drives the state: $Q = 0$.", w=w, G=p.r0**3 * w**2, T=2 * math.pi / w, n=2 * math.pi / w / p.dt)
-    model, scale = measured(p), units(p)
+    model, scale = measured(p), by_hand.units(p)
     r.value("F", model.F, "1/s², 1/s, m, rad", agrees=answer, routes=("sympy's derivatives", "by hand"), kind=EXACT)
     ratio = scale / (scale[:, None] * w)
     r.check("F in natural units", model.F * ratio, RATES, ("sympy's derivatives", "by hand"), EXACT)
@@ -285,10 +149,10 @@ def part_b(r, p, answer):
     r.says("An ellipse of period $2\\pi/w$ about a centre that moves forward at the rate $-\\frac32 C w$, $C = 4\\,\\delta r/r_0 + 2\\,\\delta\\dot{\\Theta}/w$: a higher orbit is slower, and this drift is the double eigenvalue 0.")
     for t in (p.dt, 10 * p.dt):
         found = discretise(model, t, R=noise(p)).Phi * scale / scale[:, None]
-        r.check(text("Φ over {t} s", t=t), found, transition(math, w * t), ("matrix exponential", "Clohessy and Wiltshire"), SOLVER)
+        r.check(text("Φ over {t} s", t=t), found, by_hand.transition(math, w * t), ("matrix exponential", "Clohessy and Wiltshire"), SOLVER)
     times = np.linspace(0, 4 * math.pi / w, 201)
     start = np.sqrt(np.diag(p.P0)) * (spread(p) / relative(p, p.P0) if far(p) else 1.0)
-    bent, straight = integrated(p, start, times), np.array([transition(math, w * t) for t in times]) @ (start / scale)
+    bent, straight = by_hand.integrated(p, start, times), np.array([by_hand.transition(math, w * t) for t in times]) @ (start / scale)
     r.figure("orbit", plots.lines(
         p.r0 * bent[2], {"nonlinear equations": bent[0]}, xlabel="r0 δΘ, m", ylabel="δr, m",
         straight={"linear model": (straight[:, 2] * p.r0, straight[:, 0] * p.r0)}, points={"start": ([p.r0 * bent[2, 0]], [bent[0, 0]])},
@@ -298,12 +162,12 @@ def part_b(r, p, answer):
 
 def relative(p, P):
     """The largest standard deviation in natural units; Θ, on which the motion does not depend, is not counted."""
-    return float(np.max((np.sqrt(np.diagonal(P, axis1=-2, axis2=-1).clip(0)) / units(p))[..., [0, 1, 3]]))
+    return float(np.max((np.sqrt(np.diagonal(P, axis1=-2, axis2=-1).clip(0)) / by_hand.units(p))[..., [0, 1, 3]]))
 
 
 def spread(p):
     """The largest relative spread of a nonlinear start: less where a sampling period bends the motion more."""
-    return SPREAD / (1 + rate(p) * p.dt) ** 2
+    return SPREAD / (1 + by_hand.rate(p) * p.dt) ** 2
 
 
 def far(p):
@@ -318,7 +182,7 @@ def known(p, wanted):
 
 def ruler(p, wanted):
     """Variances against which errors are measured: the state's own, or with a singular P0 the largest in natural units."""
-    return wanted if regular(p) else np.diag((np.diag(wanted) / units(p) ** 2).max() * units(p) ** 2)
+    return wanted if regular(p) else np.diag((np.diag(wanted) / by_hand.units(p) ** 2).max() * by_hand.units(p) ** 2)
 
 
 def logarithmic(curves):
@@ -334,7 +198,7 @@ def regular(p):
 def part_c(r, p, answer, schedules):
     """Ranks, variances, limits."""
     r.section("c", "The angle, the range, or both")
-    w, routes = rate(p), ("orthogonal steps in scaled units", "exact rank of [H; HF; HF²; HF³]")
+    w, routes = by_hand.rate(p), ("orthogonal steps in scaled units", "exact rank of [H; HF; HF²; HF³]")
     names = {"theta": "angle Θ only", "range": "range r only", "both": "both"}
     models = {name: measured(p, rows) for name, rows in SETS.items()}
     seen = {name: observability.analyse(model) for name, model in models.items()}
@@ -352,7 +216,7 @@ def part_c(r, p, answer, schedules):
     r.says("**Without process noise** the information only grows: with $\\Phi_k = \\Phi(t_k)$ and $P_0 = LL^T$")
     r.math(r"P(t_N^+) = \Phi_NL\left[I + L^T\sum_{k=1}^N(H\Phi_k)^TR^{-1}H\Phi_k\,L\right]^{-1}L^T\Phi_N^T")
     r.says("The noises of the samples have the variances {one} rad² and {two} m²; the sheet's strengths, for which samples every {dt} s are equivalent, are $R_1 = \\sigma_\\Theta^2dt$ = {R1} rad²·s and $R_2 = \\sigma_r^2dt$ = {R2} m²·s.", one=p.sigma_theta**2, two=p.sigma_r**2, dt=p.dt, R1=p.sigma_theta**2 * p.dt, R2=p.sigma_r**2 * p.dt)
-    scale, both = np.outer(units(p), units(p)), ("recursion", "all measurements at once")
+    scale, both = np.outer(by_hand.units(p), by_hand.units(p)), ("recursion", "all measurements at once")
     for name, rows in SETS.items():
         P, wanted = schedules[name].P_plus[p.steps], answer["covariances"][name][0]
         r.value(f"posterior_variances_{name}", np.diag(P), SQUARED, agrees=answer, routes=both)
@@ -381,7 +245,7 @@ def part_c(r, p, answer, schedules):
 
 def in_natural_units(p, rows):
     """The sampled model with the states in units of r0, r0 w, 1 rad, w."""
-    system, s = discretise(measured(p, rows), p.dt, R=noise(p, rows)), units(p)
+    system, s = discretise(measured(p, rows), p.dt, R=noise(p, rows)), by_hand.units(p)
     m = np.array([(1.0, p.r0)[row] for row in rows])
     return DiscreteModel(system.Phi * s / s[:, None], np.zeros((4, 4)), system.H * s / m[:, None], system.R / np.outer(m, m), x0=system.x0, P0=system.P0 / np.outer(s, s), dt=p.dt)
 
@@ -410,7 +274,7 @@ def gained(r, p, schedules, names):
     if not regular(p):
         r.says("P0 is singular, so the information gained is not a finite number and is not drawn.")
         return
-    scale = np.outer(units(p), units(p))
+    scale = np.outer(by_hand.units(p), by_hand.units(p))
     curves = {}
     for name, rows in SETS.items():
         s, last = schedules[name], p.steps + 1
@@ -424,7 +288,7 @@ def gained(r, p, schedules, names):
 
 def plan(r, p, experiment):
     """Every number chosen; the parameters of the nonlinear trial, its length and its flow."""
-    w = rate(p)
+    w = by_hand.rate(p)
     shrink = spread(p) / relative(p, p.P0) if far(p) else 1.0
     trial = p.model_copy(update={"P0": tuple(map(tuple, (np.array(p.P0) * shrink**2).tolist()))})
     horizon = w * p.dt * p.steps
@@ -455,12 +319,12 @@ def part_d(r, p, experiment, trial):
     if parts > WORK:
         r.says("The sampling period is so long that the nonlinear motion cannot be followed within it in a sensible number of steps; the nonlinear part is left out.")
         return None
-    flow = linearisation.flow(equations()[0], {"G": p.r0**3 * rate(p) ** 2}, p.dt, parts)
+    flow = linearisation.flow(equations()[0], {"G": p.r0**3 * by_hand.rate(p) ** 2}, p.dt, parts)
     start = 2 * np.sqrt(np.diag(q.P0))
-    path, _transitions = flow.along(np.array([p.r0, 0, 0, rate(p)]) + start, steps)
-    nominal = np.outer(np.arange(steps + 1) * p.dt, [0, 0, rate(p), 0]) + np.array([p.r0, 0, 0, rate(p)])
-    exact = integrated(q, start, np.arange(steps + 1) * p.dt).T
-    r.check("nonlinear motion from +2σ", (path - nominal) / units(p), exact / units(p), ("Runge and Kutta, order 4", "integrator of order 8 at tight tolerance"), SOLVER, scale=max(1.0, float(rate(p) * p.dt * steps)))
+    path, _transitions = flow.along(np.array([p.r0, 0, 0, by_hand.rate(p)]) + start, steps)
+    nominal = np.outer(np.arange(steps + 1) * p.dt, [0, 0, by_hand.rate(p), 0]) + np.array([p.r0, 0, 0, by_hand.rate(p)])
+    exact = by_hand.integrated(q, start, np.arange(steps + 1) * p.dt).T
+    r.check("nonlinear motion from +2σ", (path - nominal) / by_hand.units(p), exact / by_hand.units(p), ("Runge and Kutta, order 4", "integrator of order 8 at tight tolerance"), SOLVER, scale=max(1.0, float(by_hand.rate(p) * p.dt * steps)))
     r.says("The nonlinear motion is followed by Runge and Kutta's method, {parts} steps a period. From a start of +2σ in all states it leaves an integrator of order 8 with tight tolerance by {error} m in r at most, where the smallest standard deviation of a filter is {least} m.",
            parts=parts, error=float(np.abs(path - nominal - exact)[:, 0].max()), least=float(covariances(designed(q, [0, 1]), steps).sd_plus[:, 0].min()))
     if not regular(q):
@@ -489,10 +353,10 @@ def linear(r, p, experiment, names):
 
 def small(r, q, experiment, steps, parts, flow, names):
     """Deviations and noises so small that the equations are linear."""
-    least = float((covariances(designed(q, [0, 1]), steps).sd_plus[-1] / units(q)).min())
-    bend = 4 * relative(q, q.P0) ** 2 * (1 + 3 * rate(q) * q.dt * steps)
+    least = float((covariances(designed(q, [0, 1]), steps).sd_plus[-1] / by_hand.units(q)).min())
+    bend = 4 * relative(q, q.P0) ** 2 * (1 + 3 * by_hand.rate(q) * q.dt * steps)
     factor = min(1.0, 0.01 * least / bend) if bend and least else 1.0
-    rounding = np.finfo(float).eps * math.sqrt(steps * parts) * (1 + 3 * rate(q) * q.dt * steps)
+    rounding = np.finfo(float).eps * math.sqrt(steps * parts) * (1 + 3 * by_hand.rate(q) * q.dt * steps)
     r.says("**Nonlinear truth, small deviations.** All σ (start and measurements) are multiplied by {factor}, so that the quadratic terms are below a hundredth of the smallest error; the gains stay the same. The linear filter (here with both measurements) must then be right on the nonlinear truth, up to the ensemble's chance.", factor=factor)
     if factor * least < 30 * rounding:  # its square, what the variances would be off by, must stay below 0.1 %
         r.says("(Left out here: the smallest error would be {share} of the orbit, and a position on the orbit is known in double precision to {rounding} of it after so many steps.)", share=factor * least, rounding=rounding)
@@ -512,8 +376,8 @@ def large(r, q, experiment, steps, flow, names):
         plain = experiment.statistics(truth, designed(q, which), steps=steps)
         extended = experiment.statistics(truth, nonlinear(q, flow, which, bounded=True), steps=steps)
         # The quadratic term of a prediction against the noise, and that of the orbit's phase against 1.
-        bend = relative(q, theory.P_minus[1:]) ** 2 * (1 + 3 * rate(q) * q.dt) / min(q.sigma_theta, q.sigma_r / q.r0)
-        turn = (10 * relative(q, q.P0) * (1 + rate(q) * q.dt * steps)) ** 2
+        bend = relative(q, theory.P_minus[1:]) ** 2 * (1 + 3 * by_hand.rate(q) * q.dt) / min(q.sigma_theta, q.sigma_r / q.r0)
+        turn = (10 * relative(q, q.P0) * (1 + by_hand.rate(q) * q.dt * steps)) ** 2
         index, tested = max(bend, turn), max(bend, turn) < MILD
         if tested:
             agreement(r, text("extended filter, {name}", name=names[name]), extended, theory.P_plus)
@@ -572,6 +436,27 @@ def conclusions(r, p, answer, schedules, found):
                               sets=", ".join(wrong), label=label, ends=list(ends.values())))
     lines.append(largest(r))
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    if by_hand.rate(p) * p.dt * LONG * p.steps > PHASES:
+        msg = f"a phase w dt of {by_hand.rate(p) * p.dt:g} rad in a period, of which too few digits are left after {LONG * p.steps} periods"
+        raise FloatingPointError(msg)
+    answer = by_hand.analytic(p)
+    schedules = {name: covariances(discretise(measured(p, rows), p.dt, R=noise(p, rows)), LONG * p.steps) for name, rows in SETS.items()}
+    r.heading("Part I. Analysis")
+    part_a(r, p)
+    part_b(r, p, answer)
+    part_c(r, p, answer, schedules)
+    r.heading("Plan of the experiment")
+    trial = plan(r, p, experiment)
+    r.heading("Part II. Experiment")
+    found = part_d(r, p, experiment, trial)
+    r.heading("Conclusions")
+    conclusions(r, p, answer, schedules, found)
+    return r
 
 
 if __name__ == "__main__":

@@ -10,10 +10,10 @@ above for β > 0 and from below for β < 0.
 """
 
 import math
-from functools import cache
 
 import numpy as np
-import sympy
+from ctlabs.tasks.answers import task19 as by_hand
+from ctlabs.tasks.answers.task19 import TIMES, WITHIN
 
 from ctlabs.filtering import bucy, steady
 from ctlabs.labs.experiment import Experiment, covariances
@@ -32,10 +32,6 @@ META = {
     "parts": ["a", "b", "c"],
 }
 
-#: Times at which P(t) is given, s.
-TIMES = (0.25, 0.5, 1.0, 2.0)
-#: The band of the settling time, as a fraction of the limit.
-WITHIN = 0.01
 #: More measurements than this before 1 s are not run one by one.
 LONGEST = 5000
 #: The largest |β|t simulated: x then changes by e^15, and the rounding of a growing x stays far below its error.
@@ -51,119 +47,10 @@ class Parameters(LabParameters):
     dt: Positive = given(0.1, unit="s", meaning="period of the discrete measurements")
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    return {
-        "states_required": len([1.0, p.beta]) - 1,  # the degree of the denominator s + β
-        "free_response": free_response(p.alpha, p.beta),
-        "variance_continuous": [variance(p.beta, t) for t in TIMES],
-        "variance_limit": max(0.0, -2 * p.beta),
-        "filter_pole": -abs(p.beta),
-        "settling_time": settling_time(p.beta),
-        "posterior_variance_at_1s": sampled_variance(p.beta, p.dt, last(p.dt)),
-        "posterior_variance_limit": max(0.0, -math.expm1(2 * min(p.beta, 0.0) * p.dt) / p.dt),
-        "hint": hint(),
-    }
-
-
-def mean_power(x):
-    """(eˣ − 1)/x, the mean of e^s over [0, x], which is 1 at x = 0 and loses no digits near it."""
-    return math.expm1(x) / x if x else 1.0
-
-
-def variance(beta, t):
-    """P(t) of part (a): two positive terms, so nothing cancels; for β > 0 multiplied by e^(−2βt) so that none overflows."""
-    x = 2 * beta * t
-    return math.exp(-x) / (1 + t * mean_power(-x)) if x > 0 else 1 / (math.exp(x) + t * mean_power(x))
-
-
-def sampled_variance(beta, dt, k):
-    """P⁺ₖ of part (b), likewise: (gᵏ − 1)/(g − 1) = k·m(2βk dt)/m(2β dt) with m of mean_power."""
-    if not k:
-        return 1.0
-    x, step = 2 * beta * dt * k, 2 * beta * dt
-    if x > 0:  # the sum g⁰ + … + gᵏ⁻¹ times g⁻ᵏ is g⁻¹ + … + g⁻ᵏ
-        return math.exp(-x) / (1 + dt * k * math.exp(-step) * mean_power(-x) / mean_power(-step))
-    return 1 / (math.exp(x) + dt * k * mean_power(x) / mean_power(step))
-
-
-def sampled_power(beta, dt, k):
-    """The same by the k-th power of the step's matrix: (J, 1) → (gJ + dt, 1), scaled to keep its elements below 1."""
-    step = np.array([[1.0, dt * math.exp(-2 * beta * dt)], [0.0, math.exp(-2 * beta * dt)]])
-    if beta < 0:
-        step = np.array([[math.exp(2 * beta * dt), dt], [0.0, 1.0]])
-    above, below = np.linalg.matrix_power(step, k) @ [1.0, 1.0]
-    return float(below / above)
-
-
-def settling_time(beta):
-    """When P is within the band of 2|β| for good: 1/P − 1/(2|β|) decays like e^(−2|β|t). None if the limit is 0."""
-    if beta >= 0:
-        return None
-    limit = -2 * beta
-    start = 1 - 1 / limit  # 1/P(0) − 1/P∞, negative if P starts above its limit
-    edge = (1 / (1 + math.copysign(WITHIN, -start)) - 1) / limit
-    return max(0.0, math.log(start / edge) / limit) if start else 0.0
-
-
-def last(dt):
-    """The number of the last measurement not later than 1 s."""
-    return math.floor(1 / dt * (1 + 1e-12))
-
-
-def batch(z, t, beta, dt):
-    """The estimate after the last of the measurements z by least squares, all at once: z_j = e^(−βt_j) x(0) + v_j."""
-    h = np.exp(-beta * np.asarray(t))
-    return float(h[-1] * dt * (h @ z) / (1 + dt * (h @ h)))
-
-
-def free_response(alpha, beta):
-    """x(t)/x(0) at TIMES with w = 0, from the realisation q̇ = −βq + (α−β)w, x = q + w by Laplace's transform."""
-    s, t, b, a, Q, W = sympy.symbols("s t b a Q W")
-    state = sympy.solve(sympy.Eq(s * Q - 1, -b * Q + (a - b) * W), Q)[0]
-    x = sympy.residue((state + W).subs(W, 0) * sympy.exp(s * t), s, -b)
-    return [float(x.subs({a: alpha, b: beta, t: when})) for when in TIMES]
-
-
-@cache
-def hint():
-    """Elements in which d(M⁻¹)/dt differs from the hint's equation: for 1 × 1, 2 × 2, and 2 × 2 with +B mistaken for −B."""
-    t = sympy.Symbol("t")
-
-    def wrong(n, sign):
-        M = sympy.Matrix(n, n, lambda i, j: sympy.Function(f"m{min(i, j)}{max(i, j)}")(t))
-        A = sympy.Matrix(n, n, lambda i, j: sympy.Symbol(f"a{i}{j}"))
-        B = sympy.Matrix(n, n, lambda i, j: sympy.Symbol(f"b{min(i, j)}{max(i, j)}"))
-        inverse, motion = M.inv(), A * M + M * A.T - M * B * M
-        rates = {M[i, j].diff(t): motion[i, j] for i in range(n) for j in range(n)}
-        claimed = -A.T * inverse - inverse * A + sign * B
-        return sum(sympy.cancel(sympy.together(e.subs(rates))) != 0 for e in inverse.diff(t) - claimed)
-
-    return [wrong(1, 1), wrong(2, 1), wrong(2, -1)]
-
-
 def model(p, beta=None):
     """ẋ = −βx (w ≡ 0), z = x + v."""
     return ContinuousModel(F=[[-p.beta if beta is None else -beta]], G=[[1]], Q=[[0]], H=[[1]], Rc=[[1]], x0=[0],
                            P0=[[1]], states=["x"], measurements=["z"], units=["m"])
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, system = analytic(p), model(p)
-    sampled = discretise(system, p.dt)
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, system)
-    part_b(r, p, answer, sampled)
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment)
-    r.heading("Part II. Experiment")
-    part_c(r, p, answer, system, sampled, steps)
-    ensemble(r, p, experiment, sampled, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
 
 
 def part_a(r, p, answer, system):
@@ -217,12 +104,12 @@ def part_b(r, p, answer, sampled):
     r.says("For β = 0 the sum is k and $1/P = 1 + k\\,dt$. For β < 0 it tends to $dt/(1 - g)$, so that $P^+ \\to (1 - g)/dt$, below 2|β|.")
     limit = steady.solve(sampled)
     r.value("posterior_variance_limit", limit.P_plus[0, 0], "m²", agrees=answer, routes=("Riccati equation", "closed form"))
-    k = last(p.dt)
+    k = by_hand.last(p.dt)
     if k > LONGEST:
         r.says("The last measurement not later than 1 s has the number {k}. The recursion is not run so far; a power of the matrix of its step takes its place.", k=k)
         at_1s = answer["posterior_variance_at_1s"]
         r.value("posterior_variance_at_1s", at_1s, "m²")
-        r.check("P⁺ at 1 s", at_1s, sampled_power(p.beta, p.dt, k), ("closed form", "power of the step's matrix"))
+        r.check("P⁺ at 1 s", at_1s, by_hand.sampled_power(p.beta, p.dt, k), ("closed form", "power of the step's matrix"))
     else:
         r.says("The last measurement not later than 1 s has the number {k}, at {t} s.", "" if k else " That is none yet: the variance is still P(0) = 1 m².", k=k, t=k * p.dt)
         shown = covariances(sampled, max(k, 1))
@@ -255,7 +142,7 @@ def part_c(r, p, answer, system, sampled, steps):
     r.section("c", "Does the discrete filter agree with the analysis?")
     count = max(steps, 1)
     shown = covariances(sampled, count)
-    plus = [sampled_variance(p.beta, p.dt, k) for k in range(count + 1)]
+    plus = [by_hand.sampled_variance(p.beta, p.dt, k) for k in range(count + 1)]
     r.check("P⁺ along the measurements", shown.P_plus[:, 0, 0], plus, ("recursion", "closed form"))
     r.check("P⁻ along the measurements", shown.P_minus[1:, 0, 0], [P * math.exp(-2 * p.beta * p.dt) for P in plus[:-1]], ("recursion", "closed form"))
     r.check("gain along the measurements", shown.K[1:, 0, 0], [P * p.dt for P in plus[1:]], ("recursion", "closed form"))
@@ -299,7 +186,7 @@ def ensemble(r, p, experiment, sampled, steps):
         return
     portrait(r, experiment, sampled, steps, xlabel=TIME)
     some = experiment.histories(sampled, steps=steps, runs=5, stream=1)
-    estimates = [batch(some.z[1:, 0, run], some.t[1:], p.beta, p.dt) for run in range(5)]
+    estimates = [by_hand.batch(some.z[1:, 0, run], some.t[1:], p.beta, p.dt) for run in range(5)]
     r.check("last estimates of five runs", some.x_plus[-1, 0], estimates, ("recursion", "least squares of all measurements at once"), scale=float(np.abs(estimates).max()) or 1.0)
 
 
@@ -314,11 +201,29 @@ def conclusions(r, p, answer):
     else:
         lines.append(text("x grows and its error with it; the measurements hold the variance at 2|β| = {limit} m², and the gain stays at {limit} 1/s. P(t) is within 1 % of this from {when} s on; the discrete filter's P⁺ tends to {other} m².", limit=limit, when=answer["settling_time"], other=answer["posterior_variance_limit"]))
     if p.beta:
-        k = last(p.dt)
-        ratio = answer["posterior_variance_at_1s"] / variance(p.beta, k * p.dt) if variance(p.beta, k * p.dt) else 1.0
+        k = by_hand.last(p.dt)
+        ratio = answer["posterior_variance_at_1s"] / by_hand.variance(p.beta, k * p.dt) if by_hand.variance(p.beta, k * p.dt) else 1.0
         lines.append(text("At {t} s the discrete filter's P⁺ is {ratio} times P(t); the difference tends to 0 like dt, from {side}.", t=k * p.dt, ratio=ratio, side="above (β > 0)" if p.beta > 0 else "below (β < 0)"))
     lines.append(largest(r))
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer, system = by_hand.analytic(p), model(p)
+    sampled = discretise(system, p.dt)
+    r.heading("Part I. Analysis")
+    part_a(r, p, answer, system)
+    part_b(r, p, answer, sampled)
+    r.heading("Plan of the experiment")
+    steps = plan(r, p, experiment)
+    r.heading("Part II. Experiment")
+    part_c(r, p, answer, system, sampled, steps)
+    ensemble(r, p, experiment, sampled, steps)
+    r.heading("Conclusions")
+    conclusions(r, p, answer)
+    return r
 
 
 if __name__ == "__main__":

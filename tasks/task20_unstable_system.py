@@ -14,6 +14,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from ctlabs.tasks.answers import task20 as by_hand
+from ctlabs.tasks.answers.task20 import MOMENT, TIMES
 from pydantic import model_validator
 
 from ctlabs.analysis import sensitivity
@@ -34,9 +36,6 @@ META = {
     "parts": ["a", "b", "c", "d"],
 }
 
-#: Times at which P(t) is given, s, and that at which V̇ is.
-TIMES = (0.25, 0.5, 1.0, 2.0)
-MOMENT = 1.0
 #: Horizon of curves and experiments, s: x grows like e^t, and the slowest filter (κ = 1) settles within it.
 HORIZON = 4.0
 #: No path is simulated, and no measurement awaited, longer than this, s: by e^20 rounding of x comes near to the error.
@@ -65,96 +64,6 @@ class Parameters(LabParameters):
         return self
 
 
-def analytic(p):
-    """The sheet's answers, by hand, one per R."""
-    each = [by_hand(p.Q, R, p.P0, p.dt) for R in p.R_values]
-    return {name: [one[name] for one in each] for name in each[0]}
-
-
-def by_hand(Q, R, P0, dt):
-    """The same for one R."""
-    kappa, at = math.sqrt(1 + Q / R), variance(Q, R, P0, MOMENT)
-    prior, posterior = sampled_limits(Q, R, dt)
-    return {
-        "variance_steady_continuous": R * (1 + kappa),
-        "variance_continuous": [variance(Q, R, P0, t) for t in TIMES],
-        "filter_pole": -kappa,
-        "gain_steady_continuous": 1 + kappa,
-        "prior_variance_steady": prior,
-        "posterior_variance_steady": posterior,
-        "lyapunov_derivative": -(1 / R + Q / at**2),
-        "error_of_the_approximation": approximation(Q, R, dt),
-    }
-
-
-def variance(Q, R, P0, t):
-    """P(t) of part (a), with κ − tanh κt = (κ − 1) + (1 − tanh κt) written so that nothing cancels."""
-    kappa = math.sqrt(1 + Q / R)
-    share, fading = math.tanh(kappa * t), math.exp(-2 * kappa * t)
-    rest = (Q / R) / (kappa + 1) + 2 * fading / (1 + fading)
-    return (P0 * (kappa + share) + Q * share) / (rest + P0 / R * share)
-
-
-def homogeneous(Q, R, P0, t):
-    """y(t)/y(0) of part (b): exp ∫(1 − P/R)dt = 1/(cosh κt + (P0/R − 1) sinh κt/κ)."""
-    kappa = math.sqrt(1 + Q / R)
-    fading = math.exp(-2 * kappa * t)
-    return 2 * math.exp(-kappa * t) * kappa / (((Q / R) / (kappa + 1) + P0 / R) * (1 - fading) + 2 * kappa * fading)
-
-
-def sampled_limits(Q, R, dt):
-    """P⁻ and P⁺ of part (c): the positive root of P² − [(e^(2dt) − 1)R_d + Q_d]P − Q_dR_d = 0."""
-    growth, Rd = math.expm1(2 * dt), R / dt
-    Qd = 0.5 * Q * growth
-    half = 0.5 * (growth * Rd + Qd)
-    prior = half + math.sqrt(half**2 + Qd * Rd)
-    return prior, prior / (1 + prior / Rd)
-
-
-def approximation(Q, R, dt):
-    """The error of the steady filter with Φ = 1 + dt, Q_d = Q dt as a multiple of x, which grows by e^dt each period."""
-    Qd, Rd = Q * dt, R / dt
-    half = 0.5 * (dt * (2 + dt) * Rd + Qd)
-    prior = half + math.sqrt(half**2 + Qd * Rd)
-    left = Rd / (prior + Rd)
-    return -left * (math.expm1(dt) - dt) / (math.exp(dt) - left * (1 + dt))
-
-
-def posterior_variances(Q, R, P0, dt, steps):
-    """P⁺ after 0..steps measurements: with the fixed points A and −B of one step (P⁺ − A)/(P⁺ + B) falls like λ^k.
-
-    λ = e^(2dt)(1 − K)² with the steady gain; written so that nothing cancels.
-    """
-    prior, A = sampled_limits(Q, R, dt)
-    Rd, Qd = R / dt, 0.5 * Q * math.expm1(2 * dt)
-    B = Rd * Qd * math.exp(-2 * dt) / A
-    power = 2 * (dt - math.log1p(prior / Rd)) * np.arange(steps + 1)
-    left, gone, weight = np.exp(power), -np.expm1(power), (A + B) / (P0 + B)
-    return (left * P0 * weight + gone * A) / (gone + left * weight)
-
-
-def moments_of_the_approximation(Q, R, P0, dt, steps):
-    """True E[e²] after each measurement of the filter with Φ = 1 + dt, Q_d = Q dt, and E[x²], from E[x²], E[xe], E[e²]."""
-    right, short, Rd = math.exp(dt), 1 + dt, R / dt
-    Qd, gap = 0.5 * Q * math.expm1(2 * dt), -(math.expm1(dt) - dt)
-    X, M, V, P = P0, -P0, P0, P0
-    errors, states = [V], [X]
-    for _step in range(steps):
-        V, M, X = short**2 * V + 2 * short * gap * M + gap**2 * X + Qd, right * (short * M + gap * X) - Qd, right**2 * X + Qd
-        P = short**2 * P + Q * dt
-        K = P / (P + Rd)
-        P, V, M = K * Rd, (1 - K) ** 2 * V + K**2 * Rd, (1 - K) * M
-        errors.append(V)
-        states.append(X)
-    return np.array(errors), np.array(states)
-
-
-def decay(Q, R, low, high):
-    """The least of P/R + Q/P for P from low to high, the rate at which V falls."""
-    lowest = min(max(math.sqrt(Q * R), low), high)
-    return lowest / R + Q / lowest
-
-
 def model(p, R):
     """ẋ = x + w, z = x + v."""
     return ContinuousModel(F=[[1]], G=[[1]], Q=[[p.Q]], H=[[1]], Rc=[[R]], P0=[[p.P0]], states=["x"],
@@ -164,24 +73,6 @@ def model(p, R):
 def label(R):
     """The name of a curve."""
     return text("R = {R} m²·s", R=R)
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, systems = analytic(p), [model(p, R) for R in p.R_values]
-    sampled = [discretise(system, p.dt) for system in systems]
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, systems)
-    part_b(r, p, answer, systems)
-    part_c(r, p, answer, sampled)
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment, answer)
-    r.heading("Part II. Experiment")
-    part_d(r, p, answer, experiment, systems, sampled, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, answer, steps)
-    return r
 
 
 def part_a(r, p, answer, systems):
@@ -230,11 +121,11 @@ def part_b(r, p, answer, systems):
     for R, system, limit in zip(p.R_values, systems, limits, strict=True):
         P, end = bucy.transient(system, t).P[:, 0, 0], float(limit.P[0, 0])
         low, high = min(float(P[0]), end), max(float(P[0]), end)
-        rate = decay(p.Q, R, low, high)
-        y = np.array([homogeneous(p.Q, R, p.P0, float(at)) for at in t])
+        rate = by_hand.decay(p.Q, R, low, high)
+        y = np.array([by_hand.homogeneous(p.Q, R, p.P0, float(at)) for at in t])
         V = y**2 / P
         other = bucy.transient(replace(system, P0=[[2 * p.P0 + R]]), t).P[:, 0, 0]
-        both = y * np.array([homogeneous(p.Q, R, 2 * p.P0 + R, float(at)) for at in t])
+        both = y * np.array([by_hand.homogeneous(p.Q, R, 2 * p.P0 + R, float(at)) for at in t])
         # Two solutions of the Riccati equation differ by the product of their filters' solutions.
         r.check(text("y(t), {name}", name=label(R)), (other - P) / (p.P0 + R), both, ("difference of two variances, integrated", "closed form"))
         r.holds(text("V falls at least like exp(−γt), {name}", name=label(R)), V[0] * np.exp(-rate * (t - t0)) - V, ("closed form of y, P integrated", "bound of the proof"), size=float(V[0]))
@@ -295,12 +186,12 @@ def not_euler(r, p, answer, sampled):
     rows, first = [], None
     R, kappa = p.R_values[0], math.sqrt(1 + p.Q / p.R_values[0])
     short = [1 / kappa / n for n in (16, 32, 64, 128)]
-    rest = [abs(approximation(p.Q, R, dt) + dt / (2 * (1 + kappa))) for dt in short]
+    rest = [abs(by_hand.approximation(p.Q, R, dt) + dt / (2 * (1 + kappa))) for dt in short]
     r.order(text("what is left of c beside its first term, {name}", name=label(R)), rest, 2.0, ("closed form", "first term of its series"))
     for R, truth, c in zip(p.R_values, sampled, answer["error_of_the_approximation"], strict=True):
         design = replace(truth, Phi=[[1 + p.dt]], Qd=[[p.Q * p.dt]])
         found = sensitivity.actual(truth, design, steps)
-        errors, states = moments_of_the_approximation(p.Q, R, p.P0, p.dt, steps)
+        errors, states = by_hand.moments_of_the_approximation(p.Q, R, p.P0, p.dt, steps)
         true = found.P_plus[:, 0, 0]
         r.check(text("relative mean square error with 1 + dt, {name}", name=label(R)), true[1:] / errors[1:], np.ones(steps), ("sensitivity recursion", "moments of x and e"))
         # Shown where x has outgrown the noise, and 1 − K is not lost in the rounding of K.
@@ -352,7 +243,7 @@ def part_d(r, p, answer, experiment, systems, sampled, steps):
         r.holds(f"P⁺ ≤ P(t), {name}", between[1:] - shown.P_plus[1:, 0, 0], routes, size=size)
         r.holds(f"P(t) ≤ P⁻, {name}", shown.P_minus[1:, 0, 0] - between[1:], routes, size=size)
         routes = ("recursion", "fixed points of one step")
-        closed = posterior_variances(p.Q, R, p.P0, p.dt, count)
+        closed = by_hand.posterior_variances(p.Q, R, p.P0, p.dt, count)
         r.check(text("P⁺ along the measurements, {name}", name=name), shown.P_plus[:, 0, 0], closed, routes)
         r.check(text("gain along the measurements, {name}", name=name), shown.K[1:, 0, 0], closed[1:] * p.dt / R, routes)
         panels[name] = (shown, bucy.transient(system, t).P[:, 0, 0], answer["variance_steady_continuous"][p.R_values.index(R)])
@@ -409,6 +300,24 @@ def conclusions(r, p, answer, steps):
                  text("At this period P⁻ is up to {spread} times P⁺: the filter relies almost on the last measurement alone.", spread=spread))
     lines.append(largest(r) if steps else "No ensemble was run, for the period is too long for the growth of x.")
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer, systems = by_hand.analytic(p), [model(p, R) for R in p.R_values]
+    sampled = [discretise(system, p.dt) for system in systems]
+    r.heading("Part I. Analysis")
+    part_a(r, p, answer, systems)
+    part_b(r, p, answer, systems)
+    part_c(r, p, answer, sampled)
+    r.heading("Plan of the experiment")
+    steps = plan(r, p, experiment, answer)
+    r.heading("Part II. Experiment")
+    part_d(r, p, answer, experiment, systems, sampled, steps)
+    r.heading("Conclusions")
+    conclusions(r, p, answer, steps)
+    return r
 
 
 if __name__ == "__main__":

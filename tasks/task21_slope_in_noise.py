@@ -12,7 +12,8 @@ stable from bounded input to bounded output, but neither uniformly asymptoticall
 import math
 
 import numpy as np
-import scipy.integrate
+from ctlabs.tasks.answers import task21 as by_hand
+from ctlabs.tasks.answers.task21 import TIMES
 
 from ctlabs.filtering import settling_step, varying
 from ctlabs.labs.experiment import Experiment, covariances
@@ -30,8 +31,6 @@ META = {
     "parts": ["a", "b", "c"],
 }
 
-#: Times at which the variances are given, s.
-TIMES = (0.5, 1.0, 2.0, 4.0)
 #: More measurements than this before the last of the times are not run one by one.
 LONGEST = 5000
 TIME = "t, s"
@@ -45,64 +44,11 @@ class Parameters(LabParameters):
     dt: Positive = given(0.5, unit="s", meaning="period of the discrete measurements")
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    when = (1.5 * p.R / p.P0) ** (1 / 3) if p.P0 else None
-    return {
-        "variance_continuous": [variance(p.R, p.P0, t) for t in TIMES],
-        "gain_continuous": [variance(p.R, p.P0, t) * t / p.R for t in TIMES],
-        "gain_maximum": 2 * p.P0 * when / (3 * p.R) if when else 0.0,
-        "gain_maximum_time": when,
-        "posterior_variance": [sampled_variance(p.R, p.P0, p.dt, last(t, p.dt)) for t in TIMES],
-    }
-
-
-def variance(R, P0, t):
-    """P(t) of part (a)."""
-    return P0 / (1 + P0 * t**3 / (3 * R))
-
-
-def sampled_variance(R, P0, dt, k):
-    """P_k of part (b)."""
-    return P0 / (1 + P0 * dt**3 * k * (k + 1) * (2 * k + 1) / (6 * R))
-
-
-def added_variance(R, P0, dt, k):
-    """The same by adding the information of the measurements one by one."""
-    return P0 / (1 + P0 * float(np.sum(np.arange(1, k + 1) ** 2.0)) * dt**3 / R)
-
-
-def last(t, dt):
-    """The number of the last measurement not later than t."""
-    return math.floor(t / dt * (1 + 1e-12))
-
-
-def response(R, P0, t):
-    """∫₀ᵗ |ψ(t,τ)K(τ)| dτ by quadrature, ψ(t,τ) = e^(−∫K h) with the exponent by quadrature too."""
-
-    def exponent(tau):
-        return scipy.integrate.quad(lambda s: P0 * s**2 / (R + P0 * s**3 / 3), tau, t, epsabs=1e-13)[0]
-
-    return scipy.integrate.quad(lambda s: math.exp(-exponent(s)) * P0 * s / (R + P0 * s**3 / 3), 0, t, epsabs=0)[0]
-
-
-def drift(R, P0, t):
-    """∫₀ᵗ ψ(t,τ) dτ likewise: what a disturbance 1 of ȧ leaves in the error."""
-    return scipy.integrate.quad(lambda s: (3 * R + P0 * s**3) / (3 * R + P0 * t**3), 0, t, epsabs=0)[0]
-
-
-def halving(R, P0, s):
-    """How long after s an error is halved without noise: ψ(s + T, s) = ½."""
-    c = 3 * R / P0
-    # (2s³ + c)^⅓ − s as a quotient, in which nothing cancels for large s
-    root = (2 * s**3 + c) ** (1 / 3)
-    return (s**3 + c) / (root**2 + root * s + s**2)
-
-
-def batch(z, t, R, P0, dt):
-    """The estimate after the last of the measurements by least squares, all at once."""
-    t = np.asarray(t)
-    return float(P0 * (t @ z) * dt / (R + P0 * (t @ t) * dt))
+def model(p, steps, dt=None):
+    """a(t_{k+1}) = a(t_k), z(t_k) = t_k a + v_k with the variance R/dt."""
+    dt = dt or p.dt
+    return DiscreteModel(Phi=[[1]], Qd=[[0]], H=(dt * np.arange(steps + 1.0))[:, None, None], R=[[p.R / dt]], x0=[0],
+                         P0=[[p.P0]], dt=dt, states=["a"], measurements=["z"], units=["m/s"])
 
 
 def scale(p):
@@ -113,31 +59,6 @@ def scale(p):
 def continuous(p):
     """ȧ = 0, z = t·a + n."""
     return varying.VaryingModel(F=[[0]], G=[[1]], Q=[[0]], H=lambda t: [[t]], Rc=[[p.R]], P0=[[p.P0]])
-
-
-def model(p, steps, dt=None):
-    """a(t_{k+1}) = a(t_k), z(t_k) = t_k a + v_k with the variance R/dt."""
-    dt = dt or p.dt
-    return DiscreteModel(Phi=[[1]], Qd=[[0]], H=(dt * np.arange(steps + 1.0))[:, None, None], R=[[p.R / dt]], x0=[0],
-                         P0=[[p.P0]], dt=dt, states=["a"], measurements=["z"], units=["m/s"])
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, system = analytic(p), continuous(p)
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, system)
-    stability(r, p, system)
-    part_b(r, p, answer)
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment)
-    r.heading("Part II. Experiment")
-    part_c(r, p, system, steps)
-    ensemble(r, p, experiment, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
 
 
 def part_a(r, p, answer, system):
@@ -184,27 +105,27 @@ def stability(r, p, system):
     T = scale(p)
     grid = np.array([1.0, 2.0, 5.0, 20.0]) * T
     integrated = varying.transition(system, grid)[:, 0, 0]
-    r.check("ψ(t, 0)", integrated, [variance(p.R, p.P0, t) / p.P0 for t in grid], ("transition, integrated", "P(t)/P0"))
+    r.check("ψ(t, 0)", integrated, [by_hand.variance(p.R, p.P0, t) / p.P0 for t in grid], ("transition, integrated", "P(t)/P0"))
     far = np.array([400.0, 800.0]) * T
     r.order("power of t with which ψ(t, 0) decays", varying.transition(system, far)[:, 0, 0], 3.0, ("transition, integrated", "closed form"))
     rows = []
     for s in (0.0, T, 10 * T, 100 * T):
-        half = halving(p.R, p.P0, s)
+        half = by_hand.halving(p.R, p.P0, s)
         pair = varying.transition(system, [s, s + half] if s else [0.0, half])[:, 0, 0]
         r.check(text("ψ = ½ at the halving time after {s} s", s=s), pair[1] / pair[0], 0.5, ("transition, integrated", "closed form of the time"))
         rows.append((s, half, half / s if s else None))
     r.table("halving", ["s, s", "an error at s is halved after, s", "fraction of s"], rows, "The filter falls asleep: no bound holds for all s.")
     peak = (6 * p.R / p.P0) ** (1 / 3)
     r.value("input_output_bound", p.P0 * peak**2 / (6 * p.R), "1/s")
-    r.check("bound from z to the estimate", p.P0 * peak**2 / (6 * p.R), response(p.R, p.P0, peak), ("closed form", "quadrature of |ψK|"))
+    r.check("bound from z to the estimate", p.P0 * peak**2 / (6 * p.R), by_hand.response(p.R, p.P0, peak), ("closed form", "quadrature of |ψK|"))
     end = 100 * T
-    r.check("error from a drift of 1 m/s², as a fraction of t", variance(p.R, p.P0, end) * (1 / p.P0 + end**3 / (12 * p.R)), drift(p.R, p.P0, end) / end, ("closed form", "quadrature of ψ"))
+    r.check("error from a drift of 1 m/s², as a fraction of t", by_hand.variance(p.R, p.P0, end) * (1 / p.P0 + end**3 / (12 * p.R)), by_hand.drift(p.R, p.P0, end) / end, ("closed form", "quadrature of ψ"))
     verdicts = {"verdict_a": True, "uniformly_asymptotically_stable": False, "exponentially_stable": False, "bibo_stable": True}
     for name, verdict in verdicts.items():
         r.value(name, verdict)
     r.says("verdict_a is asymptotic stability. Here the bound from z to the estimate is {bound} 1/s, reached at {when} s.", bound=p.P0 * peak**2 / (6 * p.R), when=peak)
     age = np.linspace(0.0, 4 * T, 161)[1:]
-    decay = {text("error at {s} s", s=s): np.array([variance(p.R, p.P0, s + t) / variance(p.R, p.P0, s) for t in age]) for s in (0.0, T, 3 * T, 10 * T)}
+    decay = {text("error at {s} s", s=s): np.array([by_hand.variance(p.R, p.P0, s + t) / by_hand.variance(p.R, p.P0, s) for t in age]) for s in (0.0, T, 3 * T, 10 * T)}
     figure = plots.lines(age, decay, xlabel="time since the error entered, s", ylabel="what is left of it, ratio ψ(s + T, s)", ordered=True, ylim=(0, 1.05))
     r.figure("decay", figure, "What is left of an error that enters at 0, $t_*$, $3t_*$ and $10t_*$: errors that enter late are forgotten ever more slowly.")
 
@@ -219,18 +140,18 @@ def part_b(r, p, answer):
     r.says("**The variance in closed form.** The update adds information, $1/P_k = 1/P_{k-1} + t_k^2\\,dt/R$, so that $1/P_k = 1/P_0 + (dt^3/R)\\sum_{j=1}^kj^2$. From $(j+1)^3 - j^3 = 3j^2 + 3j + 1$, added for j = 1 … k, $(k+1)^3 - 1 = 3\\sum j^2 + \\tfrac32k(k+1) + k$, hence $\\sum j^2 = k(k+1)(2k+1)/6$ and")
     r.math(r"\frac{1}{P_k} = \frac{1}{P_0} + \frac{dt^3\,k(k+1)(2k+1)}{6R} = \frac{1}{P_0} + \frac{1}{R}\Bigl(\frac{t_k^3}{3} + \frac{t_k^2\,dt}{2} + \frac{t_k\,dt^2}{6}\Bigr). \qquad ∎")
     r.says("The measurement at the end of a period has a larger factor t than the period has on average, so it says more: $P_k \\le P(t_k)$ for every dt, and $P_k - P(t_k) = -P^2t^2\\,dt/(2R) + O(dt^2)$.")
-    numbers = [last(t, p.dt) for t in TIMES]
+    numbers = [by_hand.last(t, p.dt) for t in TIMES]
     if numbers[-1] > LONGEST:
         r.says("The last measurement before {t} s has the number {k}. The recursion is not run so far; the information is added up instead.", t=TIMES[-1], k=numbers[-1])
         r.value("posterior_variance", answer["posterior_variance"], "m²/s²", at=TIMES)
-        r.check("posterior variance", answer["posterior_variance"], [added_variance(p.R, p.P0, p.dt, k) for k in numbers], ("closed form", "sum of the information"))
+        r.check("posterior variance", answer["posterior_variance"], [by_hand.added_variance(p.R, p.P0, p.dt, k) for k in numbers], ("closed form", "sum of the information"))
     else:
         steps = max(numbers[-1], 1)
         shown = covariances(model(p, steps), steps)
         r.value("posterior_variance", shown.P_plus[numbers, 0, 0], "m²/s²", at=TIMES, agrees=answer)
         r.says("At each time the last measurement not later than it counts: the numbers {numbers}.", numbers=", ".join(map(str, numbers)))
     some = covariances(model(p, 20), 20)
-    plus = [sampled_variance(p.R, p.P0, p.dt, k) for k in range(21)]
+    plus = [by_hand.sampled_variance(p.R, p.P0, p.dt, k) for k in range(21)]
     routes = ("recursion", "closed form")
     r.check("P⁺ of 20 measurements", some.P_plus[:, 0, 0], plus, routes)
     r.check("P⁻ of 20 measurements", some.P_minus[1:, 0, 0], plus[:-1], routes)
@@ -254,7 +175,7 @@ def part_c(r, p, system, steps):
     """Whether there is a steady state."""
     r.section("c", "The experiment: is there a steady state?")
     shown = covariances(model(p, steps), steps)
-    between = np.array([variance(p.R, p.P0, t) for t in shown.t])
+    between = np.array([by_hand.variance(p.R, p.P0, t) for t in shown.t])
     r.holds("P⁺ ≤ P(t)", between - shown.P_plus[:, 0, 0], ("recursion", "closed form of P(t)"), size=p.P0 or 1.0)
     r.value("steady_state_exists", False)
     if not p.P0:
@@ -299,7 +220,7 @@ def ensemble(r, p, experiment, steps):
     some = experiment.histories(system, steps=steps)
     stats = experiment.statistics(system, steps=steps)
     r.figure("record", plots.record(some, xlabel=TIME, ylabel="a, m/s", measurement=None), "One run: the slope and its estimate with the ±σ band.")
-    estimates = [batch(some.z[1:, 0, run], some.t[1:], p.R, p.P0, p.dt) for run in range(some.z.shape[2])]
+    estimates = [by_hand.batch(some.z[1:, 0, run], some.t[1:], p.R, p.P0, p.dt) for run in range(some.z.shape[2])]
     r.check("last estimates of 25 runs", some.x_plus[-1, 0], estimates, ("recursion", "least squares of all measurements at once"), scale=float(np.abs(estimates).max()) or 1.0)
     r.figure("errors", plots.errors(some, xlabel=TIME, unit="m/s"), "Innovations (in m), prediction and filtering errors of 25 runs inside the bands of the theory.")
     r.figure("ensemble", plots.ensemble_log(stats, theory.P_plus, xlabel=TIME, units=["m/s"], names=["a"]),
@@ -317,16 +238,34 @@ def conclusions(r, p, answer):
         lines.append(text("P(t) is {half} of P0 at {when} s, where the gain is largest ({gain} 1/s²); from then on P falls like 3R/t³ and the gain like 3/t.", half="⅔", when=answer["gain_maximum_time"], gain=answer["gain_maximum"]))
         lines.append("The filter is asymptotically stable and turns bounded measurements into bounded estimates, but it is neither uniformly asymptotically nor exponentially stable: what goes wrong late is put right later still.")
         lines.append("There is no steady state: P and K tend to 0. A filter that must follow a slope which may change needs process noise in its model, or a bound below which the gain is not let fall.")
-        k = last(TIMES[-1], p.dt)
+        k = by_hand.last(TIMES[-1], p.dt)
         t = k * p.dt
         if k:
-            lines.append(text("With dt = {dt} s the discrete filter's variance at {t} s is {ratio} times the continuous one: below it, since its measurements come at the ends of the periods, where the factor t is largest.", dt=p.dt, t=t, ratio=answer["posterior_variance"][-1] / variance(p.R, p.P0, t)))
+            lines.append(text("With dt = {dt} s the discrete filter's variance at {t} s is {ratio} times the continuous one: below it, since its measurements come at the ends of the periods, where the factor t is largest.", dt=p.dt, t=t, ratio=answer["posterior_variance"][-1] / by_hand.variance(p.R, p.P0, t)))
         else:
             lines.append(text("With dt = {dt} s there is no measurement up to {t} s: the variances given there are P0.", dt=p.dt, t=TIMES[-1]))
     else:
         lines.append("With P0 = 0 the slope is known: the filter takes no notice of the measurements, and nothing changes.")
     lines.append(largest(r))
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer, system = by_hand.analytic(p), continuous(p)
+    r.heading("Part I. Analysis")
+    part_a(r, p, answer, system)
+    stability(r, p, system)
+    part_b(r, p, answer)
+    r.heading("Plan of the experiment")
+    steps = plan(r, p, experiment)
+    r.heading("Part II. Experiment")
+    part_c(r, p, system, steps)
+    ensemble(r, p, experiment, steps)
+    r.heading("Conclusions")
+    conclusions(r, p, answer)
+    return r
 
 
 if __name__ == "__main__":

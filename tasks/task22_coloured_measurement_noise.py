@@ -13,6 +13,8 @@ x̂1/z = c1(s+a)/(s + a c1), c1 = √(Q1/(Q1+Q2)); for the sheet's reading a = 2
 import math
 
 import numpy as np
+from ctlabs.tasks.answers import task22 as by_hand
+from ctlabs.tasks.answers.task22 import WITHIN
 from pydantic import model_validator
 
 from ctlabs.analysis import sensitivity
@@ -34,8 +36,6 @@ META = {
     "parts": ["a", "b", "c", "d"],
 }
 
-#: The band of the settling time, as a fraction of the limit.
-WITHIN = 0.01
 TIME = "t, s"
 NO_LIMIT = "with a = 0 both states are integrators, their difference is never seen, and its variance grows without bound"
 TO_ZERO = "the limit is 0, and a variance that decays to 0 never stays within 1 % of it"
@@ -60,114 +60,12 @@ class Parameters(LabParameters):
         return self
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    b, apart, q1, q2 = sampled(p.a, p.dt, p.Q1, p.Q2)
-    discrete = discrete_limit(p.a, p.dt, p.Q1, p.Q2)
-    gain = (apart * (discrete or 0.0) + q1) / (apart**2 * (discrete or 0.0) + q1 + q2)
-    pole = 1 - apart * gain
-    c1 = math.sqrt(p.Q1 / (p.Q1 + p.Q2))
-    k = c1 if p.a else c1**2
-    return {
-        "c1": c1,
-        "filter_transfer_function": [[k, k * p.a], [1.0, p.a * k]],
-        "variance_steady_continuous": limit(p.a, p.Q1, p.Q2),
-        "variance_after_first_measurement": first_variance(p.sigma1_2, p.sigma2_2),
-        "posterior_variance": variances(p.a, p.dt, p.Q1, p.Q2, first_variance(p.sigma1_2, p.sigma2_2), p.steps),
-        "posterior_variance_steady": discrete,
-        "gain_steady": gain,
-        "filter_pole": pole,
-        "filter_z_transfer_function": [[gain, -gain * b], [1.0, -pole]],
-        "settling_time": settling_time(p.a, p.Q1, p.Q2, first_variance(p.sigma1_2, p.sigma2_2)),
-    }
-
-
-def first_variance(x, y):
-    """P(t0⁺): two independent quantities of which the sum is known."""
-    return x * y / (x + y) if x + y else 0.0
-
-
-def limit(a, Q1, Q2):
-    """P∞ of part (a), the root of (aP + Q1)² = Q1(Q1+Q2), written so that nothing cancels; None for a = 0."""
-    return Q2 * math.sqrt(Q1) / (math.sqrt(Q1 + Q2) + math.sqrt(Q1)) / a if a else None
-
-
-def variance(a, Q1, Q2, start, t):
-    """P(t) of part (a): P' = α − 2βP − γP² solved with τ = tanh(λt)/λ, λ = √(β² + αγ) = a c1."""
-    alpha, beta, gamma = Q1 * Q2 / (Q1 + Q2), a * Q1 / (Q1 + Q2), a**2 / (Q1 + Q2)
-    rate = a * math.sqrt(Q1 / (Q1 + Q2))
-    tau = math.tanh(rate * t) / rate if rate else t
-    return (start * (1 - beta * tau) + alpha * tau) / (1 + (beta + gamma * start) * tau)
-
-
-def settling_time(a, Q1, Q2, start):
-    """(P − P∞)/(P + [√(Q1(Q1+Q2)) + Q1]/a) decays like e^(−2λt); None where P∞ is 0 or infinite."""
-    end = limit(a, Q1, Q2)
-    if not end:
-        return 0.0 if end == 0 and start == 0 else None
-    other = math.sqrt(Q1) * (math.sqrt(Q1 + Q2) + math.sqrt(Q1)) / a
-    ratio = (start - end) / (start + other)
-    edge = math.copysign(WITHIN, ratio) * end / (end * (1 + math.copysign(WITHIN, ratio)) + other)
-    return max(0.0, math.log(ratio / edge) / (2 * a * math.sqrt(Q1 / (Q1 + Q2)))) if ratio else 0.0
-
-
-def sampled(a, dt, Q1, Q2):
-    """b, 1 − b, q1, q2 of the discrete model."""
-    return math.exp(-a * dt), -math.expm1(-a * dt), Q1 * dt, Q2 * (-math.expm1(-2 * a * dt) / (2 * a) if a else dt)
-
-
-def variances(a, dt, Q1, Q2, start, steps):
-    """p from t0: each step is a fraction linear in p above and below, so i steps are the i-th power of its matrix."""
-    b, apart, q1, q2 = sampled(a, dt, Q1, Q2)
-    step = np.array([[q2 + b**2 * q1, q1 * q2], [apart**2, q1 + q2]])
-    step /= np.abs(np.linalg.eigvals(step)).max()
-    powers = [np.linalg.matrix_power(step, i) @ [start, 1.0] for i in range(steps + 1)]
-    return [float(above / below) for above, below in powers]
-
-
-def discrete_limit(a, dt, Q1, Q2):
-    """The positive root of (1−b)²p² + q1(1−b²)p − q1q2 = 0; None for a = 0."""
-    _b, apart, q1, q2 = sampled(a, dt, Q1, Q2)
-    if not a:
-        return None
-    if not q1 * q2:
-        return 0.0
-    linear = -q1 * math.expm1(-2 * a * dt)
-    return 2 * q1 * q2 / (linear + math.sqrt(linear**2 + 4 * apart**2 * q1 * q2))
-
-
-def white_variance(a, dt, Q1, Q2, K):
-    """The true variance of a filter with the gain K that takes x2 for white noise: e = (1−K)(e − w1) + K x2."""
-    b, _apart, q1, _q2 = sampled(a, dt, Q1, Q2)
-    noise = Q2 / (2 * a)
-    cross = K * noise / (1 - (1 - K) * b)
-    return ((1 - K) ** 2 * q1 + K**2 * noise + 2 * K * (1 - K) * b * cross) / (K * (2 - K))
-
-
 def model(p, **change):
     """Object and shaping filter; there is no white noise in the measurement."""
     q = p.model_copy(update=change)
     return ContinuousModel(F=[[0, 0], [0, -q.a]], G=np.eye(2), Q=np.diag([q.Q1, q.Q2]), H=[[1, 1]],
                            P0=np.diag([q.sigma1_2, q.sigma2_2]), states=["x1", "x2"], measurements=["z"],
                            units=["m", "m"])
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, system = analytic(p), model(p)
-    small, discrete = reduced.continuous(system, keep=["x1"]), discretise(system, p.dt, R=[[0]])
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, system, small)
-    part_b(r, p, answer, discrete)
-    part_c(r, p, answer, discrete)
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment, answer, discrete)
-    r.heading("Part II. Experiment")
-    part_d(r, p, experiment, answer, small, discrete, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
 
 
 def part_a(r, p, answer, system, small):
@@ -222,7 +120,7 @@ def part_a(r, p, answer, system, small):
     t = np.linspace(0.0, end, 201)
     curve = reduced.transient(small, t)[:, 0, 0]
     start = answer["variance_after_first_measurement"]
-    closed = [variance(p.a, p.Q1, p.Q2, start, x) for x in t]
+    closed = [by_hand.variance(p.a, p.Q1, p.Q2, start, x) for x in t]
     r.check("P(t) at 201 times", curve, closed, ("Riccati equation, integrated", "closed form"))
     r.math(r"P(t) = \frac{P(0^+)(1 - \beta\tau) + \alpha\tau}{1 + [\beta + \gamma P(0^+)]\,\tau}, \quad \tau = \frac{\tanh ac_1t}{ac_1}, \qquad \alpha = \frac{Q_1Q_2}{Q_1+Q_2}, \quad \beta = \frac{aQ_1}{Q_1+Q_2}, \quad \gamma = \frac{a^2}{Q_1+Q_2}")
     figure = plots.transient(t, {"P(t)": curve}, ylabel="variance of x1, m²", xlabel=TIME, limits={"P(t)": answer["variance_steady_continuous"]} if settles else None)
@@ -240,7 +138,7 @@ def part_b(r, p, answer, discrete):
     r.section("b", "The discrete filter and its steady state")
     r.math(r"x(t_{i+1}) = \begin{bmatrix} 1 & 0 \\ 0 & b \end{bmatrix}x(t_i) + w_d(t_i), \quad z(t_i) = \begin{bmatrix} 1 & 1 \end{bmatrix}x(t_i), \qquad b = e^{-a\Delta t}, \quad q_1 = Q_1\Delta t, \quad q_2 = \frac{Q_2(1-b^2)}{2a}")
     r.model(discrete)
-    _b, _apart, q1, q2 = sampled(p.a, p.dt, p.Q1, p.Q2)
+    _b, _apart, q1, q2 = by_hand.sampled(p.a, p.dt, p.Q1, p.Q2)
     r.check("Q_d", discrete.Qd, np.diag([q1, q2]), ("doubling of the short interval", "by hand"))
     r.says("(The sheet calls the measurement $z_1(t_i)$; it is the z of part (a), sampled.) The filter predicts and updates with $R = 0$, beginning with $z(t_0)$; since $\\hat{x}_1 + \\hat{x}_2 = z$ after every update, the covariance has one free element:")
     r.math(r"\hat x_1^- = \hat x_1^+(t_{i-1}), \quad \hat x_2^- = b\,\hat x_2^+(t_{i-1}), \qquad P^- = \begin{bmatrix} p_{i-1} + q_1 & -b\,p_{i-1} \\ -b\,p_{i-1} & b^2p_{i-1} + q_2 \end{bmatrix}, \qquad \hat x^+ = \hat x^- + K(z_i - \hat x_1^- - \hat x_2^-)")
@@ -306,7 +204,7 @@ def visible(p, steps):
     found = steps
     for change in sets(p).values():
         q = p.model_copy(update=change)
-        curve = variances(q.a, q.dt, q.Q1, q.Q2, first_variance(q.sigma1_2, q.sigma2_2), steps)
+        curve = by_hand.variances(q.a, q.dt, q.Q1, q.Q2, by_hand.first_variance(q.sigma1_2, q.sigma2_2), steps)
         found = min([found, *(i - 1 for i, x in enumerate(curve) if 0 < x < 1e-9 * max(curve))])
     return max(found, 1)
 
@@ -377,7 +275,7 @@ def bounds(r, p, answer, small, discrete):
     r.value("settling_time", when, "s", reason=reason, agrees=answer, routes=("search along P(t)", "closed form"))
     r.value("settling_step", settled, reason=reason)
     if settled is not None:
-        curve = np.abs(np.array(variances(p.a, p.dt, p.Q1, p.Q2, start, settled)) / answer["posterior_variance_steady"] - 1)
+        curve = np.abs(np.array(by_hand.variances(p.a, p.dt, p.Q1, p.Q2, start, settled)) / answer["posterior_variance_steady"] - 1)
         routes = ("power of the fraction's matrix", "search along the recursion")
         r.holds("in the band at the settling step", WITHIN - curve[-1], routes, size=1.0)
         if settled:
@@ -390,7 +288,7 @@ def table(r, p):
     t = np.linspace(0.0, 3 * time_scale(p), 101)
     for name, change in sets(p).items():
         q = p.model_copy(update=change)
-        start, end = first_variance(q.sigma1_2, q.sigma2_2), limit(q.a, q.Q1, q.Q2)
+        start, end = by_hand.first_variance(q.sigma1_2, q.sigma2_2), by_hand.limit(q.a, q.Q1, q.Q2)
         small, discrete = reduced.continuous(model(q), keep=["x1"]), discretise(model(q), q.dt, R=[[0]])
         curves[name] = reduced.transient(small, t)[:, 0, 0]
         if end is None:
@@ -398,10 +296,10 @@ def table(r, p):
             continue
         found = reduced.steady(small)
         r.check(text("P∞, {name}", name=name), found.P[0, 0], end, ("Riccati equation", "closed form"))
-        when, by_hand = bucy.settling_time(small.model, WITHIN), settling_time(q.a, q.Q1, q.Q2, start)
-        r.check(text("settling time, {name}", name=name), when, by_hand, ("search along P(t)", "closed form"))
+        when, expected = bucy.settling_time(small.model, WITHIN), by_hand.settling_time(q.a, q.Q1, q.Q2, start)
+        r.check(text("settling time, {name}", name=name), when, expected, ("search along P(t)", "closed form"))
         sampled_ = steady.solve(discrete).P_plus[0, 0]
-        r.check(text("discrete limit, {name}", name=name), sampled_, discrete_limit(q.a, q.dt, q.Q1, q.Q2), ("Riccati equation", "root of the quadratic"))
+        r.check(text("discrete limit, {name}", name=name), sampled_, by_hand.discrete_limit(q.a, q.dt, q.Q1, q.Q2), ("Riccati equation", "root of the quadratic"))
         rows.append((name, start, end, sampled_, math.sqrt(q.Q1 / (q.Q1 + q.Q2)), when, settling(discrete, WITHIN, first=0)))
     r.table("sets", ["set", "P(0⁺), m²", "P∞, m²", "p∞ sampled, m²", "c1", "settled, s", "settled at i"], rows,
             "Bounds of the error variance of x1 (P(0⁺) and P∞) and settling within 1 %; no number where there is no limit or it is 0.")
@@ -412,10 +310,10 @@ def table(r, p):
 def order(r, p):
     """dt → 0."""
     periods = [0.2 / p.a / 2**i for i in range(4)]
-    errors = [discretised(p, dt) - limit(p.a, p.Q1, p.Q2) for dt in periods]
+    errors = [discretised(p, dt) - by_hand.limit(p.a, p.Q1, p.Q2) for dt in periods]
     r.order("p∞ → P∞ as dt → 0", errors, 2.0, ("discrete Riccati equation", "continuous closed form"))
     r.says("As dt → 0 the sampled variance approaches the continuous one at second order: at a period of {dt} s it is {first} % above it, at half of it {second} %.",
-           dt=periods[0], first=100 * errors[0] / limit(p.a, p.Q1, p.Q2), second=100 * errors[1] / limit(p.a, p.Q1, p.Q2))
+           dt=periods[0], first=100 * errors[0] / by_hand.limit(p.a, p.Q1, p.Q2), second=100 * errors[1] / by_hand.limit(p.a, p.Q1, p.Q2))
 
 
 def discretised(p, dt):
@@ -431,7 +329,7 @@ def white(r, p, experiment, answer, discrete, steps):
     design = DiscreteModel([[1]], [[p.Q1 * p.dt]], [[1]], [[noise]], x0=[0], P0=[[p.sigma1_2]], dt=p.dt, states=["x1"], units=["m"])
     claimed, found = steady.solve(design), sensitivity.steady(discrete, design, compare=C)
     K = float(claimed.K[0, 0])
-    r.check("true variance of the filter for white noise", found.P_plus[0, 0], white_variance(p.a, p.dt, p.Q1, p.Q2, K), ("sensitivity analysis", "by hand"))
+    r.check("true variance of the filter for white noise", found.P_plus[0, 0], by_hand.white_variance(p.a, p.dt, p.Q1, p.Q2, K), ("sensitivity analysis", "by hand"))
     best = answer["posterior_variance_steady"]
     r.holds("the filter for white noise is not better", found.P_plus[0, 0] - best, ("sensitivity analysis", "root of the quadratic"), size=best)
     r.says("**A filter that takes $x_2$ for white noise** of the same variance $Q_2/2a$ has one state and the gain {K}. It claims {claimed} m² and has {true} m², where the optimal filter has {best} m²: neighbouring samples carry nearly the same noise, and averaging them does not remove it.",
@@ -466,6 +364,24 @@ def conclusions(r, p, answer):
         lines.append("The model is not observable: object and noise cannot be told apart.")
     lines.append(largest(r))
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer, system = by_hand.analytic(p), model(p)
+    small, discrete = reduced.continuous(system, keep=["x1"]), discretise(system, p.dt, R=[[0]])
+    r.heading("Part I. Analysis")
+    part_a(r, p, answer, system, small)
+    part_b(r, p, answer, discrete)
+    part_c(r, p, answer, discrete)
+    r.heading("Plan of the experiment")
+    steps = plan(r, p, experiment, answer, discrete)
+    r.heading("Part II. Experiment")
+    part_d(r, p, experiment, answer, small, discrete, steps)
+    r.heading("Conclusions")
+    conclusions(r, p, answer)
+    return r
 
 
 if __name__ == "__main__":

@@ -14,7 +14,7 @@ import math
 
 import control
 import numpy as np
-import scipy.integrate
+from ctlabs.tasks.answers import task23 as by_hand
 from pydantic import model_validator
 
 from ctlabs.analysis import sensitivity
@@ -39,8 +39,6 @@ META = {
 
 #: The printed spectra of the test, for N = 1: input and output.
 TEST_INPUT, TEST_OUTPUT = "10/(w^2+25)", "5/2*(w^2+16)/((w^2+4)*(w^2+25))"
-#: The box by hand: (s + 4)/(2(s + 2)).
-BOX = ((0.5, 2.0), (1.0, 2.0))
 TIME, FREQUENCY = "t, s", "frequency ω, rad/s"
 
 
@@ -61,89 +59,6 @@ class Parameters(LabParameters):
             msg = "expected signal_power + noise_power > 0, received 0 for both"
             raise ValueError(msg)
         return self
-
-
-def analytic(p):
-    """The sheet's answers, by hand."""
-    gain, zero = optimum(p)
-    discrete = discrete_limit(p)
-    a, _b, apart, q1, q2 = sampled(p)
-    gain_d = (a * apart * discrete + q1) / (apart**2 * discrete + q1 + q2)
-    s2, n2 = p.signal_power / (2 * p.signal_pole), p.noise_power / (2 * p.noise_pole)
-    return {
-        "black_box_transfer_function": [list(BOX[0]), list(BOX[1])],
-        "optimal_transfer_function": [[gain, gain * p.noise_pole], [1.0, zero]],
-        "optimal_variance": optimal_variance(p),
-        "black_box_variance": p.signal_power / (8 * (p.signal_pole + 2))
-        + p.noise_power * (p.noise_pole + 8) / (8 * p.noise_pole * (p.noise_pole + 2)),
-        "constant_gain_variance": s2 * n2 / (s2 + n2),
-        "posterior_variance": variances(p, p.steps),
-        "posterior_variance_steady": discrete,
-        "gain_steady": gain_d,
-        "filter_pole": a - apart * gain_d,
-        "optimal_test_output_power": gain**2 * (1 + (p.noise_pole**2 - zero**2) / (zero * (zero + p.test_pole))),
-        "black_box_test_output_power": 0.25 * (1 + 12 / (2 * (2 + p.test_pole))),
-    }
-
-
-def optimum(p):
-    """g and c of the optimal filter g(s + b)/(s + c): c² from S_s + S_n = q(ω² + c²)/((ω² + a²)(ω² + b²))."""
-    a, b, q = p.signal_pole, p.noise_pole, p.signal_power + p.noise_power
-    c = math.sqrt((p.signal_power * b**2 + p.noise_power * a**2) / q)
-    return p.signal_power * (a + b) / (q * (a + c)), c
-
-
-def optimal_variance(p):
-    """The positive root of (b−a)²P² + 2[a S_n + b S_s]P − S_s S_n = 0 (powers), written so that nothing cancels."""
-    linear = 2 * (p.signal_pole * p.noise_power + p.noise_pole * p.signal_power)
-    square = 4 * (p.noise_pole - p.signal_pole) ** 2 * p.signal_power * p.noise_power
-    return 2 * p.signal_power * p.noise_power / (linear + math.sqrt(linear**2 + square))
-
-
-def sampled(p):
-    """a, b, a − b, q1, q2 of the discrete model, without cancellation."""
-    a, b = math.exp(-p.signal_pole * p.dt), math.exp(-p.noise_pole * p.dt)
-    apart = -a * math.expm1((p.signal_pole - p.noise_pole) * p.dt) if (p.noise_pole - p.signal_pole) * p.dt > -600 else -b
-    q1 = -p.signal_power * math.expm1(-2 * p.signal_pole * p.dt) / (2 * p.signal_pole)
-    return a, b, apart, q1, -p.noise_power * math.expm1(-2 * p.noise_pole * p.dt) / (2 * p.noise_pole)
-
-
-def variances(p, steps):
-    """p from t0: each step is a fraction linear in p above and below, so i steps are the i-th power of its matrix."""
-    a, b, apart, q1, q2 = sampled(p)
-    step = np.array([[a**2 * q2 + b**2 * q1, q1 * q2], [apart**2, q1 + q2]])
-    step /= np.abs(np.linalg.eigvals(step)).max()
-    s2, n2 = p.signal_power / (2 * p.signal_pole), p.noise_power / (2 * p.noise_pole)
-    powers = [np.linalg.matrix_power(step, i) @ [s2 * n2 / (s2 + n2), 1.0] for i in range(steps + 1)]
-    return [float(above / below) for above, below in powers]
-
-
-def discrete_limit(p):
-    """The positive root of (a−b)²p² + [q1(1−b²) + q2(1−a²)]p − q1q2 = 0."""
-    _a, _b, apart, q1, q2 = sampled(p)
-    linear = -q1 * math.expm1(-2 * p.noise_pole * p.dt) - q2 * math.expm1(-2 * p.signal_pole * p.dt)
-    return 2 * q1 * q2 / (linear + math.sqrt(linear**2 + 4 * apart**2 * q1 * q2))
-
-
-def white_variance(p, K):
-    """The true variance of a filter with the gain K that takes n for white: e = (1−K)(a e − w1) + K n."""
-    a, b, _apart, q1, _q2 = sampled(p)
-    noise = p.noise_power / (2 * p.noise_pole)
-    cross = K * noise / (1 - (1 - K) * a * b)
-    return ((1 - K) ** 2 * q1 + K**2 * noise + 2 * K * (1 - K) * a * b * cross) / (1 - ((1 - K) * a) ** 2)
-
-
-def quadrature(p, num, den):
-    """The mean square error of a filter by numerical integration over the frequency."""
-    a, b, scale = p.signal_pole, p.noise_pole, max(p.signal_pole, p.noise_pole)
-
-    def density(u):
-        w = scale * u / (1 - u)
-        H = np.polyval(num, 1j * w) / np.polyval(den, 1j * w)
-        S = abs(1 - H) ** 2 * p.signal_power / (w * w + a * a) + abs(H) ** 2 * p.noise_power / (w * w + b * b)
-        return S * scale / (math.pi * (1 - u) ** 2)
-
-    return scipy.integrate.quad(density, 0, 1, epsabs=1e-13 * (p.signal_power / a + p.noise_power / b), epsrel=1e-11, limit=400)[0]
 
 
 def model(p):
@@ -171,24 +86,6 @@ def with_boxes(system, boxes):
     P0 = shaping.stationary_covariance(joint)
     names = ["s", "n", *(f"ξ{i + 1}" for i in range(len(boxes)))]
     return ContinuousModel(F, G, system.Q, H, P0=P0, states=names, units=["V"] * n), np.array(rows)
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, system = analytic(p), model(p)
-    small, discrete = reduced.continuous(system, keep=["s"]), discretise(system, p.dt, R=[[0]])
-    r.heading("Part I. Analysis")
-    box = part_a(r, answer)
-    part_b(r, p, answer, system, small, box)
-    part_c(r, p, answer, discrete)
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment, discrete)
-    r.heading("Part II. Experiment")
-    part_d(r, p, experiment, answer, system, small, discrete, box, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
 
 
 def part_a(r, answer):
@@ -258,7 +155,7 @@ def comparison(r, p, answer, system, box, best):
     scale = float(joint.P0[0, 0] + joint.P0[1, 1])
     mean_squares = np.einsum("ij,jk,ik->i", rows, joint.P0, rows)
     for name, value, (top, bottom) in (("box", mean_squares[0], box), ("optimum", mean_squares[1], best)):
-        r.check(text("mean square error, {name}", name=name), value, quadrature(p, top, bottom), ("state space of python-control and Lyapunov equation", "quadrature over the frequency"), scale=scale)
+        r.check(text("mean square error, {name}", name=name), value, by_hand.quadrature(p, top, bottom), ("state space of python-control and Lyapunov equation", "quadrature over the frequency"), scale=scale)
     optimal, boxed, constant = answer["optimal_variance"], answer["black_box_variance"], answer["constant_gain_variance"]
     half = spectra.mean_square_error([0.5], [1.0], signal, noise)
     r.table("errors", ["filter", "transfer function", "mean square error, V²", "over the optimum, %"], [
@@ -279,7 +176,7 @@ def comparison(r, p, answer, system, box, best):
 
 def criticism(r, p, optimal, boxed):
     """Where the designer went wrong."""
-    g, c = optimum(p)
+    g, c = by_hand.optimum(p)
     matches = math.isclose(p.signal_pole, 2) and math.isclose(p.noise_pole, 4) and math.isclose(g, 0.5)
     r.says("**Where the box goes wrong.** Write the filter of route 2 as prediction plus gain times innovation. Without the last term of the innovation, $-(b-a)\\hat{s}$, that is with the gain on $\\dot{z} + bz$ alone, it becomes $g(s+b)/(s+a)$: the pole stays that of the signal.")
     if matches:
@@ -288,7 +185,7 @@ def criticism(r, p, optimal, boxed):
     else:
         r.says("For the printed spectra that is exactly the box. For the present parameters that mistake would give $({g}s + {gb})/(s + {a})$, which is not the box; the optimum is $({g}s + {gb})/(s + {c})$. The box remains the filter of another problem.", g=g, gb=g * p.noise_pole, a=p.signal_pole, c=c)
     wrong = spectra.mean_square_error([g, g * p.noise_pole], [1.0, p.signal_pole], spectra.Spectrum([p.signal_power], [1, p.signal_pole**2]), spectra.Spectrum([p.noise_power], [1, p.noise_pole**2]))
-    r.check("mean square error without the feedback", wrong, quadrature(p, [g, g * p.noise_pole], [1.0, p.signal_pole]), ("Lyapunov equation", "quadrature over the frequency"), scale=max(wrong, 1e-300))
+    r.check("mean square error without the feedback", wrong, by_hand.quadrature(p, [g, g * p.noise_pole], [1.0, p.signal_pole]), ("Lyapunov equation", "quadrature over the frequency"), scale=max(wrong, 1e-300))
 
 
 def diagram(r):
@@ -330,7 +227,7 @@ def part_c(r, p, answer, discrete):
     r.section("c", "The equivalent discrete problem and its reduced filter")
     r.math(r"x(t_{i+1}) = \begin{bmatrix} \alpha & 0 \\ 0 & \beta \end{bmatrix}x(t_i) + w_d(t_i), \quad z = \begin{bmatrix} 1 & 1 \end{bmatrix}x, \qquad \alpha = e^{-a\Delta t}, \; \beta = e^{-b\Delta t}, \quad q_1 = \sigma_s^2(1-\alpha^2), \; q_2 = \sigma_n^2(1-\beta^2)")
     r.model(discrete)
-    _a, _b, _apart, q1, q2 = sampled(p)
+    _a, _b, _apart, q1, q2 = by_hand.sampled(p)
     r.check("Q_d", discrete.Qd, np.diag([q1, q2]), ("doubling of the short interval", "by hand"))
     r.says("Both processes are stationary from the beginning, and $z(t_0)$ is processed. After an update $\\hat{s} + \\hat{n} = z$, so $P^+ = p_i[[1, -1], [-1, 1]]$; in the basis $(z, s)$ it is diag(0, p), and the filter shrinks to one state:")
     r.math(r"\hat s_i = \alpha\hat s_{i-1} + K_i\,[z_i - \beta z_{i-1} - (\alpha-\beta)\,\hat s_{i-1}], \qquad \hat n_i = z_i - \hat s_i, \qquad \hat s_0 = \frac{\sigma_s^2}{\sigma_s^2+\sigma_n^2}z_0")
@@ -350,7 +247,7 @@ def part_c(r, p, answer, discrete):
     r.value("gain_steady", limit.K[0, 0], agrees=answer, routes=routes)
     r.value("filter_pole", float(reduced.steady(small).poles[0].real), agrees=answer, routes=("reduced model", "by hand"))
     num, den = reduced.transfer_function(small)
-    _a, b, *_rest = sampled(p)
+    _a, b, *_rest = by_hand.sampled(p)
     g, pole = answer["gain_steady"], answer["filter_pole"]
     r.value("filter_z_transfer_function", [num, den])
     r.check("z-transfer function", [num, den], [[g, -g * b], [1.0, -pole]], ("reduced model", "by hand"))
@@ -362,7 +259,7 @@ def part_c(r, p, answer, discrete):
 
 def visible(p, steps):
     """Steps, or fewer where an error variance that tends to 0 reaches the rounding of the simulated states."""
-    curve = variances(p, steps)
+    curve = by_hand.variances(p, steps)
     return max(min([steps, *(i - 1 for i, x in enumerate(curve) if 0 < x < 1e-9 * max(curve))]), 1)
 
 
@@ -420,7 +317,7 @@ def sweep(r, p, optimal):
     for factor in (0.25, 0.5, 1.0, 2.0, 4.0):
         q = p.model_copy(update={"dt": factor * p.dt})
         found = steady.solve(discretise(model(q), q.dt, R=[[0]]))
-        r.check(text("p∞, dt = {dt} s", dt=q.dt), found.P_plus[0, 0], discrete_limit(q), ("Riccati equation", "root of the quadratic"), scale=max(optimal, 1e-300))
+        r.check(text("p∞, dt = {dt} s", dt=q.dt), found.P_plus[0, 0], by_hand.discrete_limit(q), ("Riccati equation", "root of the quadratic"), scale=max(optimal, 1e-300))
         rows.append((q.dt, found.P_plus[0, 0], 100 * (found.P_plus[0, 0] / optimal - 1) if optimal else None, found.K[0, 0]))
     r.table("periods", ["period, s", "p∞, V²", "above the continuous optimum, %", "K"], rows, "The steady variance over the period: the longer it is, the nearer to the best constant gain.")
     if p.signal_pole == p.noise_pole or not optimal:
@@ -447,7 +344,7 @@ def boxes(r, p, experiment, answer, system, box, steps):
         if expected > 1e-12 * float(joint.P0[:2, :2].max()):
             r.chance(text("mean square error, {name}", name=name), chance.mean_square(error, np.full(len(error), expected)))
         table.append((name, expected, float((error**2).mean())))
-    table.append(("discrete optimum, last measurement", variances(p, steps)[-1], float((own[-1] ** 2).mean())))
+    table.append(("discrete optimum, last measurement", by_hand.variances(p, steps)[-1], float((own[-1] ** 2).mean())))
     r.table("ensembles", ["filter", "theory, V²", "ensemble, V²"], table, "Mean square errors on the same paths; those of box and continuous optimum are averaged over time as well.")
     figure = plots.lines(some.t, {"box": (errors[0] ** 2).mean(axis=1), "continuous optimum": (errors[1] ** 2).mean(axis=1), "discrete optimum": (own**2).mean(axis=1)}, xlabel=TIME, ylabel="mean square error, V²", marker=".",
                          straight={name: ([0, some.t[-1]], [value, value]) for name, value in (("theory: box", theory["box"]), ("theory: optimum", answer["optimal_variance"]))})
@@ -462,10 +359,10 @@ def white(r, p, experiment, answer, discrete, steps):
     noise, C = p.noise_power / (2 * p.noise_pole), [[1.0, 0.0]]
     if not (p.signal_power and noise):
         return
-    a, _b, _apart, q1, _q2 = sampled(p)
+    a, _b, _apart, q1, _q2 = by_hand.sampled(p)
     design = DiscreteModel([[a]], [[q1]], [[1]], [[noise]], x0=[0], P0=discrete.P0[:1, :1], dt=p.dt, states=["s"], units=["V"])
     claimed, found = steady.solve(design), sensitivity.steady(discrete, design, compare=C)
-    r.check("true variance of the filter for white noise", found.P_plus[0, 0], white_variance(p, float(claimed.K[0, 0])), ("sensitivity analysis", "by hand"))
+    r.check("true variance of the filter for white noise", found.P_plus[0, 0], by_hand.white_variance(p, float(claimed.K[0, 0])), ("sensitivity analysis", "by hand"))
     r.holds("the filter for white noise is not better", found.P_plus[0, 0] - answer["posterior_variance_steady"], ("sensitivity analysis", "root of the quadratic"), size=noise)
     r.says("**A filter that takes the noise for white** of the same variance claims {claimed} V² and has {true} V², the optimum {best} V²: the samples are too close for their noises to be independent.",
            claimed=float(claimed.P_plus[0, 0]), true=float(found.P_plus[0, 0]), best=answer["posterior_variance_steady"])
@@ -475,7 +372,7 @@ def white(r, p, experiment, answer, discrete, steps):
 
 def conclusions(r, p, answer):
     """What the numbers say."""
-    g, c = optimum(p)
+    g, c = by_hand.optimum(p)
     optimal, boxed, constant = answer["optimal_variance"], answer["black_box_variance"], answer["constant_gain_variance"]
     lines = ["The test shows a stable causal filter (s + 4)/(2(s + 2)), up to an all-pass; its direct term excludes a Kalman filter for measurements with white noise."]
     if optimal:
@@ -494,6 +391,24 @@ def conclusions(r, p, answer):
         lines.append(text("Sampled every {dt} s the error variance is {end} V² from the first measurement on.", dt=p.dt, end=end))
     lines.append(largest(r))
     r.items(lines)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    r = Report(META, p, experiment.runs, experiment.seed)
+    answer, system = by_hand.analytic(p), model(p)
+    small, discrete = reduced.continuous(system, keep=["s"]), discretise(system, p.dt, R=[[0]])
+    r.heading("Part I. Analysis")
+    box = part_a(r, answer)
+    part_b(r, p, answer, system, small, box)
+    part_c(r, p, answer, discrete)
+    r.heading("Plan of the experiment")
+    steps = plan(r, p, experiment, discrete)
+    r.heading("Part II. Experiment")
+    part_d(r, p, experiment, answer, system, small, discrete, box, steps)
+    r.heading("Conclusions")
+    conclusions(r, p, answer)
+    return r
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ import pytest
 
 from ctlabs import cli
 from ctlabs.labs import catalogue as labs
+from ctlabs.labs import sheet
 from ctlabs.labs.experiment import Experiment
 from ctlabs.reporting.params import LabParameters, Positive, Variance, given
 from ctlabs.reporting.report import Report
@@ -269,6 +270,25 @@ def test_a_lab_is_run_and_written_with_a_summary(two, tmp_path, monkeypatch):
     stored = json.loads((tmp_path / "task07/results.json").read_text(encoding="utf-8"))
     assert (stored["runs"], stored["seed"], stored["parameters"]["Q"]) == (5, 2, 3.0)
     assert "seconds" not in json.dumps(stored)
+
+
+@pytest.mark.parametrize("name", sorted(labs.catalogue()))
+def test_every_lab_has_a_sheet_with_its_items(name):
+    """What is given, and a question for each part that the report answers, in its order; mathematics is closed."""
+    found = sheet(name)
+    assert tuple(found.items) == labs.catalogue()[name].parts
+    assert len(found.statement) > 100
+    assert found.statement.endswith((".", "?", ":"))
+    for text in (found.statement, *found.items.values()):
+        assert text.endswith((".", "?", ":", ";"))
+        assert text.count("$") % 2 == 0
+
+
+def test_there_are_no_other_sheets_and_unknown_labs_have_none():
+    """A sheet without a lab would be read by no one."""
+    assert {path.stem for path in (labs.folder() / "sheets").iterdir()} == set(labs.catalogue())
+    with pytest.raises(KeyError, match="task99"):
+        sheet("task99")
 
 
 @pytest.mark.parametrize("name", sorted(labs.catalogue()))
