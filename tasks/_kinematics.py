@@ -17,6 +17,7 @@ from ctlabs.analysis import sensitivity
 from ctlabs.filtering import settling, settling_step, steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.linalg.factors import factor, unit_triangular
 from ctlabs.models import DiscreteModel, kinematics, observability, symbolic
 from ctlabs.models.discretisation import discretise
@@ -74,31 +75,6 @@ class Lab:
         """ρ = σ_w²τ²ⁿ⁻¹/R, on which the shape of the filter depends."""
         c = self.p.sigma_w2 * self.p.tau ** (2 * self.n - 1)
         return c / self.p.R if self.p.R else (math.inf if c else 0.0)
-
-
-def answer_sheet(meta: Mapping[str, Any], p: Any, answer: Mapping[str, Any], experiment: Experiment, closed_form: Callable[[Report, Lab], None]) -> Report:
-    """The report; ``closed_form`` adds what the lab knows of its steady gain."""
-    r, system = Report(meta, p, experiment.runs, experiment.seed), sampled(p)
-    F, G = np.eye(system.n, k=1, dtype=int), np.eye(system.n, dtype=int)[:, -1:]
-    lab = Lab(p, answer, symbolic.chain(F, G, [[SIGMA**2]], TAU), system, steady.solve(system), settling(system))
-    r.heading("Part I. Analysis")
-    part_a(r, lab)
-    part_b(r, lab)
-    part_c(r, lab, experiment)
-    existence(r, lab)
-    limits(r, lab)
-    closed_form(r, lab)
-    r.heading("Plan of the experiment")
-    steps = plan(r, lab, experiment)
-    r.heading("Part II. Experiment")
-    r.section("d", "The filter at the given parameters")
-    stats, worst = part_d(r, lab, experiment, steps)
-    sweeps(r, lab, experiment, stats, worst)
-    wrong_start(r, lab, experiment, steps)
-    constant(r, lab, steps)
-    r.heading("Conclusions")
-    conclusions(r, lab)
-    return r
 
 
 def continuous(p):
@@ -354,11 +330,12 @@ def plan(r, lab, experiment):
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "the same random numbers for all levels, so that they compare"],
     ], "Plan of the experiment.")
-    return steps
+    return {"steps": steps}
 
 
 def part_d(r, lab, experiment, steps):
     """Ensemble against theory, and the two kinds of variances side by side."""
+    r.section("d", "The filter at the given parameters")
     counted = replace(lab.system, dt=1.0)
     stats = portrait(r, experiment, counted, steps, limits=(lab.limit.P_minus[0, 0], lab.limit.P_plus[0, 0]))
     worst = max(abs(check.value) for check in r.checks if check.kind == "CHANCE" and check.part == "d")
@@ -379,7 +356,7 @@ def part_d(r, lab, experiment, steps):
     if any(np.isfinite(c).any() for c in curves.values()):
         figure = plots.lines(filtered.t, curves, xlabel=STEP, ylabel=text("standard deviation ({units})", units=", ".join(lab.system.units)), log="y", steps=True)
         r.figure("bounded", figure, "Standard deviations of the state itself and of the error of its estimate, after each update: the first grow without bound, the second do not." if lab.p.sigma_w2 else "Standard deviations of the state itself and of the error of its estimate, after each update.")
-    return stats, worst
+    return {"stats": stats, "largest_given": worst}
 
 
 def positive(values):
@@ -538,3 +515,17 @@ def regime(lab):
     else:
         found = "At ρ = {ratio} a measurement weighs only {gain}: the filter averages many of them, and the position is known {better} times better than one measurement tells it."
     return text(found, ratio=lab.ratio, gain=first, better=1 / math.sqrt(first))
+
+
+def answer_sheet(meta: Mapping[str, Any], p: Any, answer: Mapping[str, Any], experiment: Experiment, closed_form: Callable[[Report, Lab], None]) -> Report:
+    """The report; ``closed_form`` adds what the lab knows of its steady gain."""
+    system = sampled(p)
+    F, G = np.eye(system.n, k=1, dtype=int), np.eye(system.n, dtype=int)[:, -1:]
+    lab = Lab(p, answer, symbolic.chain(F, G, [[SIGMA**2]], TAU), system, steady.solve(system), settling(system))
+    parts = Skeleton(
+        analysis=(part_a, part_b, part_c, existence, limits, closed_form),
+        plan=plan,
+        experiment=(part_d, sweeps, wrong_start, constant),
+        conclusions=conclusions,
+    )
+    return parts.report(meta, p, experiment, lab=lab)

@@ -23,6 +23,7 @@ from ctlabs.filtering import bucy
 from ctlabs.filtering import steady as steady_state
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel, observability, shaping, spectra, symbolic
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
@@ -272,7 +273,7 @@ def plan(r, p, experiment, answer):
         ["seed", experiment.seed, "the same random numbers for both filters"],
         ["input u", 0, "a known input adds the same to x and to its estimate"],
     ], "Plan of the experiment.")
-    return dt, steps
+    return {"dt": dt, "steps": steps}
 
 
 def experiment_example(r, p, experiment, answer, system, dt, steps):
@@ -344,23 +345,18 @@ def conclusions(r, p, answer):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(part_model, part_observer, part_example, part_white),
+    plan=plan,
+    experiment=(experiment_example, experiment_white),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """The section, then its example, then what the white-noise filter loses."""
-    r = Report(META, p, experiment.runs, experiment.seed)
     answer, systems = by_hand.analytic(p), models(p)
-    r.heading("Part I. Analysis")
-    part_model(r, p, answer, systems)
-    part_observer(r, systems)
-    part_example(r, p, answer, systems)
-    part_white(r, p, answer)
-    r.heading("Plan of the experiment")
-    dt, steps = plan(r, p, experiment, answer)
-    r.heading("Part II. Experiment")
-    experiment_example(r, p, experiment, answer, systems["example"], dt, steps)
-    experiment_white(r, p, experiment, answer, systems["example"], dt, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
+    return PARTS.report(META, p, experiment, answer=answer, systems=systems, system=systems["example"])
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from ctlabs.analysis import sensitivity
 from ctlabs.filtering import Covariances, fields
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import largest
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models.field import RandomField, stability
 from ctlabs.montecarlo import chance
 from ctlabs.reporting import plots
@@ -155,6 +156,12 @@ def run_all(p, experiment, cases):
             key: sample(p, found, z, noise) for key, found in several.items() if resolved(field, p.m, found.sigma_n)
         }
     return worlds, samples
+
+
+def simulated(p, experiment, cases, key):
+    """The fields of all cases, and what the filters make of them; those of the given parameters apart."""
+    worlds, samples = run_all(p, experiment, cases)
+    return {"worlds": worlds, "samples": samples, "world": worlds[key[:2]], "drawn": samples[key]}
 
 
 def sample(p, found, z, noise):
@@ -679,28 +686,22 @@ def conclusions(r, p):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(statement, part_stability, part_theory),
+    plan=plan,
+    experiment=(simulated, part_table, part_figures, part_verdict, part_scale),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the paper, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer = by_hand.analytic(p)
     variants = [(alpha, alpha, sigma_n) for alpha, sigma_n, *_rest in PRINTED]
-    here = (p.alpha, p.beta, p.sigma_n)
-    cases = {key: case(p, *key) for key in dict.fromkeys([*variants, here])}
-    r.heading("Part I. Analysis")
-    statement(r, p, cases[here].field)
-    part_stability(r, p, answer, cases[here].field)
-    part_theory(r, p, answer, [cases[key] for key in variants], cases[here], experiment)
-    r.heading("Plan of the experiment")
-    plan(r, p, experiment)
-    r.heading("Part II. Experiment")
-    worlds, samples = run_all(p, experiment, cases)
-    part_table(r, p, answer, cases, worlds, samples, variants)
-    part_figures(r, p, answer, cases[here], worlds[here[:2]], samples[here])
-    part_verdict(r, p, cases, worlds, samples, variants)
-    part_scale(r, p, experiment, cases[here].field)
-    r.heading("Conclusions")
-    conclusions(r, p)
-    return r
+    key = (p.alpha, p.beta, p.sigma_n)
+    cases = {each: case(p, *each) for each in dict.fromkeys([*variants, key])}
+    here, several = cases[key], [cases[each] for each in variants]
+    return PARTS.report(META, p, experiment, answer=by_hand.analytic(p), variants=variants, key=key, cases=cases,
+                        here=here, several=several, field=here.field)
 
 
 if __name__ == "__main__":

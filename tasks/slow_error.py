@@ -23,6 +23,7 @@ from ctlabs.filtering import bayes, kalman_filter, update
 from ctlabs.filtering.bayes import SlowError
 from ctlabs.labs.experiment import Experiment, covariances, filtered
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import Count, LabParameters, Positive, Real, Variance, given
@@ -132,14 +133,19 @@ def moving_state(*, slow=True):
     )
 
 
-def plan(r, p, experiment):
-    """Every number chosen."""
+def examples(r, p):
+    """What is computed with."""
     r.table("plan", ["example", "signal", "slow error", "noise", "samples"], [
         ["(i)", text("constant, N(0, {v})", v=p.sigma_lambda2), text("constant, N(0, {v})", v=p.sigma_mu2), text("white, variance {v}", v=p.sigma_w2), p.k],
         ["(ii)", text("λ₀ + λ₁t + λ₂t², means {m}, variances {v}", m=list(POLY_MEAN), v=list(POLY_VARIANCE)), text("μ₀cos ωt + μ₁sin ωt, ω = {w} 1/s, variances {v}", w=OMEGA, v=list(DRIFT_VARIANCE)), text("white, variance {v}", v=POLY_NOISE), len(POLY_T)],
         ["(iii)", text("position and velocity, means {m}, variances {v}", m=list(AR_MEAN), v=list(AR_VARIANCE)), text("AR(1), factor {f}, variance {v}, first mean {m}", f=AR_SLOW, v=AR_SLOW_VARIANCE, m=AR_SLOW_MEAN), text("AR(1), factor {f}, variance {v}, plus white of variance {w}", f=AR_FAST, v=AR_FAST_VARIANCE, w=AR_WHITE), AR_N],
     ], "The three examples. (i) is the paper's section 5; one record of it has λ = {lam} and μ = {mu}.", lam=p.lam, mu=p.mu)
-    r.says("Ensembles have {runs} runs, seed {seed}. The unit of the samples of (i) is written u; the paper names none.", runs=experiment.runs, seed=experiment.seed)
+    r.says("The unit of the samples of (i) is written u; the paper names none.")
+
+
+def plan(r, experiment):
+    """What is chosen for the ensembles."""
+    r.says("Ensembles have {runs} runs, seed {seed}.", runs=experiment.runs, seed=experiment.seed)
 
 
 def part_batch(r, p, y, poly, moved):
@@ -462,25 +468,21 @@ def conclusions(r, p):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(examples, part_batch, part_recursive),
+    plan=plan,
+    experiment=(part_figure1, part_figure2, part_statement),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Reproduce the paper, part by part."""
-    r = Report(META, p, experiment.runs, experiment.seed)
     answer = by_hand.analytic(p)
     y = montecarlo.simulate(truth(p, named(constants(p))), p.k, 1, experiment.seed).z[:, 0, 0]
     poly = experiment.histories(bayes.model(polynomial()), steps=len(POLY_T), runs=1, stream=2)
     moved = experiment.histories(moving_state(), steps=AR_N, runs=1, stream=3)
-    r.heading("Plan of the experiment")
-    plan(r, p, experiment)
-    r.heading("Part I. Analysis")
-    part_batch(r, p, y, poly, moved)
-    part_recursive(r, p, answer, y, poly, moved, experiment)
-    r.heading("Part II. Experiment")
-    part_figure1(r, p, y, experiment)
-    part_figure2(r, p, answer)
-    part_statement(r, p, answer, poly, experiment)
-    r.heading("Conclusions")
-    conclusions(r, p)
-    return r
+    return PARTS.report(META, p, experiment, y=y, poly=poly, moved=moved, answer=answer)
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from ctlabs.analysis import sensitivity
 from ctlabs.filtering import settling, settling_step, steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
@@ -124,7 +125,7 @@ def plan(r, experiment):
         ["seed", experiment.seed, "the same for every filter"],
         ["steps after the anomaly", AFTER, "enough to see the recovery"],
     ], "Plan of the experiment.")
-    return steps
+    return {"steps": steps}
 
 
 def sweep(r, build, experiment, steps, part, title, name, cases):
@@ -146,6 +147,18 @@ def sweep(r, build, experiment, steps, part, title, name, cases):
     if curves:
         figure = plots.lines(range(steps + 1), curves, xlabel=STEP, ylabel="σ of the error after an update, m", ordered=True, log="y" if all(c.min() > 0 for c in curves.values()) else "", steps=True)
         r.figure(f"sweep_{part}", figure, "Standard deviation of the error along the measurements.")
+
+
+def part_a(r, p, build, experiment, steps, R):
+    """The diffusion."""
+    sweep(r, build, experiment, steps, "a", "Influence of the diffusion", "diffusion σ_w², m²/s",
+          [(p.sigma_w2 * f, p.sigma_w2 * f, R) for f in FACTORS])
+
+
+def part_b(r, p, build, experiment, steps, R):
+    """The measurements."""
+    sweep(r, build, experiment, steps, "b", "Influence of the measurement variance", "variance R, m²",
+          [(R * f, p.sigma_w2, R * f) for f in FACTORS])
 
 
 def part_c(r, p, build, experiment, steps):
@@ -226,24 +239,12 @@ def conclusions(r, p, answer, R):
     r.items(lines)
 
 
+PARTS = Skeleton(analysis=(analysis,), plan=plan, experiment=(part_a, part_b, part_c, part_d), conclusions=conclusions)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, R = by_hand.analytic(p), by_hand.variances(p)[-1]
-    r.heading("Part I. Analysis")
-    build = partial(model, p)
-    analysis(r, p, answer, R)
-    r.heading("Plan of the experiment")
-    steps = plan(r, experiment)
-    r.heading("Part II. Experiment")
-    sweep(r, build, experiment, steps, "a", "Influence of the diffusion", "diffusion σ_w², m²/s",
-          [(p.sigma_w2 * f, p.sigma_w2 * f, R) for f in FACTORS])
-    sweep(r, build, experiment, steps, "b", "Influence of the measurement variance", "variance R, m²", [(R * f, p.sigma_w2, R * f) for f in FACTORS])
-    part_c(r, p, build, experiment, steps)
-    part_d(r, p, build, answer, experiment, R)
-    r.heading("Conclusions")
-    conclusions(r, p, answer, R)
-    return r
+    return PARTS.report(META, p, experiment, answer=by_hand.analytic(p), R=by_hand.variances(p)[-1], build=partial(model, p))
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from ctlabs.analysis import sensitivity
 from ctlabs.filtering import steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
@@ -121,25 +122,22 @@ def conclusions(r, p, answer):
     r.items(lines)
 
 
+def part_d(r, p, build, experiment, R):
+    """One anomalous measurement: the covariances are those of lab 1."""
+    lab1.part_d(r, p, build, lab1.by_hand.analytic(p), experiment, R)
+
+
+PARTS = Skeleton(
+    analysis=(part_a, forgotten),
+    plan=lab1.plan,
+    experiment=(lab1.part_a, lab1.part_b, lab1.part_c, forgets_in_experiment, part_d),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, R, build = by_hand.analytic(p), lab1.by_hand.variances(p)[-1], partial(model, p)
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, build)
-    forgotten(r, answer, build, R)
-    r.heading("Plan of the experiment")
-    steps = lab1.plan(r, experiment)
-    r.heading("Part II. Experiment")
-    lab1.sweep(r, build, experiment, steps, "a", "Influence of the diffusion", "diffusion σ_w², m²/s",
-               [(p.sigma_w2 * f, p.sigma_w2 * f, R) for f in lab1.FACTORS])
-    lab1.sweep(r, build, experiment, steps, "b", "Influence of the measurement variance", "variance R, m²", [(R * f, p.sigma_w2, R * f) for f in lab1.FACTORS])
-    lab1.part_c(r, p, build, experiment, steps)
-    forgets_in_experiment(r, build, experiment, steps, R)
-    lab1.part_d(r, p, build, lab1.by_hand.analytic(p), experiment, R)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
+    return PARTS.report(META, p, experiment, answer=by_hand.analytic(p), R=lab1.by_hand.variances(p)[-1], build=partial(model, p))
 
 
 if __name__ == "__main__":

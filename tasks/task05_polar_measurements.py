@@ -24,6 +24,7 @@ from ctlabs.filtering import kalman_filter, settling, steady, updates
 from ctlabs.filtering.extended import Extended
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.linalg.factors import factor, unit_triangular
 from ctlabs.models import ContinuousModel, kinematics, symbolic
 from ctlabs.models.discretisation import discretise
@@ -224,7 +225,7 @@ def plan(r, p, experiment, truth):
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "common random numbers for both variants"],
     ], "Plan of the experiment.")
-    return steps
+    return {"steps": steps}
 
 
 def part_c(r, p, answer, truth, first, experiment, steps):
@@ -520,27 +521,18 @@ def conclusions(r, p):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(model_part, part_a, part_b),
+    plan=plan,
+    experiment=(part_c, part_d, part_e, part_f, part_g, cost, nonlinear),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
     answer, (truth, first) = by_hand.analytic(p), variants(p)
-    r.heading("Part I. Analysis")
-    model_part(r, p, answer, truth)
-    part_a(r, p)
-    part_b(r, p, answer, truth)
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment, truth)
-    r.heading("Part II. Experiment and the rest of the analysis")
-    part_c(r, p, answer, truth, first, experiment, steps)
-    part_d(r, answer, truth)
-    part_e(r, truth, experiment)
-    part_f(r, p, answer, truth, experiment, steps)
-    part_g(r, p, answer, truth, first)
-    cost(r, answer)
-    nonlinear(r, p, experiment)
-    r.heading("Conclusions")
-    conclusions(r, p)
-    return r
+    return PARTS.report(META, p, experiment, answer=answer, truth=truth, first=first)
 
 
 if __name__ == "__main__":

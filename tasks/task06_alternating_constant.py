@@ -17,6 +17,7 @@ from ctlabs.tasks.answers import task06 as by_hand
 from ctlabs.filtering import settling_step
 from ctlabs.labs.experiment import Experiment, covariances, filtered
 from ctlabs.labs.portrait import largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import LabParameters, Variance, VariancesOrInf, given
@@ -224,23 +225,20 @@ def conclusions(r, p, answer):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(part_a, part_b, shown),
+    plan=plan,
+    experiment=(part_c,),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
     answer, system = by_hand.analytic(p), model(p.P0, p.R)
     start = p.P0 or 1.0
     both, without = with_both(p.P0, p.R)
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, system, experiment)
-    part_b(r, p, answer, system)
-    shown(r, experiment, start, both, without)
-    r.heading("Plan of the experiment")
-    plan(r, p, experiment, start, both)
-    r.heading("Part II. Experiment")
-    part_c(r, p, answer, system, experiment, start, both)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
+    return PARTS.report(META, p, experiment, answer=answer, system=system, start=start, both=both, without=without)
 
 
 if __name__ == "__main__":

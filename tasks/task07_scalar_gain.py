@@ -19,6 +19,7 @@ from ctlabs.analysis import sensitivity
 from ctlabs.filtering import settling, steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import Count, Fraction, LabParameters, Positive, Real, Variance, Variances, given
@@ -192,7 +193,7 @@ def plan(r, p, experiment):
         ["seed", experiment.seed, "another stream of random numbers for each system, the same for both filters of a system"],
         ["initial mean", 0, "the sheet's"],
     ], "Plan of the experiment.")
-    return steps
+    return {"steps": steps}
 
 
 def length(system):
@@ -285,24 +286,18 @@ def conclusions(r, p, answer):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(part_a, part_b, part_c, part_d, part_e),
+    plan=plan,
+    experiment=(part_f, part_g),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
     answer, system = by_hand.analytic(p), model(p.Phi, p.Q, p.R, p.P0)
-    r.heading("Part I. Analysis")
-    part_a(r, p, system)
-    part_b(r, p, answer, system)
-    part_c(r, p, answer, system)
-    part_d(r, p, answer)
-    part_e(r, p, answer)
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment)
-    r.heading("Part II. Experiment")
-    part_f(r, p, answer, system)
-    part_g(r, p, system, experiment, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
+    return PARTS.report(META, p, experiment, system=system, answer=answer)
 
 
 if __name__ == "__main__":

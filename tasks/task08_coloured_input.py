@@ -21,6 +21,7 @@ from ctlabs.filtering import compare, kalman_filter, reference, settling, steady
 from ctlabs.filtering.algorithms.catalogue import FORMS
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel, shaping
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
@@ -201,7 +202,7 @@ def part_e(r, p, answer, systems):
     for i, found in enumerate(actual, start=1):
         r.value(f"true_variance_variant{i}", found.P_plus[1:, 0, 0], "m²", at=range(1, p.steps + 1), agrees=answer, routes=routes)
     r.says("The second route of the check needs no recursion: each estimate is a weighted sum of the measurements so far, with the autocovariance of $x$ from $\\frac{d}{dt}E[x^2] = -2aE[x^2] + 2E[xy]$.")
-    return actual
+    return {"actual": actual}
 
 
 def plan(r, p, experiment, truth):
@@ -217,7 +218,7 @@ def plan(r, p, experiment, truth):
         ["essential difference", ESSENTIAL, "criterion of (f), as a fraction of the optimal variance"],
         ["start of the simplified filters", 0, "at rest: P(0) = 0"],
     ], "Plan of the experiment.")
-    return steps
+    return {"steps": steps}
 
 
 def part_f(r, p, answer, systems, actual):
@@ -259,7 +260,7 @@ def part_f(r, p, answer, systems, actual):
            found=verdicts[1], verdict="yes" if verdicts[1] > ESSENTIAL else "no")
     r.holds("no filter is better than the optimal one", np.concatenate([found.P_plus[:, 0, 0] - best.P_plus[:, 0, 0] for found in actual]),
             ("sensitivity recursion", "optimal recursion"), size=float(best.P_minus[:, 0, 0].max()))
-    return here, verdicts
+    return {"found": (here, verdicts)}
 
 
 def several(p):
@@ -318,7 +319,8 @@ def part_g(r, systems, experiment, steps):
     shown = {name: (e.t, e.x_plus[:, 0, 0], e.sd_plus[:, 0]) for name, e in zip(("true model", "variant 1"), few, strict=True)}
     r.figure("both", plots.estimates((few[0].t, few[0].truth[:, 0, 0]), shown, ylabel="x, m", measurements=(few[0].t[1:], few[0].z[1:, 0, 0])),
              "One run, filtered with the true model and with variant 1.")
-    return numerical_forms(r, truth, designs[0], few[0])
+    lost, cheapest = numerical_forms(r, truth, designs[0], few[0])
+    return {"lost": lost, "cheapest": cheapest}
 
 
 def numerical_forms(r, truth, design, one):
@@ -391,24 +393,18 @@ def conclusions(r, p, found, lost, cheapest):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(part_a, part_b, part_c, part_d, part_e),
+    plan=plan,
+    experiment=(part_f, part_g),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
     answer, systems = by_hand.analytic(p), models(p.a, p.T, p.dt, p.R, p.sigma_y2)
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, systems[0])
-    part_b(r, p, answer, systems[0])
-    part_c(r, p, answer)
-    part_d(r, p, answer, systems)
-    actual = part_e(r, p, answer, systems)
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment, systems[0])
-    r.heading("Part II. Experiment")
-    found = part_f(r, p, answer, systems, actual)
-    lost, cheapest = part_g(r, systems, experiment, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, found, lost, cheapest)
-    return r
+    return PARTS.report(META, p, experiment, answer=answer, truth=systems[0], systems=systems)
 
 
 if __name__ == "__main__":

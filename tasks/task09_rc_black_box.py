@@ -22,6 +22,7 @@ from ctlabs.filtering import settling, steady
 from ctlabs.filtering.between import between
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel, shaping
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
@@ -138,7 +139,7 @@ def plan(r, p, experiment, filters):
         ["seed", experiment.seed, "the same circuit and input for both filters"],
         ["start", 0, "discharged capacitors, both known to be 0"],
     ], "Plan of the experiment. b = 1 V is chosen for the simulation; all results scale with b.")
-    return steps
+    return {"steps": steps}
 
 
 def plot(r, p, answer, box, filters):
@@ -260,25 +261,19 @@ def conclusions(r, p, filters):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(part_a, part_b),
+    plan=plan,
+    experiment=(plot, other_circuits, noises, ensembles, alarm),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
     answer, box = by_hand.analytic(p), system(p)
     filters = {name: discretise(box, p.dt, R=[[R]]) for name, R in (("unmeasured", math.inf), ("perfect", 0.0), ("noisy", p.R_over_b2))}
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, filters["perfect"])
-    part_b(r, p, answer, filters["noisy"])
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment, filters)
-    r.heading("Part II. Experiment")
-    plot(r, p, answer, box, filters)
-    other_circuits(r, p)
-    noises(r, p, box)
-    ensembles(r, experiment, filters, steps)
-    alarm(r, p, experiment, filters, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, filters)
-    return r
+    return PARTS.report(META, p, experiment, answer=answer, perfect=filters["perfect"], noisy=filters["noisy"], filters=filters, box=box)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from ctlabs.tasks.answers import task10 as by_hand
 from ctlabs.filtering import settling_step, steady, update
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel, observability
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
@@ -215,7 +216,7 @@ def plan(r, p, experiment):
         ["seed", experiment.seed, "common to the three periods: they are compared on the same numbers"],
         ["initial mean", [0, 0], "the sheet's"],
     ], "Plan of the experiment.")
-    return steps
+    return {"steps": steps}
 
 
 def nearby(p):
@@ -282,23 +283,19 @@ def conclusions(r, p, answer):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(part_a, part_b, sampling, near),
+    plan=plan,
+    experiment=(part_c,),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
     answer = by_hand.analytic(p)
     bad, good = sampled(p, p.dt_bad), sampled(p, p.dt_good)
-    r.heading("Part I. Analysis")
-    part_a(r, p, bad, good, experiment)
-    part_b(r, p, answer, bad, good)
-    sampling(r, p, answer)
-    near(r, p)
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment)
-    r.heading("Part II. Experiment")
-    part_c(r, p, bad, good, experiment, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
+    return PARTS.report(META, p, experiment, bad=bad, good=good, answer=answer)
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ from pydantic import field_validator
 from ctlabs.filtering import settling, steady
 from ctlabs.labs.experiment import Experiment, covariances, filtered
 from ctlabs.labs.portrait import largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import Count, LabParameters, Real, Variance, given
@@ -285,23 +286,19 @@ def conclusions(r, p, answer):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(part_a, part_b, weights, vectors),
+    plan=plan,
+    experiment=(part_c,),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
     answer, system = by_hand.analytic(p), model([p.x1_mean], [[by_hand.start(p)]], [[p.Q]], [[p.R]])
     count = max(p.steps, SIMULATED)
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, system)
-    part_b(r, p, answer, system)
-    weights(r, p, answer, system, min(count, LISTED))
-    vectors(r, p)
-    r.heading("Plan of the experiment")
-    plan(r, p, experiment, count)
-    r.heading("Part II. Experiment")
-    part_c(r, p, answer, system, experiment, count)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
+    return PARTS.report(META, p, experiment, answer=answer, system=system, N=min(count, LISTED), count=count)
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ from ctlabs.analysis import sensitivity
 from ctlabs.filtering import kalman_filter, updates
 from ctlabs.labs.experiment import Experiment, covariances, filtered
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
 from ctlabs.models.nonlinear import NonlinearModel
 from ctlabs.montecarlo import chance
@@ -499,23 +500,18 @@ def conclusions(r, p, answer):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(part_a, part_b, part_c, part_d),
+    plan=plan,
+    experiment=(part_e, literal),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
     answer = by_hand.analytic(p)
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer)
-    part_b(r, p, answer)
-    part_c(r, p, answer)
-    part_d(r, p, answer)
-    r.heading("Plan of the experiment")
-    plan(r, p, answer, experiment)
-    r.heading("Part II. Experiment")
-    part_e(r, p, answer, experiment)
-    literal(r, p, answer, experiment)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
+    return PARTS.report(META, p, experiment, answer=answer)
 
 
 if __name__ == "__main__":

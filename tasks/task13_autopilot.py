@@ -25,6 +25,7 @@ from ctlabs.tasks.answers.task13 import A0, A1, B0, B1, TIMES
 from ctlabs.filtering import bucy, steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import largest
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel, interop, observability, shaping, symbolic
 from ctlabs.models.discretisation import discretise
 from ctlabs.montecarlo import chance
@@ -246,13 +247,13 @@ def figures(r, p, answer, three, origin):
         r.says("All variances are zero: nothing is unknown, and there is nothing to plot.")
 
 
-def part_b(r, p, answer, two, three):
+def part_b(r, p, answer, pair, sampled):
     """Sampled measurements."""
     r.section("b", "Measurements once per period")
     r.says('A measurement with the white noise of strength $N_m$ once per dt is taken as one with the variance $R_d = N_m/dt = {R}$ m² (the sheet\'s "intensity", at dt = 1 s the same number). The states are those of (a); over a period',
-           R=float(three.R[0, 0]))
-    r.model(three)
-    f, c = three.Phi, three.offset
+           R=float(sampled.R[0, 0]))
+    r.model(sampled)
+    f, c = sampled.Phi, sampled.offset
     r.says("**Prediction** in scalar form:")
     for i, name in enumerate((r"\hat h", r"\hat x_2", r"\hat h_{c0}")):
         terms = " ".join(
@@ -267,14 +268,14 @@ def part_b(r, p, answer, two, three):
     r.says("The gains come from this recursion, run beforehand from $P_0$. For the same reason as in (a) the three-state equation has no stabilising solution, and the limits are those of the two driven states.")
     if c is not None:
         r.math(r"c = {c}", c=c)
-    limit, routes = steady.solve(two), ("Riccati equation", "spectral factorisation")
+    limit, routes = steady.solve(pair), ("Riccati equation", "spectral factorisation")
     r.value("altitude_variance_prior_steady", limit.P_minus[0, 0], "m²", agrees=answer, routes=routes)
     r.value("altitude_variance_posterior_steady", limit.P_plus[0, 0], "m²", agrees=answer, routes=routes)
     r.value("altitude_gain_steady", limit.K[0, 0], "1", agrees=answer, routes=routes)
-    whole = steady.solve(three)
+    whole = steady.solve(sampled)
     r.check("limit of the three-state filter", whole.P_plus[:2, :2], limit.P_plus,
             ("three states without the undriven mode", "two states"))
-    shown = covariances(three, p.steps)
+    shown = covariances(sampled, p.steps)
     entered = np.maximum.accumulate(np.abs(shown.P_minus).max(axis=(1, 2)))
     routes = ("recursion", "power of the linear map, with many digits")
     for k in sorted({1, math.ceil(p.steps / 10), p.steps}):
@@ -343,7 +344,7 @@ def plan(r, p, experiment, two, three):
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "another stream of random numbers for each ensemble"],
     ], "Plan of the experiment.")
-    return fine, length, ratio
+    return {"fine": fine, "length": length, "ratio": ratio}
 
 
 def part_c(r, p, answer, three, sampled):
@@ -517,25 +518,19 @@ def conclusions(r, p, answer):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(part_a, part_b, data_sets),
+    plan=plan,
+    experiment=(part_c, ensembles, explanation),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer = by_hand.analytic(p)
     two, three = plant(p.N_c, p.N_m), model(p.N_c, p.N_m, p.var_hc0, p.mean_hc0)
-    sampled = discretise(three, p.dt)
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, two, three)
-    part_b(r, p, answer, discretise(two, p.dt), sampled)
-    data_sets(r, p)
-    r.heading("Plan of the experiment")
-    fine, length, ratio = plan(r, p, experiment, two, three)
-    r.heading("Part II. Experiment")
-    part_c(r, p, answer, three, sampled)
-    ensembles(r, p, answer, experiment, three, sampled, fine, length, ratio)
-    explanation(r, p, answer)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
+    return PARTS.report(META, p, experiment, answer=by_hand.analytic(p), two=two, three=three,
+                        pair=discretise(two, p.dt), sampled=discretise(three, p.dt))
 
 
 if __name__ == "__main__":

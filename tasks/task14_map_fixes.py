@@ -19,6 +19,7 @@ from pydantic import model_validator
 from ctlabs.analysis import scheduling
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import Count, LabParameters, Positive, Real, given
@@ -118,6 +119,21 @@ def fewer_fixes(system, p, limit):
     return None
 
 
+def parts_a_to_e(r, p, systems, every, answer):
+    """The five sets of numbers, one after another."""
+    for part in "abcde":
+        solve(r, p, part, systems[part], every[part], answer)
+
+
+def plan(r, experiment, every):
+    """Every number chosen."""
+    r.table("plan", ["quantity", "value", "why"], [
+        ["selections tried in each part", len(every["a"].rms), "all of them"],
+        ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
+        ["seed", experiment.seed, "the same for every plan"],
+    ], "Plan of the experiment.")
+
+
 def part_f(r, p, systems, every, answer, experiment):
     """All selections as a figure, the optimum's variance, the ensemble."""
     r.section("f", "All selections, and the ensemble")
@@ -168,26 +184,14 @@ def conclusions(r, p, answer):
     r.items(lines)
 
 
+PARTS = Skeleton(analysis=(parts_a_to_e,), plan=plan, experiment=(part_f,), conclusions=conclusions)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer = by_hand.analytic(p)
     systems = {part: model(p, *case[:3]) for part, case in by_hand.cases(p).items()}
     every = {part: scheduling.exhaustive(system, p.fixes, p.horizon) for part, system in systems.items()}
-    r.heading("Part I. Analysis")
-    for part in "abcde":
-        solve(r, p, part, systems[part], every[part], answer)
-    r.heading("Plan of the experiment")
-    r.table("plan", ["quantity", "value", "why"], [
-        ["selections tried in each part", len(every["a"].rms), "all of them"],
-        ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
-        ["seed", experiment.seed, "the same for every plan"],
-    ], "Plan of the experiment.")
-    r.heading("Part II. Experiment")
-    part_f(r, p, systems, every, answer, experiment)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
+    return PARTS.report(META, p, experiment, answer=by_hand.analytic(p), systems=systems, every=every)
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ from ctlabs.analysis import sensitivity
 from ctlabs.filtering import reduced, settling, steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import observability, shaping
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
@@ -245,7 +246,7 @@ def plan(r, p, experiment, answer, system):
         ["seed", experiment.seed, "another stream of random numbers for each truth"],
         ["factors", ", ".join(name for name, _change in variants(p)[1:]), "the sheet's: half and one and a half of Q1, double and fourfold En2, equal frequencies"],
     ], "Plan of the experiment.")
-    return steps
+    return {"steps": steps}
 
 
 def visible(p, steps):
@@ -308,22 +309,19 @@ def conclusions(r, p, answer, system):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(part_a, part_b, analysis_c),
+    plan=plan,
+    experiment=(experiment_c,),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
     answer, system = by_hand.analytic(p), model(p)
     small = reduced.discrete(system, keep=["s"], first=0)
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, system)
-    part_b(r, p, answer, system, small)
-    analysis_c(r, p, answer)
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment, answer, system)
-    r.heading("Part II. Experiment")
-    experiment_c(r, p, experiment, answer, system, small, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, answer, system)
-    return r
+    return PARTS.report(META, p, experiment, answer=answer, system=system, small=small)
 
 
 if __name__ == "__main__":

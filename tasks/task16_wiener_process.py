@@ -19,6 +19,7 @@ from ctlabs.tasks.answers.task16 import TIMES, WITHIN
 from ctlabs.filtering import bucy, settling, settling_step, steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import largest
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
 from ctlabs.montecarlo import chance
@@ -170,7 +171,7 @@ def plan(r, p, experiment, system):
         ["seed", experiment.seed, "another stream of random numbers for each ensemble"],
         ["settling", "1 %", "the variance stays within this fraction of its limit from then on"],
     ], "Plan of the experiment.")
-    return (fine, length), steps, ratio
+    return {"fine": (fine, length), "steps": steps, "ratio": ratio}
 
 
 def part_c(r, p, answer, system, sampled):
@@ -378,23 +379,19 @@ def conclusions(r, p, answer):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(part_a, part_b),
+    plan=plan,
+    experiment=(part_c, limits, ensembles),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
     answer, system = by_hand.analytic(p), model(p)
     sampled = discretise(system, p.dt)
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, system)
-    part_b(r, p, answer, system, sampled)
-    r.heading("Plan of the experiment")
-    fine, steps, ratio = plan(r, p, experiment, system)
-    r.heading("Part II. Experiment")
-    part_c(r, p, answer, system, sampled)
-    limits(r, p, answer, system)
-    ensembles(r, p, experiment, sampled, fine, steps, ratio)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
+    return PARTS.report(META, p, experiment, answer=answer, system=system, sampled=sampled)
 
 
 if __name__ == "__main__":

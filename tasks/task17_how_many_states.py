@@ -20,6 +20,7 @@ from ctlabs.tasks.answers.task17 import SUM, TIMES
 from ctlabs.filtering import bucy, settling, steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel, observability
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
@@ -280,7 +281,7 @@ def plan(r, p, experiment):
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "another stream of random numbers for each ensemble"],
     ], "Plan of the experiment.")
-    return steps, fine
+    return {"steps": steps, "fine": fine}
 
 
 def experiment_b(r, p, answer, experiment, system, double, steps, fine):
@@ -327,22 +328,18 @@ def conclusions(r, p, answer):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(part_a, trap, figure_lost, part_b),
+    plan=plan,
+    experiment=(experiment_b,),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
     answer, system, double = by_hand.analytic(p), model(p), unreduced(p)
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, system)
-    trap(r, p, answer, system, double)
-    figure_lost(r, p, answer)
-    part_b(r, p, answer, system, double)
-    r.heading("Plan of the experiment")
-    steps, fine = plan(r, p, experiment)
-    r.heading("Part II. Experiment")
-    experiment_b(r, p, answer, experiment, system, double, steps, fine)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
+    return PARTS.report(META, p, experiment, answer=answer, system=system, double=double)
 
 
 if __name__ == "__main__":

@@ -21,6 +21,7 @@ from ctlabs.tasks.answers.task18 import LONG, RATES, SETS
 from ctlabs.filtering import update
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel, linearisation, observability
 from ctlabs.models.discretisation import discretise
 from ctlabs.models.nonlinear import NonlinearModel
@@ -306,7 +307,7 @@ def plan(r, p, experiment):
         ["bounds of an extended filter's deviations", [[-0.7, 3], [-2, 2], [-0.9, 2]], "δr, δṙ, dδΘ/dt in units of r0, r0 w, w: one led astray must not meet the centre, where nothing is finite; the truth has no bounds"],
         ["seed", experiment.seed, "the three sets and both kinds of filter get the same runs"],
     ], "Plan of the experiment.")
-    return trial, steps, parts
+    return {"trial": (trial, steps, parts)}
 
 
 def part_d(r, p, experiment, trial):
@@ -318,7 +319,7 @@ def part_d(r, p, experiment, trial):
     q, steps, parts = trial
     if parts > WORK:
         r.says("The sampling period is so long that the nonlinear motion cannot be followed within it in a sensible number of steps; the nonlinear part is left out.")
-        return None
+        return {"found": None}
     flow = linearisation.flow(equations()[0], {"G": p.r0**3 * by_hand.rate(p) ** 2}, p.dt, parts)
     start = 2 * np.sqrt(np.diag(q.P0))
     path, _transitions = flow.along(np.array([p.r0, 0, 0, by_hand.rate(p)]) + start, steps)
@@ -329,9 +330,9 @@ def part_d(r, p, experiment, trial):
            parts=parts, error=float(np.abs(path - nominal - exact)[:, 0].max()), least=float(covariances(designed(q, [0, 1]), steps).sd_plus[:, 0].min()))
     if not regular(q):
         r.says("P0 is singular: both filters take some combinations of the states for exactly known for ever. On the nonlinear truth these combinations curve, however little, and an error against a variance of zero has no size; so the filters are not compared there (a start with small variances instead of zeros allows it).")
-        return None
+        return {"found": None}
     small(r, q, experiment, steps, parts, flow, names)
-    return large(r, q, experiment, steps, flow, names)
+    return {"found": large(r, q, experiment, steps, flow, names)}
 
 
 def linear(r, p, experiment, names):
@@ -438,25 +439,22 @@ def conclusions(r, p, answer, schedules, found):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(part_a, part_b, part_c),
+    plan=plan,
+    experiment=(part_d,),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
     if by_hand.rate(p) * p.dt * LONG * p.steps > PHASES:
         msg = f"a phase w dt of {by_hand.rate(p) * p.dt:g} rad in a period, of which too few digits are left after {LONG * p.steps} periods"
         raise FloatingPointError(msg)
     answer = by_hand.analytic(p)
     schedules = {name: covariances(discretise(measured(p, rows), p.dt, R=noise(p, rows)), LONG * p.steps) for name, rows in SETS.items()}
-    r.heading("Part I. Analysis")
-    part_a(r, p)
-    part_b(r, p, answer)
-    part_c(r, p, answer, schedules)
-    r.heading("Plan of the experiment")
-    trial = plan(r, p, experiment)
-    r.heading("Part II. Experiment")
-    found = part_d(r, p, experiment, trial)
-    r.heading("Conclusions")
-    conclusions(r, p, answer, schedules, found)
-    return r
+    return PARTS.report(META, p, experiment, answer=answer, schedules=schedules)
 
 
 if __name__ == "__main__":

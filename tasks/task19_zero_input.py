@@ -18,6 +18,7 @@ from ctlabs.tasks.answers.task19 import TIMES, WITHIN
 from ctlabs.filtering import bucy, steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
@@ -134,7 +135,7 @@ def plan(r, p, experiment):
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "another stream of random numbers for the pictures of part (c)"],
     ], "Plan of the experiment.")
-    return steps
+    return {"steps": steps}
 
 
 def part_c(r, p, answer, system, sampled, steps):
@@ -208,22 +209,19 @@ def conclusions(r, p, answer):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(part_a, part_b),
+    plan=plan,
+    experiment=(part_c, ensemble),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
     answer, system = by_hand.analytic(p), model(p)
     sampled = discretise(system, p.dt)
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, system)
-    part_b(r, p, answer, sampled)
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment)
-    r.heading("Part II. Experiment")
-    part_c(r, p, answer, system, sampled, steps)
-    ensemble(r, p, experiment, sampled, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
+    return PARTS.report(META, p, experiment, answer=answer, system=system, sampled=sampled)
 
 
 if __name__ == "__main__":

@@ -22,6 +22,7 @@ from ctlabs.analysis import sensitivity
 from ctlabs.filtering import bucy, steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
@@ -225,7 +226,7 @@ def plan(r, p, experiment, answer):
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "another stream of random numbers for each R"],
     ], "Plan of the experiment.")
-    return steps
+    return {"steps": steps}
 
 
 def part_d(r, p, answer, experiment, systems, sampled, steps):
@@ -302,22 +303,19 @@ def conclusions(r, p, answer, steps):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(part_a, part_b, part_c),
+    plan=plan,
+    experiment=(part_d,),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
     answer, systems = by_hand.analytic(p), [model(p, R) for R in p.R_values]
     sampled = [discretise(system, p.dt) for system in systems]
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, systems)
-    part_b(r, p, answer, systems)
-    part_c(r, p, answer, sampled)
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment, answer)
-    r.heading("Part II. Experiment")
-    part_d(r, p, answer, experiment, systems, sampled, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, answer, steps)
-    return r
+    return PARTS.report(META, p, experiment, answer=answer, systems=systems, sampled=sampled)
 
 
 if __name__ == "__main__":

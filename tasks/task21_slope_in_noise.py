@@ -18,6 +18,7 @@ from ctlabs.tasks.answers.task21 import TIMES
 from ctlabs.filtering import settling_step, varying
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import LabParameters, Positive, Variance, given
@@ -168,7 +169,7 @@ def plan(r, p, experiment):
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "a is drawn anew in every run, with variance P0"],
     ], "Plan of the experiment.")
-    return steps
+    return {"steps": steps}
 
 
 def part_c(r, p, system, steps):
@@ -250,22 +251,18 @@ def conclusions(r, p, answer):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(part_a, stability, part_b),
+    plan=plan,
+    experiment=(part_c, ensemble),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
     answer, system = by_hand.analytic(p), continuous(p)
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, system)
-    stability(r, p, system)
-    part_b(r, p, answer)
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment)
-    r.heading("Part II. Experiment")
-    part_c(r, p, system, steps)
-    ensemble(r, p, experiment, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
+    return PARTS.report(META, p, experiment, answer=answer, system=system)
 
 
 if __name__ == "__main__":

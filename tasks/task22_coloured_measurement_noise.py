@@ -21,6 +21,7 @@ from ctlabs.analysis import sensitivity
 from ctlabs.filtering import bucy, reduced, settling, steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel, DiscreteModel, observability
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
@@ -222,7 +223,7 @@ def plan(r, p, experiment, answer, discrete):
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "another stream of random numbers for each set"],
     ], "Plan of the experiment.")
-    return steps
+    return {"steps": steps}
 
 
 def part_d(r, p, experiment, answer, small, discrete, steps):
@@ -366,22 +367,19 @@ def conclusions(r, p, answer):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(part_a, part_b, part_c),
+    plan=plan,
+    experiment=(part_d,),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
     answer, system = by_hand.analytic(p), model(p)
     small, discrete = reduced.continuous(system, keep=["x1"]), discretise(system, p.dt, R=[[0]])
-    r.heading("Part I. Analysis")
-    part_a(r, p, answer, system, small)
-    part_b(r, p, answer, discrete)
-    part_c(r, p, answer, discrete)
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment, answer, discrete)
-    r.heading("Part II. Experiment")
-    part_d(r, p, experiment, answer, small, discrete, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
+    return PARTS.report(META, p, experiment, answer=answer, system=system, small=small, discrete=discrete)
 
 
 if __name__ == "__main__":

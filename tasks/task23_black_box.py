@@ -21,6 +21,7 @@ from ctlabs.analysis import sensitivity
 from ctlabs.filtering import reduced, settling, steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel, DiscreteModel, shaping, spectra
 from ctlabs.models.discretisation import discretise
 from ctlabs.montecarlo import chance
@@ -112,7 +113,7 @@ def part_a(r, answer):
     r.says("**Competence.** Nothing in the test speaks against the engineer: the box is stable, causal and time-invariant. But it is not what one expects under the name: $H(\\infty) = {direct}$, so half of the fastest noise appears in the output. A Kalman filter for measurements with white noise is strictly proper, $H(s) = C(sI - F + KH)^{-1}K \\to 0$: with a direct term it would let infinite power through. The box may be a Kalman filter only if the measurement has no white noise at all. (Criterion of `verdict_a`, whether it can be one for measurements with white noise: $H(\\infty) = 0$.)", direct=direct)
     figure = plots.bode({"zero at −4": (num, den), "zero at +4": ([0.5, -2.0], [1, 2])}, np.geomspace(0.05, 200, 300))
     r.figure("candidates", figure, "The two stable candidates: equal magnitude, different phase. The test measures the magnitude only.")
-    return num, den
+    return {"box": (num, den)}
 
 
 def part_b(r, p, answer, system, small, box):
@@ -276,7 +277,7 @@ def plan(r, p, experiment, discrete):
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "another stream of random numbers for each experiment"],
     ], "Plan of the experiment.")
-    return steps
+    return {"steps": steps}
 
 
 def part_d(r, p, experiment, answer, system, small, discrete, box, steps):
@@ -393,22 +394,19 @@ def conclusions(r, p, answer):
     r.items(lines)
 
 
+PARTS = Skeleton(
+    analysis=(part_a, part_b, part_c),
+    plan=plan,
+    experiment=(part_d,),
+    conclusions=conclusions,
+)
+
+
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
     answer, system = by_hand.analytic(p), model(p)
     small, discrete = reduced.continuous(system, keep=["s"]), discretise(system, p.dt, R=[[0]])
-    r.heading("Part I. Analysis")
-    box = part_a(r, answer)
-    part_b(r, p, answer, system, small, box)
-    part_c(r, p, answer, discrete)
-    r.heading("Plan of the experiment")
-    steps = plan(r, p, experiment, discrete)
-    r.heading("Part II. Experiment")
-    part_d(r, p, experiment, answer, system, small, discrete, box, steps)
-    r.heading("Conclusions")
-    conclusions(r, p, answer)
-    return r
+    return PARTS.report(META, p, experiment, answer=answer, system=system, small=small, discrete=discrete)
 
 
 if __name__ == "__main__":

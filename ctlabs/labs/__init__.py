@@ -1,4 +1,4 @@
-"""The labs: the catalogue, the sheets, the standard experiment, the portrait of a filter."""
+"""The labs: the catalogue, the sheets, the frame of a report, the standard experiment, the portrait of a filter."""
 
 from ctlabs.labs.sheets import sheet
 
