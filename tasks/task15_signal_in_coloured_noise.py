@@ -19,6 +19,7 @@ from pydantic import model_validator
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import reduced, settling, steady
+from ctlabs.labs.comparison import same_as_whole, same_estimates
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
 from ctlabs.labs.skeleton import Skeleton
@@ -133,15 +134,7 @@ def part_b(r, p, answer, system, small):
     arrows = [Arrow("z", "z1"), Arrow("z1", "+"), Arrow("z1", "b"), Arrow("b", "d", "", "+"), Arrow("+", "K"), Arrow("K", "*"), Arrow("*", "o"), Arrow("o", "s"), Arrow("o", "o2"), Arrow("o2", "a"), Arrow("a", "*"),
               Arrow("o2", "f", turn="along"), Arrow("f", "d", "", "+"), Arrow("d", "+", "", "−")]
     r.figure("reduced", plots.block_diagram(nodes, arrows), "The reduced filter: a differencing of the measurement, and one state with innovation feedback.")
-    P, K = reduced.covariances(small, p.steps)
-    full = covariances(system, p.steps, first=0)
-    routes = ("reduced filter", "two-state filter")
-    r.check("P⁺ of the reduced filter", P, full.P_plus, routes, EXACT, scale=float(full.P_minus.max()))
-    r.check("gains of the reduced filter", K, full.K, routes, 1e-8)
-    star = small.basis.T @ full.P_plus @ small.basis.T.T
-    expected = np.zeros_like(star)
-    expected[:, 1, 1] = answer["signal_variance"]
-    r.check("P* = diag(0, p)", star, expected, ("two-state filter, transformed", "power of the fraction's matrix"), EXACT, scale=float(full.P_minus.max()))
+    full = same_as_whole(r, small, system, p.steps, answer["signal_variance"])
     r.says("**The steady filter.** With $K_s$ constant its transfer function has one pole and one zero; the zero cancels the colour of the noise:")
     r.math(r"\frac{\hat s(z)}{z(z)} = K_s\,\frac{1 - b\,z^{-1}}{1 - [a - (a-b)K_s]\,z^{-1}}")
     if answer["signal_variance_steady"] is None:
@@ -264,9 +257,7 @@ def experiment_c(r, p, experiment, answer, system, small, steps):
     r.section("c", "Three factors, one at a time: experiment")
     limit = None if answer["signal_variance_steady"] is None else steady.solve(system)
     portrait(r, experiment, system, steps, xlabel="t, s", first=0, limits=None if limit is None else (limit.P_minus[0, 0], limit.P_plus[0, 0]))
-    some = experiment.histories(system, steps=steps, first=0)
-    again = reduced.estimates(small, some.z)
-    r.check("estimates of 25 runs", again.x_plus, some.x_plus, ("reduced filter", "two-state filter"), EXACT, scale=float(np.abs(some.x_plus).max()))
+    same_estimates(r, experiment, small, system, steps)
     rows = []
     for i, (name, change) in enumerate(variants(p)[1:], start=1):
         truth = model(p, **change)

@@ -10,15 +10,15 @@ and P⁺ like dt, their mean like dt².
 """
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from ctlabs.tasks.answers import task16 as by_hand
 from ctlabs.tasks.answers.task16 import TIMES, WITHIN
 
 from ctlabs.filtering import bucy, settling, settling_step, steady
+from ctlabs.labs.comparison import fine
 from ctlabs.labs.experiment import Experiment, covariances
-from ctlabs.labs.portrait import largest
+from ctlabs.labs.portrait import largest, tested
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
@@ -155,23 +155,21 @@ def frequency(r, p, system, sampled, limit):
 
 
 def plan(r, p, experiment, system):
-    """Every number chosen; returns the fine model, measurements of the discrete filter, and fine steps per period."""
+    """Every number chosen."""
     scale = time_scale(p)
     steps = min(max(math.ceil(10 * scale / p.dt), 20), 400)
-    ratio = max(1, math.ceil(100 * p.dt / scale))
-    length = min(ratio * steps, 4000)
-    fine = discretise(system, p.dt / ratio)
+    close = fine(system, p.dt, steps, scale)
     r.says("The continuous filter cannot be run on a computer as it stands, since white noise has no values. It is replaced by the discrete filter with a period δ much shorter than its time constant, on measurements with the variance R/δ; the variance of this filter differs from P(t) by O(δ), and the table of part (c) says by how much. The same paths of x serve both filters in the pictures of single runs.")
     r.table("plan", ["quantity", "value", "why"], [
         ["period of the discrete filter dt, s", p.dt, "given"],
         ["its measurements", steps, "ten time constants, but 20 at least and 400 at most"],
-        ["period δ in place of continuous time, s", p.dt / ratio, "a hundredth of the time constant, or dt if that is shorter; a whole number of them in dt"],
-        ["steps of length δ", length, "the same horizon, 4000 steps at most"],
+        ["period δ in place of continuous time, s", close.model.dt, "a hundredth of the time constant, or dt if that is shorter; a whole number of them in dt"],
+        ["steps of length δ", close.steps, "the same horizon, 4000 steps at most"],
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "another stream of random numbers for each ensemble"],
         ["settling", "1 %", "the variance stays within this fraction of its limit from then on"],
     ], "Plan of the experiment.")
-    return {"fine": (fine, length), "steps": steps, "ratio": ratio}
+    return {"close": close, "steps": steps}
 
 
 def part_c(r, p, answer, system, sampled):
@@ -296,55 +294,53 @@ def limits(r, p, answer, system):
              "How the steady variances of the discrete filter approach that of the continuous one as the period is shortened.")
 
 
-def ensembles(r, p, experiment, sampled, fine, steps, ratio):
-    """Both filters on simulated data."""
-    (quick, length), runs = fine, {}
-    # One path of x for both: the sampled measurements are those of the fine grid at every ratio-th instant.
-    R = np.where(np.arange(length + 1) % ratio == 0, p.R / p.dt, np.inf)[:, None, None]
-    runs["continuous filter"] = experiment.histories(quick, steps=length, runs=1)
-    if ratio <= length:
-        runs["discrete filter"] = experiment.histories(replace(quick, R=R), steps=length, runs=1)
-    every = slice(None, None, ratio)
-    last = list(runs.values())[-1]
+def one_path(r, experiment, sampled, close):
+    """Both filters on one path of x."""
+    runs = close.one_path(experiment, sampled)
+    every = slice(None, None, close.ratio)
     tracks = {
         name: (e.t[cut], e.x_plus[cut, 0, 0], e.sd_plus[cut, 0])
-        for (name, e), cut in zip(runs.items(), (slice(None), every), strict=False)
+        for name, e, cut in zip(("continuous filter", "discrete filter"), runs.values(), (slice(None), every), strict=False)
     }
+    last = list(runs.values())[-1]
     figure = plots.estimates((last.t, last.truth[:, 0, 0]), tracks, xlabel=TIME, ylabel="x, m",
                              measurements=(last.t[every], last.z[every, 0, 0]) if len(runs) == 2 else None)
     r.figure("record", figure,
              "One path of x, the discrete measurements (the noise of the continuous ones is off the scale), and what each filter makes of it.")
+
+
+def ensembles(r, p, experiment, sampled, close, steps):
+    """Both filters on simulated data."""
+    one_path(r, experiment, sampled, close)
     some = experiment.histories(sampled, steps=steps, stream=2)
     r.figure("errors", plots.errors(some, xlabel=TIME, unit="m"),
              "The discrete filter: innovations, prediction and filtering errors of 25 runs inside the bands of the theory.")
-    rows = []
-    for stream, (name, key, system, count) in enumerate((
-        ("continuous (period δ)", "ensemble_continuous", quick, length),
-        ("discrete", "ensemble", sampled, steps),
-    ), start=3):
-        stats, theory = experiment.statistics(system, steps=count, stream=stream), covariances(system, count)
-        tests = [
-            ("mean error", chance.bias(stats, theory.P_plus)),
-            ("error variance", chance.variance(stats, theory.P_plus)),
-            ("NEES", chance.nees(stats)),
-            ("NIS", chance.nis(stats)),
-        ]
-        for what, test in tests:
-            r.chance(text("{what}, {name}", what=what, name=name), test)
-        continuous = [by_hand.variance(p.Q, p.R, p.P0, t) for t in theory.t]
-        apart = [abs(P / C - 1) for P, C in zip(theory.P_plus[:, 0, 0], continuous, strict=True) if C]
-        settled = settling_step(theory.P_plus[:, :, 0], steady.solve(system).P_plus[0], WITHIN)
-        rows.append((name, theory.t[-1], theory.sd_plus[-1, 0], stats.rms[-1, 0], stats.bias[-1, 0],
-                     100 * max(apart, default=0.0), None if settled is None else max(settled, 1) * system.dt,
-                     max(abs(test.value) for _what, test in tests)))
-        figure = plots.ensemble_against_theory(stats, theory.P_plus, xlabel=TIME, units=["m"])
-        r.figure(key, figure,
-                 "Ensemble against theory, {name} filter: RMS and mean of the filtering error with the bands of 95 % of ensembles; NEES and NIS averaged over the runs.",
-                 name=name)
+    rows = [
+        ensemble(r, p, experiment, "continuous (period δ)", "ensemble_continuous", close.model, close.steps, 3),
+        ensemble(r, p, experiment, "discrete", "ensemble", sampled, steps, 4),
+    ]
     r.table("ensemble", ["filter", "to t, s", "σ of theory, m", "RMS, m", "mean error, m", "P⁺ from P(t), % at most", "settled at, s", "largest deviation, σ"], rows,
             "The ensembles at the last instant. The deviation from P(t) is that of the variances of theory over the whole horizon; the last column is over all instants and tests.")
     r.says("With the period δ in place of continuous time the variance differs from P(t) by {percent} % at most: what the ensemble shows of it holds for the continuous filter to that accuracy.",
            percent=rows[0][5])
+
+
+def ensemble(r, p, experiment, name, key, system, steps, stream):
+    """One of the filters against theory; the row of it."""
+    stats, theory = experiment.statistics(system, steps=steps, stream=stream), covariances(system, steps)
+    worst = tested(r, name, {
+        "mean error": chance.bias(stats, theory.P_plus), "error variance": chance.variance(stats, theory.P_plus),
+        "NEES": chance.nees(stats), "NIS": chance.nis(stats),
+    })
+    continuous = [by_hand.variance(p.Q, p.R, p.P0, t) for t in theory.t]
+    apart = [abs(P / C - 1) for P, C in zip(theory.P_plus[:, 0, 0], continuous, strict=True) if C]
+    settled = settling_step(theory.P_plus[:, :, 0], steady.solve(system).P_plus[0], WITHIN)
+    figure = plots.ensemble_against_theory(stats, theory.P_plus, xlabel=TIME, units=["m"])
+    r.figure(key, figure,
+             "Ensemble against theory, {name} filter: RMS and mean of the filtering error with the bands of 95 % of ensembles; NEES and NIS averaged over the runs.",
+             name=name)
+    return (name, theory.t[-1], theory.sd_plus[-1, 0], stats.rms[-1, 0], stats.bias[-1, 0], 100 * max(apart, default=0.0),
+            None if settled is None else max(settled, 1) * system.dt, worst)
 
 
 def conclusions(r, p, answer):

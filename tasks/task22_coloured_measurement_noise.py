@@ -19,6 +19,7 @@ from pydantic import model_validator
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import bucy, reduced, settling, steady
+from ctlabs.labs.comparison import same_as_whole, same_estimates, taken_for_white
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
 from ctlabs.labs.skeleton import Skeleton
@@ -166,14 +167,7 @@ def part_c(r, p, answer, discrete):
     r.says("The first state is known after each update. The other is measured by the difference $z_i - bz_{i-1} = (1-b)x_1(t_{i-1}) + w_1 + w_2$, the discrete counterpart of $\\dot{z} + az$, and the reduced filter is")
     r.math(r"\hat x_1(t_i^+) = \hat x_1(t_{i-1}^+) + K_{1,i}\,[z_i - b\,z_{i-1} - (1-b)\,\hat x_1(t_{i-1}^+)], \qquad \hat x_1(t_0^+) = \frac{\sigma_1^2}{\sigma_1^2+\sigma_2^2}z_0, \qquad \frac{\hat x_1}{z} = K_1\frac{1 - b\,z^{-1}}{1 - [1 - (1-b)K_1]\,z^{-1}}")
     small = reduced.discrete(discrete, keep=["x1"], first=0)
-    P, K = reduced.covariances(small, p.steps)
-    full = covariances(discrete, p.steps, first=0)
-    routes = ("reduced filter", "two-state filter")
-    r.check("P⁺ of the reduced filter", P, full.P_plus, routes, EXACT, scale=float(full.P_minus.max()))
-    r.check("gains of the reduced filter", K, full.K, routes)
-    star, expected = small.basis.T @ full.P_plus @ small.basis.T.T, np.zeros((p.steps + 1, 2, 2))
-    expected[:, 1, 1] = answer["posterior_variance"]
-    r.check("P* = diag(0, p)", star, expected, ("two-state filter, transformed", "power of the fraction's matrix"), EXACT, scale=float(full.P_minus.max()))
+    full = same_as_whole(r, small, discrete, p.steps, answer["posterior_variance"])
     if answer["posterior_variance_steady"] is None:
         g = full.K[-1, 0, 0]
         pole = small.model.Phi[0, 0] - g * small.model.H[0, 0]
@@ -235,9 +229,7 @@ def part_d(r, p, experiment, answer, small, discrete, steps):
         order(r, p)
     limited = steady.solve(discrete) if answer["posterior_variance_steady"] is not None else None
     portrait(r, experiment, discrete, steps, xlabel=TIME, first=0, limits=None if limited is None else (limited.P_minus[0, 0], limited.P_plus[0, 0]))
-    some = experiment.histories(discrete, steps=steps, first=0)
-    again = reduced.estimates(reduced.discrete(discrete, keep=["x1"], first=0), some.z)
-    r.check("estimates of 25 runs", again.x_plus, some.x_plus, ("reduced filter", "two-state filter"), EXACT, scale=float(np.abs(some.x_plus).max()))
+    same_estimates(r, experiment, reduced.discrete(discrete, keep=["x1"], first=0), discrete, steps)
     rows = []
     for i, (name, change) in enumerate(list(sets(p).items())[1:], start=1):
         truth = discretise(model(p, **change), p.dt, R=[[0]])
@@ -326,21 +318,15 @@ def white(r, p, experiment, answer, discrete, steps):
     """The filter that takes x2 for white noise."""
     if not (p.a and p.Q1 and p.Q2):
         return
-    noise, C = p.Q2 / (2 * p.a), [[1.0, 0.0]]
+    noise, best = p.Q2 / (2 * p.a), answer["posterior_variance_steady"]
     design = DiscreteModel([[1]], [[p.Q1 * p.dt]], [[1]], [[noise]], x0=[0], P0=[[p.sigma1_2]], dt=p.dt, states=["x1"], units=["m"])
-    claimed, found = steady.solve(design), sensitivity.steady(discrete, design, compare=C)
-    K = float(claimed.K[0, 0])
-    r.check("true variance of the filter for white noise", found.P_plus[0, 0], by_hand.white_variance(p.a, p.dt, p.Q1, p.Q2, K), ("sensitivity analysis", "by hand"))
-    best = answer["posterior_variance_steady"]
-    r.holds("the filter for white noise is not better", found.P_plus[0, 0] - best, ("sensitivity analysis", "root of the quadratic"), size=best)
+    found = taken_for_white(r, experiment, discrete, design, steps, best=best, size=best,
+                            by_hand=lambda K: by_hand.white_variance(p.a, p.dt, p.Q1, p.Q2, K))
     r.says("**A filter that takes $x_2$ for white noise** of the same variance $Q_2/2a$ has one state and the gain {K}. It claims {claimed} m² and has {true} m², where the optimal filter has {best} m²: neighbouring samples carry nearly the same noise, and averaging them does not remove it.",
-           K=K, claimed=float(claimed.P_plus[0, 0]), true=float(found.P_plus[0, 0]), best=best)
-    stats = experiment.statistics(discrete, design, steps=steps, compare=C, first=0)
-    actual = sensitivity.actual(discrete, design, steps, compare=C, first=0)
-    agreement(r, "filter for white noise", stats, actual.P_plus, consistent=False)
+           K=found.gain, claimed=found.claimed, true=found.true, best=best)
     own = covariances(discrete, steps, first=0)
-    figure = plots.lines(own.t, {"optimal": own.P_plus[:, 0, 0], "white noise assumed: claimed": actual.claimed.P_plus[:, 0, 0], "white noise assumed: true": actual.P_plus[:, 0, 0]},
-                         xlabel=TIME, ylabel="variance of x1, m²", points={"ensemble": (stats.t, stats.rms[:, 0] ** 2)})
+    figure = plots.lines(own.t, {"optimal": own.P_plus[:, 0, 0], "white noise assumed: claimed": found.actual.claimed.P_plus[:, 0, 0], "white noise assumed: true": found.actual.P_plus[:, 0, 0]},
+                         xlabel=TIME, ylabel="variance of x1, m²", points={"ensemble": (found.statistics.t, found.statistics.rms[:, 0] ** 2)})
     r.figure("white", figure, "What the filter for white noise claims and what it has.")
 
 

@@ -17,10 +17,10 @@ import numpy as np
 from ctlabs.tasks.answers import task23 as by_hand
 from pydantic import model_validator
 
-from ctlabs.analysis import sensitivity
 from ctlabs.filtering import reduced, settling, steady
+from ctlabs.labs.comparison import same_as_whole, same_estimates, taken_for_white
 from ctlabs.labs.experiment import Experiment, covariances
-from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.portrait import largest, portrait
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel, DiscreteModel, shaping, spectra
 from ctlabs.models.discretisation import discretise
@@ -233,15 +233,9 @@ def part_c(r, p, answer, discrete):
     r.says("Both processes are stationary from the beginning, and $z(t_0)$ is processed. After an update $\\hat{s} + \\hat{n} = z$, so $P^+ = p_i[[1, -1], [-1, 1]]$; in the basis $(z, s)$ it is diag(0, p), and the filter shrinks to one state:")
     r.math(r"\hat s_i = \alpha\hat s_{i-1} + K_i\,[z_i - \beta z_{i-1} - (\alpha-\beta)\,\hat s_{i-1}], \qquad \hat n_i = z_i - \hat s_i, \qquad \hat s_0 = \frac{\sigma_s^2}{\sigma_s^2+\sigma_n^2}z_0")
     r.math(r"K_i = \frac{\alpha(\alpha-\beta)\,p_{i-1} + q_1}{(\alpha-\beta)^2p_{i-1} + q_1 + q_2}, \qquad p_i = \frac{(\alpha^2q_2 + \beta^2q_1)\,p_{i-1} + q_1q_2}{(\alpha-\beta)^2p_{i-1} + q_1 + q_2}, \qquad p_0 = \frac{\sigma_s^2\sigma_n^2}{\sigma_s^2+\sigma_n^2}")
-    plan_, small = covariances(discrete, p.steps, first=0), reduced.discrete(discrete, keep=["s"], first=0)
-    r.value("posterior_variance", plan_.P_plus[:, 0, 0], "V²", at=plan_.t, agrees=answer, routes=("recursion of matrices", "power of the fraction's matrix"))
-    P, K = reduced.covariances(small, p.steps)
-    routes, scale = ("reduced filter", "two-state filter"), float(plan_.P_minus.max())
-    r.check("P⁺ of the reduced filter", P, plan_.P_plus, routes, EXACT, scale=scale)
-    r.check("gains of the reduced filter", K, plan_.K, routes)
-    star, expected = small.basis.T @ plan_.P_plus @ small.basis.T.T, np.zeros_like(plan_.P_plus)
-    expected[:, 1, 1] = answer["posterior_variance"]
-    r.check("P* = diag(0, p)", star, expected, ("two-state filter, transformed", "power of the fraction's matrix"), EXACT, scale=scale)
+    shown, small = covariances(discrete, p.steps, first=0), reduced.discrete(discrete, keep=["s"], first=0)
+    r.value("posterior_variance", shown.P_plus[:, 0, 0], "V²", at=shown.t, agrees=answer, routes=("recursion of matrices", "power of the fraction's matrix"))
+    same_as_whole(r, small, discrete, p.steps, answer["posterior_variance"])
     r.says("**Steady state**: $p_\\infty$ is the positive root of $(\\alpha-\\beta)^2p^2 + [q_1(1-\\beta^2) + q_2(1-\\alpha^2)]p - q_1q_2 = 0$; the pole is $\\alpha - (\\alpha-\\beta)K$.")
     limit, routes = steady.solve(discrete), ("Riccati equation", "root of the quadratic")
     r.value("posterior_variance_steady", limit.P_plus[0, 0], "V²", agrees=answer, routes=routes)
@@ -305,9 +299,7 @@ def part_d(r, p, experiment, answer, system, small, discrete, box, steps):
            above=100 * (answer["posterior_variance_steady"] / optimal - 1) if optimal else 0.0, yes="it agrees" if agrees else "it does not, since the period is too long")
     limit = steady.solve(discrete)
     portrait(r, experiment, discrete, steps, xlabel=TIME, first=0, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]))
-    some = experiment.histories(discrete, steps=steps, first=0)
-    again = reduced.estimates(reduced.discrete(discrete, keep=["s"], first=0), some.z)
-    r.check("estimates of 25 runs", again.x_plus, some.x_plus, ("reduced filter", "two-state filter"), EXACT, scale=float(np.abs(some.x_plus).max()))
+    same_estimates(r, experiment, reduced.discrete(discrete, keep=["s"], first=0), discrete, steps)
     boxes(r, p, experiment, answer, system, box, steps)
     white(r, p, experiment, answer, discrete, steps)
 
@@ -357,18 +349,15 @@ def boxes(r, p, experiment, answer, system, box, steps):
 
 def white(r, p, experiment, answer, discrete, steps):
     """The filter that takes the noise for white."""
-    noise, C = p.noise_power / (2 * p.noise_pole), [[1.0, 0.0]]
+    noise, best = p.noise_power / (2 * p.noise_pole), answer["posterior_variance_steady"]
     if not (p.signal_power and noise):
         return
     a, _b, _apart, q1, _q2 = by_hand.sampled(p)
     design = DiscreteModel([[a]], [[q1]], [[1]], [[noise]], x0=[0], P0=discrete.P0[:1, :1], dt=p.dt, states=["s"], units=["V"])
-    claimed, found = steady.solve(design), sensitivity.steady(discrete, design, compare=C)
-    r.check("true variance of the filter for white noise", found.P_plus[0, 0], by_hand.white_variance(p, float(claimed.K[0, 0])), ("sensitivity analysis", "by hand"))
-    r.holds("the filter for white noise is not better", found.P_plus[0, 0] - answer["posterior_variance_steady"], ("sensitivity analysis", "root of the quadratic"), size=noise)
+    found = taken_for_white(r, experiment, discrete, design, steps, best=best, size=noise,
+                            by_hand=lambda K: by_hand.white_variance(p, K))
     r.says("**A filter that takes the noise for white** of the same variance claims {claimed} V² and has {true} V², the optimum {best} V²: the samples are too close for their noises to be independent.",
-           claimed=float(claimed.P_plus[0, 0]), true=float(found.P_plus[0, 0]), best=answer["posterior_variance_steady"])
-    stats = experiment.statistics(discrete, design, steps=steps, compare=C, first=0)
-    agreement(r, "filter for white noise", stats, sensitivity.actual(discrete, design, steps, compare=C, first=0).P_plus, consistent=False)
+           claimed=found.claimed, true=found.true, best=best)
 
 
 def conclusions(r, p, answer):

@@ -6,7 +6,7 @@ band, the variances before and after each update, the gain, and the errors; so i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ctlabs.labs.experiment import Experiment
     from ctlabs.models import DiscreteModel
     from ctlabs.montecarlo import Statistics
-    from ctlabs.reporting.report import Report
+    from ctlabs.reporting.report import Chance, Report
 
 
 #: Measurements shown in the sawtooth of variances: the transient and a few steady teeth.
@@ -46,19 +46,24 @@ def agreement(
     ``P`` (steps+1, n, n) and ``bias`` (steps+1, n; zero by default) are the theory's; a filter that is not
     ``consistent`` (its own P is not the truth) is tested in bias and variance only.
     """
-    tests = [
-        ("mean error", chance.bias(stats, P, bias)),
-        ("error variance", chance.variance(stats, P, bias)),
-    ]
+    tests: dict[str, Chance] = {
+        "mean error": chance.bias(stats, P, bias),
+        "error variance": chance.variance(stats, P, bias),
+    }
     if consistent:
-        tests += [
-            ("NEES", chance.nees(stats)),
-            ("NIS", chance.nis(stats)),
-            ("NIS of all instants together", chance.pooled_nis(stats)),
-        ]
-    for what, test in tests:
+        tests |= {
+            "NEES": chance.nees(stats),
+            "NIS": chance.nis(stats),
+            "NIS of all instants together": chance.pooled_nis(stats),
+        }
+    return tested(report, name, tests)
+
+
+def tested(report: Report, name: str, tests: Mapping[str, Chance]) -> float:
+    """Put exact tests of the ensemble ``name`` into the report, by what they test; returns the largest deviation, in sigmas."""
+    for what, test in tests.items():
         report.chance(text("{what}, {name}", what=what, name=name) if name else what, test)
-    return max(abs(test.value) for _what, test in tests)
+    return max(abs(test.value) for test in tests.values())
 
 
 def portrait(
@@ -141,19 +146,13 @@ def together(
     if model.horizon is not None:
         return 0.0
     stats = experiment.statistics(model, steps=TOGETHER, stream=stream + APART, first=first)
-    tests = [("NIS of {steps} instants together", chance.pooled_nis(stats))]
+    tests: dict[str, Chance] = {text("NIS of {steps} instants together", steps=TOGETHER): chance.pooled_nis(stats)}
     if model.N is None:
         plan = covariances(model, TOGETHER, first)
-        tests.append(
-            (
-                "error variances of {steps} instants together",
-                chance.pooled_variance(stats, plan.P_plus, chance.error_correlation(model, plan)),
-            )
-        )
-    for what, test in tests:
-        all_of_them = text(what, steps=TOGETHER)
-        report.chance(text("{what}, {name}", what=all_of_them, name=name) if name else all_of_them, test)
-    return max(abs(test.value) for _what, test in tests)
+        correlation = chance.error_correlation(model, plan)
+        what = text("error variances of {steps} instants together", steps=TOGETHER)
+        tests[what] = chance.pooled_variance(stats, plan.P_plus, correlation)
+    return tested(report, name, tests)
 
 
 def largest(report: Report) -> str:
