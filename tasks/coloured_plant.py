@@ -227,6 +227,11 @@ def part_white(r, p, answer):
     if not (p.b and p.D):
         r.says("Nothing drives the plant here, and the three coincide.")
         return
+    white_by_correlation_time(r, p)
+
+
+def white_by_correlation_time(r, p):
+    """Over the correlation time of the noise, at a constant density S(0)."""
     factors, rows = np.geomspace(0.1, 30, 40), []
     for factor in (0.25, 1.0, 4.0, 16.0):
         q = p.model_copy(update={"alpha": factor * p.alpha, "D": factor * p.D})

@@ -460,6 +460,11 @@ def part_table(r, p, answer, cases, worlds, samples, variants):
                 ]
             )
             fields_rows.append((key[0], printed[0], m_z, more[0], printed[1], sigma_z, more[1], more[2], more[3]))
+    table_says(r, p, worlds, samples, variants, rows, fields_rows, error_rows, lost)
+
+
+def table_says(r, p, worlds, samples, variants, rows, fields_rows, error_rows, lost):
+    """The tables, and the tests of the ensembles behind them."""
     r.value("table", rows, "u, u, u, u, 1",
             reason="the unstable field is too large for ẑ − z to be resolved in double precision" if lost else "")
     r.table("fields", ["α = β", "m̂_z printed, u", "ours, u", "percentile", "σ̂_z printed, u", "ours, u ", "percentile ", "mean of seeds, u", "their spread, u"], fields_rows,
@@ -536,11 +541,8 @@ def part_verdict(r, p, cases, worlds, samples, variants):
     r.holds("σ_bound/σ_n falls with σ_n", -np.diff(suppression, axis=1),
             ("covariance recursion", "P(Q, R)/R depends on Q/R and grows with it"), size=1.0)
     ratio = np.array([ratio_of(*pair) for pair in zip(noise, true, strict=True)]).reshape(2, 5)
-    suppresses, grows, falls = (
-        bool((ratio > 1).all()),
-        bool((ratio[:, 1:] > ratio[:, :-1]).all()),
-        bool((ratio[1] < ratio[0]).all()),
-    )
+    suppresses, falls = bool((ratio > 1).all()), bool((ratio[1] < ratio[0]).all())
+    grows = bool((ratio[:, 1:] > ratio[:, :-1]).all())
     r.value("verdict_claim", suppresses and grows and falls)
     groups = {}
     for row, alpha in enumerate(PRINTED_FIELD):
@@ -560,6 +562,11 @@ def part_verdict(r, p, cases, worlds, samples, variants):
         r.says("The printed numbers are not judged here: they hold for {paper}.",
                paper=", ".join(f"{name} = {value:g}" for name, value in PAPER.items()))
         return
+    judged(r, worlds, samples, variants, true, bound, printed, lower, whole)
+
+
+def judged(r, worlds, samples, variants, true, bound, printed, lower, whole):
+    """The printed numbers against theory and the seeds."""
     below = 100 * (1 - printed / lower)
     percent = (
         [
@@ -625,6 +632,11 @@ def part_scale(r, p, experiment, field):
     else:
         r.says("For {steps} steps and a tolerance of {tolerance} a window would be as long as this field of 241 nodes, so the local filter is the exact one here.",
                steps=steps, tolerance=tolerance)
+    costs_and_pictures(r, local)
+
+
+def costs_and_pictures(r, local):
+    """What the local gain costs, and what it looks like."""
     w = local.half_width
     r.value("verdict_scale", bool(local.truncation))
     sizes = [30, 100, 300, 1000, 10_000, 100_000]

@@ -170,6 +170,11 @@ def part_batch(r, p, y, poly, moved):
     r.check("risk of λ₀ + λ₁t under the drift, last factor Φ_λ", float(bayes.batch(SlowError(*part[:2], POLY_NOISE, *part[3:5]), part[-1]).signal(phi)[1][0]), right, ("orthogonal transformations", "(15) corrected"))
     r.says("For the size of it: for a signal $\\lambda_0 + \\lambda_1t$ under the drift of (ii) (two parameters each) the risk at the last sample is {right} by the corrected form; with the printed factor (15) would give {wrong}.", right=right, wrong=wrong)
     r.says("**Computation.** The inverses are not formed. With $(\\lambda, \\mu) = m + F\\xi$ and whitened samples the estimate is a least-squares problem, solved by orthogonal transformations; for white noise its cost is linear in the number of samples and no matrix of their size is formed.")
+    three_examples(r, p, y, poly, moved)
+
+
+def three_examples(r, p, y, poly, moved):
+    """Estimates and risks of the three examples against the joint distribution."""
     rows, k = [], min(p.k, DENSE)
     part = constants(p, count=k)
     cases = [
@@ -240,6 +245,11 @@ def part_recursive(r, p, answer, y, poly, moved, experiment):
     routes = ("recursion without measurements", "batch")
     r.check("extrapolated position, (iii)", beyond.x_plus[-1, 0], s_hat, routes, scale=float(np.abs(s_hat).max()) or 1.0)
     r.check("risk of the extrapolated position, (iii)", beyond.P_plus[-1, 0, 0], risk[0], routes)
+    closed_forms(r, p, answer, y, experiment, system, short, small, whole, scale)
+
+
+def closed_forms(r, p, answer, y, experiment, system, short, small, whole, scale):
+    """Variances, gains and the floor of the example of constants."""
     routes, D = ("square-root recursion", "closed form"), ("P11[k]", "P22[k]", "P12[k]")
     r.says("**Closed forms.** Only the sum of the samples matters; with $D = \\sigma_w^2 + k(\\sigma_\\lambda^2 + \\sigma_\\mu^2)$,")
     r.math(r"P_{11} = \frac{\sigma_\lambda^2(\sigma_w^2 + k\sigma_\mu^2)}{D}, \quad P_{22} = \frac{\sigma_\mu^2(\sigma_w^2 + k\sigma_\lambda^2)}{D}, \quad P_{12} = -\frac{k\sigma_\lambda^2\sigma_\mu^2}{D}, \quad K^* = \frac{\sigma_\lambda^2}{D}, \quad \Delta^* = \frac{\sigma_\mu^2}{D}")

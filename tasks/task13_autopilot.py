@@ -122,6 +122,11 @@ def coefficients(r, p, answer, two, three):
     r.says("(The value `verdict_a` says whether the algebraic equation of the three states has a stabilising solution; the criterion is that every pole of the filter with the limit gains has a negative real part.)")
     r.check("eigenvalues at 0 of the Hamiltonian matrix", 2 * len(undriven), by_hand.zero_roots(),
             ("undriven modes that do not decay, twice", "characteristic polynomial by sympy"), EXACT)
+    two_state_limit(r, p, answer, two, limit)
+
+
+def two_state_limit(r, p, answer, two, limit):
+    """The limit that the two driven states have, and its filter."""
     r.says("**The limit** is that of the two states which the noise drives, with a command that is known. Its Riccati equation has a stabilising solution; by hand it comes from spectral factorisation, where $d(s) = s^2 + d_1s + d_0$ is the polynomial of the filter:")
     r.math(r"d(s)d(-s) = a(s)a(-s) + \frac{N_c}{N_m}b(s)b(-s) \;\Rightarrow\; d_0 = \sqrt{a_0^2 + \frac{N_c}{N_m}b_0^2}, \quad d_1 = \sqrt{a_1^2 - 2a_0 + \frac{N_c}{N_m}b_1^2 + 2d_0}")
     r.math(r"K_1 = d_1 - a_1, \qquad K_2 = d_0 - a_0, \qquad P_{11} = N_mK_1")
@@ -188,6 +193,11 @@ def transient(r, p, answer, three):
     else:
         r.value("command_time_origin", None, "s", reason="the command is known from the start")
         r.says("**The command** is known from the start (its variance is 0), so $P_{33} = 0$ and $K_3 = 0$ all the time, and only two states are estimated.")
+    transient_table(r, p, answer, three, found, P, origin)
+
+
+def transient_table(r, p, answer, three, found, P, origin):
+    """Variances and gains in time."""
     asymptote = [(p.N_c + p.N_m) / (t - origin) if origin is not None and t > origin else None for t in found.t]
     above = [100 * (C[0, 0] / answer["altitude_variance_steady_continuous"] - 1) if p.N_c else None for C in P]
     rows = [
@@ -269,6 +279,11 @@ def part_b(r, p, answer, pair, sampled):
     r.says("The gains come from this recursion, run beforehand from $P_0$. For the same reason as in (a) the three-state equation has no stabilising solution, and the limits are those of the two driven states.")
     if c is not None:
         r.math(r"c = {c}", c=c)
+    sampled_limit(r, p, answer, pair, sampled)
+
+
+def sampled_limit(r, p, answer, pair, sampled):
+    """The limit of the sampled filter, and its way there."""
     limit, routes = steady.solve(pair), ("Riccati equation", "spectral factorisation")
     r.value("altitude_variance_prior_steady", limit.P_minus[0, 0], "m²", agrees=answer, routes=routes)
     r.value("altitude_variance_posterior_steady", limit.P_plus[0, 0], "m²", agrees=answer, routes=routes)
@@ -376,6 +391,11 @@ def part_c(r, p, answer, three, sampled):
                          names=["|$K_1$|", "|$K_2$|", "|$K_3$|"] if log == "xy" else ["$K_1$", "$K_2$", "$K_3$"],
                          units=["1/s", "1/s²", "1/s"], xlabel=TIME, log=log)
     r.figure("gains", figure, "Gains of the continuous filter, and those of the sampled filter divided by its period.")
+    compared(r, p, three, plan_b)
+
+
+def compared(r, p, three, plan_b):
+    """Both filters at some instants."""
     rows = [
         (
             k,

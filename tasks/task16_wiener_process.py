@@ -77,6 +77,11 @@ def part_a(r, p, answer, system):
     else:
         r.says("Without process noise $\\dot{P} = -P^2/R$, hence $1/P(t) = 1/P_0 + t/R$: the variance and the gain tend to zero, and in the limit the filter takes no notice of the measurements.")
     routes = ("Riccati equation", "closed form")
+    steady_and_transient(r, p, answer, system, routes)
+
+
+def steady_and_transient(r, p, answer, system, routes):
+    """The steady state, the verdict, and P(t)."""
     limit = bucy.steady(system)
     r.value("variance_steady_continuous", limit.P[0, 0], "m²", agrees=answer, routes=routes)
     r.value("gain_steady_continuous", limit.K[0, 0], "1/s", agrees=answer, routes=routes)
@@ -271,6 +276,11 @@ def limits(r, p, answer, system):
         float(abs(plots.response((*steady.transfer_function(s), dt), omega)[0] - continuous))
         for s, dt in zip(systems, periods, strict=True)
     ]
+    orders(r, p, answer, system, scale, periods, target, errors)
+
+
+def orders(r, p, answer, system, scale, periods, target, errors):
+    """How fast the discrete filter approaches the continuous one."""
     second = {"mean of P⁻ and P⁺", "pole ln(1−K)/dt"}
     for name, values in errors.items():
         r.order(text("order of {name}", name=name), np.abs(values), 2.0 if name in second else 1.0,

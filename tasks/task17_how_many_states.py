@@ -182,6 +182,11 @@ def trap(r, p, answer, system, double):
     r.table("two_states", [TIME, "P11, m²", "P22, m²", "P12, m²", "P11+2P12+P22, m²", "P of one state, m²"],
             [(t, P[0, 0], P[1, 1], P[0, 1], P.sum(), Ps) for t, P, Ps in zip(times, found.P, one, strict=True)],
             "The two-state filter: what it says of x1 and x2, and of their sum.")
+    trap_pictures(r, p, answer, double, tau, rate, times, found, closed, total)
+
+
+def trap_pictures(r, p, answer, double, tau, rate, times, found, closed, total):
+    """The variances of the two-state filter in time."""
     t = np.linspace(0.0, 12 * tau, 241)
     rows = bucy.transient(double, t).P
     curves = {"P11": rows[:, 0, 0], "P22": rows[:, 1, 1], "P11+2P12+P22 = P(t)": rows.sum(axis=(1, 2))}

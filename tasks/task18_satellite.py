@@ -214,6 +214,11 @@ def part_c(r, p, answer, schedules):
     r.table("ranks", ["measured", "continuous", "every half period", "every period", text("every {dt} s", dt=p.dt)],
             [(names[name], seen[name].rank, *(loss.rank for loss in losses)) for name, losses in sampled.items()],
             "Ranks of observability (4 is all). The eigenvalues ±iw meet at half a period, all four at a full one: samples so far apart show the satellite at the same phases only.")
+    long_run(r, p, answer, schedules, w, names, sampled)
+
+
+def long_run(r, p, answer, schedules, w, names, sampled):
+    """Variances without process noise."""
     r.says("**Without process noise** the information only grows: with $\\Phi_k = \\Phi(t_k)$ and $P_0 = LL^T$")
     r.math(r"P(t_N^+) = \Phi_NL\left[I + L^T\sum_{k=1}^N(H\Phi_k)^TR^{-1}H\Phi_k\,L\right]^{-1}L^T\Phi_N^T")
     r.says("The noises of the samples have the variances {one} rad² and {two} m²; the sheet's strengths, for which samples every {dt} s are equivalent, are $R_1 = \\sigma_\\Theta^2dt$ = {R1} rad²·s and $R_2 = \\sigma_r^2dt$ = {R2} m²·s.", one=p.sigma_theta**2, two=p.sigma_r**2, dt=p.dt, R1=p.sigma_theta**2 * p.dt, R2=p.sigma_r**2 * p.dt)

@@ -135,6 +135,11 @@ def part_b(r, p, answer, systems):
         r.check(text("the filter reproduces exp(t), {name}", name=label(R)), np.polyval(num, 1.0) / np.polyval(den, 1.0), 1.0, ("transfer function at s = 1", "unbiased estimate"))
         rows.append((R, low, high, rate, limit.poles[0].real))
         ys[label(R)], Vs[label(R)] = np.abs(y), V / V[0]
+    stability_says(r, p, systems, t0, t, rows, ys, Vs)
+
+
+def stability_says(r, p, systems, t0, t, rows, ys, Vs):
+    """The constants of the proof, and its figures."""
     r.value("verdict_b", bool(all(row[3] > 0 and row[4] < 0 for row in rows)))
     r.table("stability", ["R, m²·s", "P min, m²", "P max, m²", "γ, 1/s", "pole of the filter, 1/s"], rows, text("The constants of the proof, from t0 = {t0} s on. The plant's own pole is +1 1/s.", t0=t0))
     curves = {f"|y|, {name}": ys[name] for name in list(ys)[:SHOWN]} | {f"V, {name}": Vs[name] for name in list(ys)[:SHOWN]}

@@ -109,6 +109,11 @@ def stability(r, p, system):
     r.check("ψ(t, 0)", integrated, [by_hand.variance(p.R, p.P0, t) / p.P0 for t in grid], ("transition, integrated", "P(t)/P0"))
     far = np.array([400.0, 800.0]) * T
     r.order("power of t with which ψ(t, 0) decays", varying.transition(system, far)[:, 0, 0], 3.0, ("transition, integrated", "closed form"))
+    halving_and_bound(r, p, system, T)
+
+
+def halving_and_bound(r, p, system, T):
+    """How long an error lasts, and the bound from z to the estimate."""
     rows = []
     for s in (0.0, T, 10 * T, 100 * T):
         half = by_hand.halving(p.R, p.P0, s)

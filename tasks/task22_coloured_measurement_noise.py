@@ -101,6 +101,11 @@ def part_a(r, p, answer, system, small):
     r.says("and with the constant gain the transfer function from z is $c_1 + ac_1(1-c_1)/(s + ac_1)$, that is")
     r.math(r"\frac{\hat x_1(s)}{z(s)} = \frac{c_1(s+a)}{s + ac_1}, \qquad c_1 = \sqrt{\frac{Q_1}{Q_1+Q_2}}")
     r.says("a time-invariant filter. ∎ Its zero at −a cancels the colour of the noise; slow changes of z pass with gain 1, fast ones with gain $c_1$.")
+    filter_a(r, p, answer, small)
+
+
+def filter_a(r, p, answer, small):
+    """The limit and the transfer function of the continuous filter."""
     routes, settles = ("Riccati equation", "closed form"), answer["variance_steady_continuous"] is not None
     begin = reduced.transient(small, [0.0])
     r.value("variance_after_first_measurement", begin[0, 0, 0], "m²", agrees=answer, routes=("perfect update", "by hand"), kind=EXACT)
