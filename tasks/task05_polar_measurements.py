@@ -15,12 +15,14 @@ from dataclasses import replace
 
 import numpy as np
 import sympy
+from ctlabs.tasks._task05_pseudo import SIMULATED, STATES, STEP, UNITS, part_a, part_b, part_c, part_d, part_e
+from ctlabs.tasks._task05_sensor import converted, cost, judge, polar, pseudo, small, trajectories
 from ctlabs.tasks.answers import kinematics as one_coordinate
 from ctlabs.tasks.answers import task05 as by_hand
 from ctlabs.tasks.answers.task05 import LISTED
 
 from ctlabs.analysis import sensitivity
-from ctlabs.filtering import kalman_filter, settling, steady, updates
+from ctlabs.filtering import settling, steady, updates
 from ctlabs.filtering.extended import Extended
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
@@ -28,11 +30,10 @@ from ctlabs.labs.skeleton import Skeleton
 from ctlabs.linalg.factors import factor, unit_triangular
 from ctlabs.models import ContinuousModel, kinematics, symbolic
 from ctlabs.models.discretisation import discretise
-from ctlabs.models.nonlinear import NonlinearModel
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import LabParameters, Positive, Real, given
 from ctlabs.reporting.report import EXACT, Report
-from ctlabs.text import number, text
+from ctlabs.text import text
 
 META = {
     "name": "task05",
@@ -42,20 +43,12 @@ META = {
 }
 
 SIGMA, TAU = sympy.symbols("sigma_w tau", positive=True)
-STATES, UNITS = ("x", "v_x", "y", "v_y"), ("m", "m/s", "m", "m/s")
-STEP = "measurement number i"
 #: Other units of length (m) and time (s), for the check of the units.
 METRE, SECOND = 3.7, 0.23
-#: Measurements simulated at a changing geometry, fewer where the point would wander far.
-SIMULATED = 20
 #: Factors of the experiment and their levels.
 LEVELS = {"sigma_w2": (0.1, 10.0), "sigma_D": (1 / 3, 3.0), "sigma_theta": (1 / 3, 3.0), "tau": (0.5, 2.0)}
-#: A correlation coefficient of e_x and e_y below this is rounding of θ.
-ROUNDING = 1e-12
 #: A ratio of variances from which variant 2 is called worth while.
 WORTH = 1.02
-#: Standard errors from which a difference of mean squares on the same data is called clear in the words of the report.
-CLEAR = 4.0
 
 
 class Parameters(LabParameters):
@@ -80,24 +73,10 @@ def start(p):
     return p.D * math.cos(p.theta), p.D * math.sin(p.theta)
 
 
-def pseudo(p, x, y):
-    """R11, R22, R12, l21, d2 at the position (x, y), which may be arrays: J diag(σ_D², σ_θ²) Jᵀ with J = [[x/D, −y], [y/D, x]]."""
-    D = np.hypot(x, y)
-    c, s = np.divide(x, D, out=np.ones_like(D), where=D > 0), np.divide(y, D, out=np.zeros_like(D), where=D > 0)
-    a, b = p.sigma_D**2, p.sigma_theta**2
-    R11, R22, R12 = c**2 * a + y**2 * b, s**2 * a + x**2 * b, c * s * a - x * y * b
-    return R11, R22, R12, R12 / R11, a * b * D**2 / R11
-
-
 def covariance(p, x, y):
     """R at one position (2, 2), or at several (…, 2, 2)."""
     R11, R22, R12, *_rest = pseudo(p, np.asarray(x, dtype=float), np.asarray(y, dtype=float))
     return np.moveaxis(np.array([[R11, R12], [R12, R22]]), (0, 1), (-2, -1))
-
-
-def correlation(R):
-    """The correlation coefficient of e_x and e_y."""
-    return float(R[0, 1] / math.sqrt(R[0, 0] * R[1, 1]))
 
 
 def continuous(p):
@@ -153,56 +132,6 @@ def words(unit):
     return str(unit) if isinstance(unit, kinematics.Unit) else [words(element) for element in unit]
 
 
-def part_a(r, p):
-    """First-order errors."""
-    r.says("**Errors of the pseudo-measurements.** $z_x = D_m\\cos\\theta_m$, $z_y = D_m\\sin\\theta_m$ with $D_m = D + e_D$, $\\theta_m = \\theta + e_\\theta$. To first order in the small errors")
-    r.math(r"e_x = \cos\theta\,e_D - D\sin\theta\,e_\theta, \qquad e_y = \sin\theta\,e_D + D\cos\theta\,e_\theta")
-    r.says("The sheet calls $e_x$, $e_y$ independent. They are made of the same two errors and are not, except where $R_{12} = 0$ in (b); independent are $e_D$ and $e_\\theta$.")
-    exact, linear, c, s = [], [], math.cos(p.theta), math.sin(p.theta)
-    sizes = 0.1 * 0.5 ** np.arange(5)
-    for e in sizes:  # e_D = eD and e_θ = e, in units of D
-        exact.append([(1 + e) * math.cos(p.theta + e) - c, (1 + e) * math.sin(p.theta + e) - s])
-        linear.append([c * e - s * e, s * e + c * e])
-    r.order("what the first order leaves out is of the second", list(np.linalg.norm(np.subtract(exact, linear), axis=1)), 2.0, ("exact conversion", "first order"))
-    bias, index = p.D * p.sigma_theta**2 / 2, p.D * p.sigma_theta**2 / 2 / p.sigma_D
-    r.says("The largest term left out shortens the radius by $D\\sigma_\\theta^2/2 = {bias}$ m on average, {index} of σ_D: the first order is {quality} here.",
-           bias=bias, index=index, quality="good" if index < 0.1 else "doubtful" if index < 0.5 else "not good enough")
-
-
-def part_b(r, p, answer, truth):
-    """Covariance of the pseudo-measurements."""
-    r.section("b", "Covariance of the pseudo-measurements")
-    r.math(r"R_{11} = \sigma_D^2\cos^2\theta + D^2\sigma_\theta^2\sin^2\theta, \qquad R_{22} = \sigma_D^2\sin^2\theta + D^2\sigma_\theta^2\cos^2\theta, \qquad R_{12} = \sin\theta\cos\theta\,(\sigma_D^2 - D^2\sigma_\theta^2)")
-    r.says("$R_{12} = 0$ on the axes and where the error across the radius, $D\\sigma_\\theta = {across}$ m, equals the one along it, $\\sigma_D = {along}$ m. (In the filter D and θ of the prediction are put in, for the true ones are not known.)", across=p.D * p.sigma_theta, along=p.sigma_D)
-    size = float(np.trace(truth.R))
-    routes = ("Jacobian of the conversion", "element by element")
-    r.value("pseudo_measurement_covariance", truth.R, "m²")
-    r.check("pseudo-measurement covariance", truth.R, answer["pseudo_measurement_covariance"], routes, EXACT, scale=size)
-    r.value("correlation_coefficient", correlation(truth.R))
-    r.value("verdict_b_independent", bool(abs(correlation(truth.R)) <= ROUNDING))
-    rows = [0.2 * 0.5**j for j in range(4)]
-    gaps = [np.linalg.norm(by_hand.moments(1.0, p.theta, e / 2, e)[1] - shaped(p.theta, (e / 2) ** 2, e**2)) / e**2 for e in rows]
-    r.order("first-order covariance against the exact one, relative", gaps, 2.0, ("exact moments", "first order"))
-    mean, exact = by_hand.moments(p.D, p.theta, p.sigma_D, p.sigma_theta)
-    again = by_hand.moments_by_quadrature(p.D, p.theta, p.sigma_D, p.sigma_theta)
-    r.check("exact covariance of the conversion", exact, again[1], ("closed form", "Gauss–Hermite quadrature"), scale=size)
-    r.table("moments", ["of (e_x, e_y)", "mean, m", "R11, m²", "R22, m²", "R12, m²"], [
-        ("first order", [0.0, 0.0], truth.R[0, 0], truth.R[1, 1], truth.R[0, 1]), ("exact", list(mean), exact[0, 0], exact[1, 1], exact[0, 1]),
-    ], "Moments of the pseudo-measurement errors, to first order and exactly (Gaussian $e_D$, $e_\\theta$).")
-    phi = np.linspace(0, 2 * math.pi, 361)
-    sd, rho = np.sqrt(np.diag(truth.R)), correlation(truth.R)
-    ellipses = {"R": sd[1] * (rho * np.cos(phi) + math.sqrt(max(1 - rho**2, 0.0)) * np.sin(phi)), "diagonal of R (variant 1)": sd[1] * np.sin(phi)}
-    r.figure("ellipse", plots.lines(sd[0] * np.cos(phi), ellipses, xlabel="e_x, m", ylabel="e_y, m", straight={"radius": ([-sd[0] * math.cos(p.theta), sd[0] * math.cos(p.theta)], [-sd[0] * math.sin(p.theta), sd[0] * math.sin(p.theta)])}),
-             "One-σ ellipses of the pseudo-measurement errors: the true one, and what variant 1 believes. Dashed: direction of the radius (the axes have different scales).")
-
-
-def shaped(theta, along, across):
-    """A covariance with the given variances along and across the direction θ."""
-    c, s = math.cos(theta), math.sin(theta)
-    turn = np.array([[c, -s], [s, c]])
-    return turn @ np.diag([along, across]) @ turn.T
-
-
 def length(p):
     """Measurements at a changing geometry: until the point's own wandering reaches a quarter of D, at most SIMULATED."""
     position, velocity = by_hand.spread(p)
@@ -226,70 +155,6 @@ def plan(r, p, experiment, truth):
         ["seed", experiment.seed, "common random numbers for both variants"],
     ], "Plan of the experiment.")
     return {"steps": steps}
-
-
-def part_c(r, p, answer, truth, first, experiment, steps):
-    """Variant 1."""
-    r.section("c", "Variant 1: the covariance of e_x and e_y neglected")
-    r.says("With $R_1 = \\mathrm{diag}(R_{11}, R_{22})$ and a diagonal P0 the filter falls apart into two filters of task 3, one for (x, v_x), one for (y, v_y). Each uses the right variance of its own measurement, so its own variances are *true*; what is false is the zero it believes in between x and y, and what it gives away is what the other measurement tells.")
-    actual, claimed = sensitivity.actual(truth, first, steps), covariances(first, steps)
-    routes = ("recursion of truth and filter", "square-root arrays of one coordinate")
-    listed = sensitivity.actual(truth, first, LISTED).P_plus
-    at = list(range(1, LISTED + 1))
-    r.value("posterior_variance_variant1", np.diagonal(listed[1:], axis1=1, axis2=2), "m², m²/s²", at=at, agrees=answer, routes=routes)
-    r.check("variances believed in are the true ones", np.diagonal(claimed.P_plus, axis1=1, axis2=2), np.diagonal(actual.P_plus, axis1=1, axis2=2), ("filter's own recursion", "joint covariance of truth and filter"))
-    limit = sensitivity.steady(truth, first)
-    r.value("posterior_variance_steady_variant1", np.diag(limit.P_plus), "m², m²/s²", agrees=answer, routes=("Lyapunov equation", "spectral factorisation of one coordinate"))
-    settled = settling(first)
-    r.value("settling_step_variant1", settled, reason="not within 100 000 measurements", agrees=answer, routes=("recursion", "square-root arrays of one coordinate"), kind=EXACT)
-    stats = experiment.statistics(truth, first, steps=steps)
-    agreement(r, "variant 1", stats, actual.P_plus, consistent=False)
-    expected = float(np.trace(np.linalg.solve(claimed.P_plus[-1], actual.P_plus[-1])))
-    r.figure("variant1", plots.lines(range(steps + 1), {f"{name}": np.sqrt(actual.P_plus[:, j, j]) for j, name in enumerate(STATES)}, xlabel=STEP, ylabel="σ of the error (m, m/s)", steps=True, log="y",
-                                     points={"_" * j + "ensemble": (np.arange(steps + 1), stats.rms[:, j]) for j in range(4)}),
-             "Variant 1 at fixed geometry: σ of the errors in theory, RMS of {runs} runs.", runs=experiment.runs)
-    coefficient = actual.P_plus[-1, 0, 2] / math.sqrt(actual.P_plus[-1, 0, 0] * actual.P_plus[-1, 2, 2])
-    r.says("It settles at measurement {settled} ({time} s).", settled=settled, time=None if settled is None else settled * p.tau)
-    if abs(correlation(truth.R)) > ROUNDING:
-        r.says("The errors of x and y have in truth the correlation coefficient {coefficient}, where the filter believes in 0. Its NEES is {nees} on average over the runs at the last measurement and {expected} in theory, as for a consistent filter: the average does not see the missing covariance, because each 2×2 block of P is right.",
-               coefficient=coefficient, nees=stats.nees[-1], expected=expected)
-    else:
-        r.says("Here $R_{12} = 0$, so nothing is neglected: the filter is the optimal one, its NEES {nees} on average over the runs at the last measurement and {expected} in theory.", nees=stats.nees[-1], expected=expected)
-    r.says("While the coordinates themselves wander without bound (their variances grow like $\\sigma_w^2t^3/3$, those of the velocities like $\\sigma_w^2t$), the errors stay bounded: both coordinates are observed, and all noises reach them.")
-
-
-def part_d(r, answer, truth):
-    """LDLᵀ."""
-    r.section("d", "LDLᵀ of the covariance")
-    r.math(r"R = LDL^T, \qquad L = \begin{bmatrix} 1 & 0 \\ l_{21} & 1 \end{bmatrix}, \qquad l_{21} = \frac{R_{12}}{R_{11}}, \qquad d_1 = R_{11}, \qquad d_2 = R_{22} - \frac{R_{12}^2}{R_{11}} = \frac{\sigma_D^2D^2\sigma_\theta^2}{R_{11}}")
-    r.says("since $\\det R = \\sigma_D^2D^2\\sigma_\\theta^2$ (a rotation does not change it). Both d are positive as long as both errors exist.")
-    new = updates.decorrelate(truth.H, truth.R)
-    size = math.sqrt(truth.R[1, 1] / truth.R[0, 0])
-    routes = ("LDLᵀ in floating point", "closed form")
-    r.value("l21", new.L[1, 0])
-    r.check("l21", new.L[1, 0], answer["l21"], routes, scale=max(size, 1e-300))
-    r.value("diagonal_variances", new.d, "m²", agrees=answer, routes=routes)
-    r.check("LDLᵀ = R", new.L @ new.R @ new.L.T, truth.R, ("product of the factors", "Jacobian of the conversion"), EXACT)
-
-
-def part_e(r, truth, experiment):
-    """Decorrelated pseudo-measurements."""
-    r.section("e", "Decorrelated pseudo-measurements")
-    r.math(r"z' = L^{-1}z = \begin{bmatrix} z_x \\ z_y - l_{21}z_x \end{bmatrix}, \qquad H' = L^{-1}H = \begin{bmatrix} 1 & 0 & 0 & 0 \\ -l_{21} & 0 & 1 & 0 \end{bmatrix}, \qquad E[e'e'^T] = L^{-1}RL^{-T} = \mathrm{diag}(d_1, d_2)")
-    r.says("The sheet speaks of z only; the matrix H must be multiplied too, as $z' = L^{-1}(Hx + e) = H'x + e'$. Now the measurements enter one after another by scalars: $S = h'Ph'^T + d$, without the inverse of a matrix. Nothing is lost: the updates are those of all elements at once.")
-    new, by = updates.decorrelated(truth)
-    r.math(r"H' = {H}, \qquad d = {d}", H=new.H, d=by.d)
-    some = experiment.histories(truth, steps=SIMULATED)
-    changed = np.stack([by.measurements(z) for z in some.z[1:]])
-    apart = kalman_filter(new, changed[:, :, 0], algorithm="sequential")
-    error = apart.x_plus - some.x_plus[:, :, 0]
-    sizes = np.abs(some.x_plus[:, :, 0]).max(axis=0) + np.sqrt(np.diag(truth.P0))
-    r.check("estimates of one record, relative to the largest", 1 + error / sizes, np.ones_like(error), ("z', one element after another", "z, both at once"))
-    r.check("covariances of the same", apart.P_plus, some.P_plus, ("z', one element after another", "z, both at once"))
-    if abs(correlation(truth.R)) > ROUNDING:
-        r.says("With the old H and the new z' the filter would be wrong by $-l_{21}x$ in the second element, {wrong} m at t0.", wrong=-by.L[1, 0] * truth.x0[0])
-    else:
-        r.says("Here $R_{12} = 0$ and $l_{21} = 0$: there is nothing to decorrelate, $z' = z$.")
 
 
 def part_f(r, p, answer, truth, experiment, steps):
@@ -367,64 +232,9 @@ def part_g(r, p, answer, truth, first):
              "The same at θ = 45° against the ratio of the two errors (at constant σ_D): the longer the ellipse, the more its direction is worth. Black: the given ratio.")
 
 
-def cost(r, answer):
-    """Operations of an update."""
-    whole, scalar, extra = (updates.flops(4, 2, way) for way in ("joint", "sequential", "decorrelation"))
-    counted = [2 * updates.flops(2, 1, "sequential"), scalar, scalar + extra, whole]
-    r.value("cost_of_update", counted, "flop", agrees=answer, routes=("counted while it is done", "formula in n"), kind=EXACT)
-    r.table("cost", ["update", "additions, multiplications, divisions", "relative"], [
-        (name, count, count / counted[2]) for name, count in zip((
-            "variant 1 as two filters of two states", "variant 1, four states, element by element",
-            "variant 2: decorrelation, then element by element", "the full R, both elements at once"), counted, strict=True)
-    ], "Cost of one update of estimate and covariance, dense matrices (n = 4, m = 2). The zeros of H would save more, for all but the first alike.")
-    r.says("Decorrelation itself costs little ({extra} operations of {all}). What variant 2 really gives up is that variant 1 falls apart into two small filters; prediction (dense, $\\Phi P\\Phi^T + Q_d$) then takes {four} operations instead of twice {two}.", extra=extra, all=counted[2], four=prediction(4), two=prediction(2))
-
-
-def prediction(n):
-    """Operations of one dense prediction of estimate and covariance."""
-    return n * (2 * n - 1) + 2 * n**2 * (2 * n - 1) + n**2
-
-
 def scaled(p, size):
     """Parameters of the noises times a factor."""
     return p.model_copy(update={"sigma_D": size * p.sigma_D, "sigma_theta": size * p.sigma_theta, "sigma_w2": size**2 * p.sigma_w2})
-
-
-def polar(p, motion):
-    """The true system: linear motion, range and bearing with their own noises."""
-    return NonlinearModel(
-        f=lambda _k, x, w: motion.Phi @ x + w, h=lambda _k, x, v: np.array([np.hypot(x[0], x[2]), np.arctan2(x[2], x[0])]) + v,
-        Qd=motion.Qd, R=np.diag([p.sigma_D**2, p.sigma_theta**2]), x0=motion.x0, P0=motion.P0, states=STATES, measurements=["D", "θ"],
-    )
-
-
-def converted(p, motion, correlated):
-    """A filter of pseudo-measurements with R at the geometry it predicts; ``correlated``: decorrelated there (variant 2)."""
-    def geometry(x):
-        return pseudo(p, x[0], x[2])
-
-    def difference(z, predicted):  # z − ẑ, with ẑ the predicted position; the conversion is that of the measured D and θ
-        e = z[0] * np.array([np.cos(z[1]), np.sin(z[1])]) - predicted
-        return np.array([e[0], e[1] - pseudo(p, *predicted)[3] * e[0]]) if correlated else e
-
-    def H(_k, x):
-        l21, zero = geometry(x)[3] if correlated else np.zeros_like(x[0]), np.zeros_like(x[0])
-        return np.array([[zero + 1, zero, zero, zero], [-l21, zero, zero + 1, zero]])
-
-    def R(_k, x):
-        R11, R22, _R12, _l21, d2 = geometry(x)
-        zero = np.zeros_like(R11)
-        return np.array([[R11, zero], [zero, d2 if correlated else R22]])
-
-    return NonlinearModel(f=lambda _k, x, w: motion.Phi @ x + w, h=lambda _k, x, v: x[[0, 2]] + v, F=lambda _k,
-                          _x: motion.Phi, H=H, residual=difference, Qd=lambda _k, _x: motion.Qd, R=R, x0=motion.x0,
-                          P0=motion.P0, states=STATES, measurements=["z1'", "z2'"])
-
-
-def trajectories(p, steps):
-    """Name and initial velocity (m/s): at rest, towards the sensor to half of D, across the radius by D."""
-    c, s, speed = math.cos(p.theta), math.sin(p.theta), p.D / (steps * p.tau)
-    return {"at rest": (0.0, 0.0), "approaching": (-0.5 * speed * c, -0.5 * speed * s), "crossing": (-speed * s, speed * c)}
 
 
 def along(p, velocity, steps):
@@ -432,16 +242,6 @@ def along(p, velocity, steps):
     t = p.tau * np.arange(steps + 1)
     motion = system(p, covariance(p, start(p)[0] + velocity[0] * t, start(p)[1] + velocity[1] * t))
     return replace(motion, x0=[start(p)[0], velocity[0], start(p)[1], velocity[1]])
-
-
-def small(p, runs, steps):
-    """A factor of all noises at which nothing but the linear terms is seen by so many runs, or None where rounding would be."""
-    position, velocity = by_hand.spread(p)
-    t = steps * p.tau
-    away = math.sqrt(position + velocity * t**2 + p.sigma_w2 * t**3 / 3) / p.D
-    longer = max(p.D * p.sigma_theta / p.sigma_D, p.sigma_D / (p.D * p.sigma_theta))
-    size = min(1.0, 0.01 / (longer**2 * (away + p.sigma_theta + p.sigma_D / p.D) * math.sqrt(runs)))
-    return size if size * min(p.sigma_D / p.D, p.sigma_theta, math.sqrt(p.sigma_w2 * p.tau**3) / p.D) > 1e-9 else None
 
 
 def nonlinear(r, p, experiment):
@@ -481,20 +281,6 @@ def nonlinear(r, p, experiment):
                                      straight={"linear theory": (i, believed[0]), "_": (i, believed[1])}),
              "Crossing trajectory: RMS of the position error of both variants with the true sensor, and linear theory (dashed).")
     judge(r, shown)
-
-
-def judge(r, shown):
-    """What the true sensor says, in words."""
-    lines = []
-    for name, (_stats, _P, scores) in shown.items():
-        better, worse = (", ".join(STATES[j] for j in np.flatnonzero(sign * scores > CLEAR)) for sign in (1, -1))
-        lines.append(text("{name}: variant 2 is clearly better in {better}" if better else "{name}: no state is clearly better in variant 2",
-                          "; clearly worse in {worse}" if worse else "", " (standard errors {scores}).",
-                          name=name, better=better, worse=worse, scores=[round(float(score), 1) for score in scores]))
-    r.says("The two mean squares at the last measurement, compared run by run on the same data, and called clearly different from {count} standard errors on:", count=CLEAR)
-    r.items(lines)
-    nees = "; ".join(f"{name} {number([float(each.nees[-1]) for each in stats])}" for name, (stats, _P, _scores) in shown.items())
-    r.says("NEES at the last measurement, variants 1 and 2: {nees}.", nees=nees)
 
 
 def conclusions(r, p):

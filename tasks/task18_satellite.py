@@ -15,10 +15,11 @@ from functools import cache
 
 import numpy as np
 import sympy
+from ctlabs.tasks import _task18_scales as scales
+from ctlabs.tasks._task18_scales import MILD, STATES, TIME, UNITS, WORK
 from ctlabs.tasks.answers import task18 as by_hand
 from ctlabs.tasks.answers.task18 import LONG, RATES, SETS
 
-from ctlabs.filtering import update
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest
 from ctlabs.labs.skeleton import Skeleton
@@ -37,13 +38,9 @@ META = {
     "parts": ["a", "b", "c", "d"],
 }
 
-STATES, UNITS = ["δr", "δṙ", "δΘ", "dδΘ/dt"], ["m", "m/s", "rad", "rad/s"]
 SQUARED = "m², m²/s², rad², rad²/s²"
-TIME = "t, s"
 #: Radians turned, at most: beyond, double precision no longer holds eight digits of the phase.
 PHASES = 1e7
-#: Runge-Kutta steps of all periods together, at most; largest relative spread simulated; largest index tested for chance.
-WORK, SPREAD, MILD = 800, 0.02, 0.05
 #: Bounds of the deviations that an extended filter moves, in natural units; it may take any angle.
 LOWEST, HIGHEST = np.array([-0.7, -2, -np.inf, -0.9]), np.array([3, 2, np.inf, 2])
 
@@ -70,24 +67,14 @@ def equations():
     return dynamics, circle
 
 
-def seeing(rows):
-    """H of some of the measurements."""
-    return np.array([[[0, 0, 1, 0], [1, 0, 0, 0]][row] for row in rows])
-
-
 def measured(p, rows=(0, 1)):
     """The linear model of the deviations with some of the measurements."""
-    return linearisation.model(equations()[1], {"r_0": p.r0, "w": by_hand.rate(p)}, H=seeing(rows), P0=p.P0, states=STATES, units=UNITS, measurements=[("z1", "z2")[row] for row in rows])
-
-
-def noise(p, rows=(0, 1)):
-    """Covariance of some of the measurements."""
-    return np.diag([(p.sigma_theta**2, p.sigma_r**2)[row] for row in rows])
+    return linearisation.model(equations()[1], {"r_0": p.r0, "w": by_hand.rate(p)}, H=scales.seeing(rows), P0=p.P0, states=STATES, units=UNITS, measurements=[("z1", "z2")[row] for row in rows])
 
 
 def designed(p, rows):
     """The linear model with both measurements, those not in the set marked as absent."""
-    return discretise(replace(measured(p), B=None), p.dt, R=np.diag([noise(p)[i, i] if i in rows else np.inf for i in (0, 1)]))
+    return discretise(replace(measured(p), B=None), p.dt, R=np.diag([scales.noise(p)[i, i] if i in rows else np.inf for i in (0, 1)]))
 
 
 def nonlinear(p, flow, rows=(0, 1), *, bounded=False):
@@ -99,16 +86,9 @@ def nonlinear(p, flow, rows=(0, 1), *, bounded=False):
     low, high = ((edge * by_hand.units(p))[:, None] for edge in ((LOWEST, HIGHEST) if bounded else (np.full(4, -np.inf), np.full(4, np.inf))))
     return NonlinearModel(
         f=lambda _k, x, _w: flow.f(circle + np.clip(x, low, high)) - turned, h=lambda _k, x, v: x[[2, 0]] + v,
-        F=lambda _k, x: flow.F(circle + np.clip(x, low, high)), H=lambda _k, _x: seeing((0, 1)),
-        Qd=[[0.0]], R=np.diag([noise(p)[i, i] if i in rows else np.inf for i in (0, 1)]), x0=np.zeros(4), P0=p.P0, dt=p.dt, states=STATES,
+        F=lambda _k, x: flow.F(circle + np.clip(x, low, high)), H=lambda _k, _x: scales.seeing((0, 1)),
+        Qd=[[0.0]], R=np.diag([scales.noise(p)[i, i] if i in rows else np.inf for i in (0, 1)]), x0=np.zeros(4), P0=p.P0, dt=p.dt, states=STATES,
     )
-
-
-def normal(P, scale):
-    """A covariance in units of the standard deviations of ``scale``, so that small variances count as much as large ones."""
-    sd = np.sqrt(np.diag(scale))
-    sd = np.where(sd > 0, sd, 1.0)
-    return np.asarray(P) / np.outer(sd, sd)
 
 
 def part_a(r, p):
@@ -117,7 +97,7 @@ def part_a(r, p):
     dynamics, _circle = equations()
     F, B = dynamics.jacobians()
     r.says("Let $x^*(t)$, $u^*(t)$ solve $\\dot{x} = f(x, u)$, $x = (r, \\dot{r}, \\Theta, \\dot{\\Theta})$. For small $\\delta x = x - x^*$, $\\delta u = u - u^*$ Taylor's formula leaves $\\delta\\dot{x} = F\\,\\delta x + B\\,\\delta u$ with the derivatives along the nominal,")
-    r.math(f"F(t) = {bracket(F)}, \\qquad B(t) = {bracket(B)}")
+    r.math(f"F(t) = {scales.bracket(F)}, \\qquad B(t) = {scales.bracket(B)}")
     r.says("all at $x^*(t)$, $u^*(t)$: in general a model that varies with time. $\\Theta$ itself appears nowhere, for the field is central: a turn of the whole motion is again a motion.")
     w = by_hand.rate(p)
     point, u = np.array([1.3 * p.r0, 0.2 * p.r0 * w, 0.7, 0.8 * w]), np.array([0.03, -0.05]) * p.r0 * w**2
@@ -127,18 +107,13 @@ def part_a(r, p):
     r.check("F, B at a point of an eccentric orbit with thrust", symbolic * scale, by_hand.by_complex_step(point, u, p.r0**3 * w**2) * scale, ("sympy's derivatives", "complex step on the equations"), EXACT)
 
 
-def bracket(matrix):
-    """A sympy matrix in LaTeX."""
-    return sympy.latex(matrix, mat_str="bmatrix", mat_delim="")
-
-
 def part_b(r, p, answer):
     """The circular orbit."""
     r.section("b", "The circular orbit")
     _dynamics, circle = equations()
     w = by_hand.rate(p)
     r.says("$r = r_0$, $\\Theta = wt$, $u = 0$ solves the equations if and only if $G = r_0^3w^2$. There F and B are constant:")
-    r.math(f"F = {bracket(circle.F)}, \\qquad B = {bracket(circle.B)}")
+    r.math(f"F = {scales.bracket(circle.F)}, \\qquad B = {scales.bracket(circle.B)}")
     r.says("For the Earth $w = \\sqrt{3.986004418 \\cdot 10^{14}/r_0^3}$ = {w} rad/s" if p.w is None else "Here w = {w} rad/s is given, so that $G = r_0^3w^2$ = {G} m³/s²", ", and one revolution takes {T} s, {n} sampling periods. No noise drives the state: $Q = 0$.", w=w, G=p.r0**3 * w**2, T=2 * math.pi / w, n=2 * math.pi / w / p.dt)
     model, scale = measured(p), by_hand.units(p)
     r.value("F", model.F, "1/s², 1/s, m, rad", agrees=answer, routes=("sympy's derivatives", "by hand"), kind=EXACT)
@@ -149,51 +124,16 @@ def part_b(r, p, answer):
     r.math(r"\Phi(t) = \begin{bmatrix} 4 - 3c & s & 0 & 2 - 2c \\ 3s & c & 0 & 2s \\ 6s - 6wt & 2c - 2 & 1 & 4s - 3wt \\ 6c - 6 & -2s & 0 & 4c - 3 \end{bmatrix}, \qquad \text{eigenvalues of } F: 0, 0, \pm iw")
     r.says("An ellipse of period $2\\pi/w$ about a centre that moves forward at the rate $-\\frac32 C w$, $C = 4\\,\\delta r/r_0 + 2\\,\\delta\\dot{\\Theta}/w$: a higher orbit is slower, and this drift is the double eigenvalue 0.")
     for t in (p.dt, 10 * p.dt):
-        found = discretise(model, t, R=noise(p)).Phi * scale / scale[:, None]
+        found = discretise(model, t, R=scales.noise(p)).Phi * scale / scale[:, None]
         r.check(text("Φ over {t} s", t=t), found, by_hand.transition(math, w * t), ("matrix exponential", "Clohessy and Wiltshire"), SOLVER)
     times = np.linspace(0, 4 * math.pi / w, 201)
-    start = np.sqrt(np.diag(p.P0)) * (spread(p) / relative(p, p.P0) if far(p) else 1.0)
+    start = np.sqrt(np.diag(p.P0)) * (scales.spread(p) / scales.relative(p, p.P0) if scales.far(p) else 1.0)
     bent, straight = by_hand.integrated(p, start, times), np.array([by_hand.transition(math, w * t) for t in times]) @ (start / scale)
     r.figure("orbit", plots.lines(
         p.r0 * bent[2], {"nonlinear equations": bent[0]}, xlabel="r0 δΘ, m", ylabel="δr, m",
         straight={"linear model": (straight[:, 2] * p.r0, straight[:, 0] * p.r0)}, points={"start": ([p.r0 * bent[2, 0]], [bent[0, 0]])},
     ), "Two revolutions in polar coordinates that go round with the nominal satellite (which stays at the origin): along the orbit and upwards, after a deviation of +σ in all four states {shrunk}. The linear model leaves the nonlinear one by {apart} m at most.",
-        shrunk=text("(less than given: {share} of the orbit)", share=spread(p)) if far(p) else "", apart=float(np.hypot(bent[0] - straight[:, 0] * p.r0, p.r0 * bent[2] - straight[:, 2] * p.r0).max()))
-
-
-def relative(p, P):
-    """The largest standard deviation in natural units; Θ, on which the motion does not depend, is not counted."""
-    return float(np.max((np.sqrt(np.diagonal(P, axis1=-2, axis2=-1).clip(0)) / by_hand.units(p))[..., [0, 1, 3]]))
-
-
-def spread(p):
-    """The largest relative spread of a nonlinear start: less where a sampling period bends the motion more."""
-    return SPREAD / (1 + by_hand.rate(p) * p.dt) ** 2
-
-
-def far(p):
-    """Whether the given start is so far from the orbit that the nonlinear truth is started nearer."""
-    return relative(p, p.P0) > spread(p) * (1 + 1e-9)
-
-
-def known(p, wanted):
-    """What a covariance so near to singular holds in double precision, in units of SOLVER; 1 if its condition is harmless."""
-    return max(1.0, 10 * np.finfo(float).eps * np.linalg.cond(normal(wanted, wanted)) / SOLVER) if regular(p) else 1.0
-
-
-def ruler(p, wanted):
-    """Variances against which errors are measured: the state's own, or with a singular P0 the largest in natural units."""
-    return wanted if regular(p) else np.diag((np.diag(wanted) / by_hand.units(p) ** 2).max() * by_hand.units(p) ** 2)
-
-
-def logarithmic(curves):
-    """Logarithmic axes, where there is something to take the logarithm of."""
-    return "xy" if all((np.asarray(values) > 0).any() for values in curves.values()) else "x"
-
-
-def regular(p):
-    """Whether nothing is known from the start."""
-    return bool(np.linalg.matrix_rank(normal(p.P0, np.array(p.P0)), tol=1e-8) == 4)
+        shrunk=text("(less than given: {share} of the orbit)", share=scales.spread(p)) if scales.far(p) else "", apart=float(np.hypot(bent[0] - straight[:, 0] * p.r0, p.r0 * bent[2] - straight[:, 2] * p.r0).max()))
 
 
 def part_c(r, p, answer, schedules):
@@ -226,24 +166,24 @@ def long_run(r, p, answer, schedules, w, names, sampled):
     for name, rows in SETS.items():
         P, wanted = schedules[name].P_plus[p.steps], answer["covariances"][name][0]
         r.value(f"posterior_variances_{name}", np.diag(P), SQUARED, agrees=answer, routes=both)
-        r.check(text("correlations and relative variances, {name}", name=names[name]), normal(P, ruler(p, wanted)), normal(wanted, ruler(p, wanted)), both, SOLVER, scale=known(p, wanted))
-        H, R = seeing(rows), np.diag(noise(p, rows))
-        sizes = np.diag(ruler(p, wanted))
+        r.check(text("correlations and relative variances, {name}", name=names[name]), scales.normal(P, scales.ruler(p, wanted)), scales.normal(wanted, scales.ruler(p, wanted)), both, SOLVER, scale=scales.known(p, wanted))
+        H, R = scales.seeing(rows), np.diag(scales.noise(p, rows))
+        sizes = np.diag(scales.ruler(p, wanted))
         short = np.sqrt(np.where(sizes > 0, sizes, 1.0))[:, None] / np.sqrt(R)
-        r.check(text("last gain, {name}", name=names[name]), schedules[name].K[p.steps] / short, wanted @ H.T / R / short, ("recursion", "P⁺HᵀR⁻¹"), SOLVER, scale=known(p, wanted) * max(1.0, float(np.abs(wanted @ H.T / R / short).max())))
+        r.check(text("last gain, {name}", name=names[name]), schedules[name].K[p.steps] / short, wanted @ H.T / R / short, ("recursion", "P⁺HᵀR⁻¹"), SOLVER, scale=scales.known(p, wanted) * max(1.0, float(np.abs(wanted @ H.T / R / short).max())))
         natural = covariances(in_natural_units(p, rows), p.steps).P_plus[-1] * scale
-        r.check(text("units, {name}", name=names[name]), normal(P, ruler(p, wanted)), normal(natural, ruler(p, wanted)), ("recursion in m, m/s, rad, rad/s", "recursion in natural units"), SOLVER, scale=known(p, wanted))
+        r.check(text("units, {name}", name=names[name]), scales.normal(P, scales.ruler(p, wanted)), scales.normal(natural, scales.ruler(p, wanted)), ("recursion in m, m/s, rad, rad/s", "recursion in natural units"), SOLVER, scale=scales.known(p, wanted))
     r.table("variances", ["state", "σ at t0", *names.values()],
             [(f"{state}, {unit}", math.sqrt(p.P0[i][i]), *(schedules[name].sd_plus[p.steps, i] for name in SETS)) for i, (state, unit) in enumerate(zip(STATES, UNITS, strict=True))],
             "Standard deviations of the four errors after {n} measurements, {revolutions} revolutions.", n=p.steps, revolutions=p.steps * p.dt * w / 2 / math.pi)
-    r.holds("both measurements are never worse", np.array([normal(schedules[name].P_plus[k] - schedules["both"].P_plus[k], ruler(p, schedules[name].P_plus[k])).diagonal() for name in ("theta", "range") for k in range(LONG * p.steps + 1)]), ("one measurement", "both measurements"), size=1e4 * max(known(p, P) for values in answer["covariances"].values() for P in values))
+    r.holds("both measurements are never worse", np.array([scales.normal(schedules[name].P_plus[k] - schedules["both"].P_plus[k], scales.ruler(p, schedules[name].P_plus[k])).diagonal() for name in ("theta", "range") for k in range(LONG * p.steps + 1)]), ("one measurement", "both measurements"), size=1e4 * max(scales.known(p, P) for values in answer["covariances"].values() for P in values))
     for i, (state, unit, word) in enumerate(zip(STATES, UNITS, ("r", "rdot", "theta", "thetadot"), strict=True)):
         curves = {names[name]: schedules[name].sd_plus[1 : p.steps + 1, i] for name in SETS}
-        r.figure(f"sd_{word}", plots.lines(schedules["both"].t[1 : p.steps + 1], curves, xlabel=TIME, ylabel=f"σ({state}), {unit}", log=logarithmic(curves)),
+        r.figure(f"sd_{word}", plots.lines(schedules["both"].t[1 : p.steps + 1], curves, xlabel=TIME, ylabel=f"σ({state}), {unit}", log=scales.logarithmic(curves)),
                  "Standard deviation of the error of {state} after each measurement, for the three sets.", state=state)
     ranks = {name: losses[2].rank for name, losses in sampled.items()}
-    limits(r, p, answer, schedules, names, ranks)
-    gained(r, p, schedules, names)
+    scales.limits(r, p, answer, schedules, names, ranks)
+    scales.gained(r, p, schedules, names)
     r.value("verdict_c", ranks["theta"] > ranks["range"])
     r.value("verdict_c_both_observe_more", ranks["both"] > max(ranks["theta"], ranks["range"]))
     r.says("Criteria of the verdicts, at the sampling period {dt} s: whether the angle alone leaves less unobserved than the range alone (ranks {one} and {two}); whether both together observe more than the better of them (rank {three}).", dt=p.dt, one=ranks["theta"], two=ranks["range"], three=ranks["both"])
@@ -251,68 +191,9 @@ def long_run(r, p, answer, schedules, w, names, sampled):
 
 def in_natural_units(p, rows):
     """The sampled model with the states in units of r0, r0 w, 1 rad, w."""
-    system, s = discretise(measured(p, rows), p.dt, R=noise(p, rows)), by_hand.units(p)
+    system, s = discretise(measured(p, rows), p.dt, R=scales.noise(p, rows)), by_hand.units(p)
     m = np.array([(1.0, p.r0)[row] for row in rows])
     return DiscreteModel(system.Phi * s / s[:, None], np.zeros((4, 4)), system.H * s / m[:, None], system.R / np.outer(m, m), x0=system.x0, P0=system.P0 / np.outer(s, s), dt=p.dt)
-
-
-def limits(r, p, answer, schedules, names, ranks):
-    """What is left after many measurements."""
-    r.says("**After many measurements.** Where all is observed, $P \\to 0$ and $K \\to 0$: without process noise the filter falls asleep. With the range only it is otherwise, even when the samples meet all phases. The part of $\\Theta(t_0)$ that is uncorrelated with the rest stays as it was, and the error of the drift's rate $-\\frac32Cw$, of standard deviation $\\frac32w\\,\\sigma_r/(r_0\\sqrt N)$ after N measurements, has by then acted for $Ndt$. So for large N (and a regular $P_0$)")
-    r.math(r"P_{33} \approx \text{const} + \frac94\,w^2dt^2\,\frac{\sigma_r^2}{r_0^2}\,N, \qquad K_3 \to -\frac32\,\frac{w\,dt}{r_0} = {limit} \; \text{rad/m}", limit=answer["gain_limit"])
-    if ranks["range"] == 3 and regular(p):
-        r.says("The variance of the angle then does not fall but grows, by {growth} rad² with each measurement; and its gain does not vanish, for the filter integrates the drift it has observed.", growth=answer["growth"])
-    else:
-        r.says("Here this does not apply: {why}.", why="P0 is singular, so that something is known from the start" if not regular(p) else "the samples come at the same phases again and again")
-    many, rows = [p.steps, 2 * p.steps, LONG * p.steps], []
-    for name, which in SETS.items():
-        schedule, wanted = schedules[name], answer["covariances"][name][1]
-        r.check(text("after {n} measurements, {name}", n=many[-1], name=names[name]), normal(schedule.P_plus[-1], ruler(p, wanted)), normal(wanted, ruler(p, wanted)), ("recursion", "all measurements at once"), SOLVER, scale=known(p, wanted))
-        rows += [(names[name], N, *schedule.sd_plus[N], float(np.abs(schedule.K[N, 2] * np.sqrt(np.diag(noise(p, which)))).max())) for N in many]
-    left = update(p.P0, np.eye(4)[[0, 1, 3]], np.zeros((3, 3))).P_plus[2, 2]
-    r.value("theta_variance_floor_range", left, "rad²")
-    r.holds("P33 with the range only stays above what the rest leaves open", schedules["range"].P_plus[:, 2, 2] - left, ("recursion", "perfect knowledge of the rest"), size=max(p.P0[2][2], 1e-300))
-    r.table("long", ["measured", "N", *(f"σ({state}), {unit}" for state, unit in zip(STATES, UNITS, strict=True)), "correction of Θ by an error σ of a measurement, rad"], rows, "The same filters for longer.")
-
-
-def gained(r, p, schedules, names):
-    """Information in nats."""
-    if not regular(p):
-        r.says("P0 is singular, so the information gained is not a finite number and is not drawn.")
-        return
-    scale = np.outer(by_hand.units(p), by_hand.units(p))
-    curves = {}
-    for name, rows in SETS.items():
-        s, last = schedules[name], p.steps + 1
-        by_covariance = 0.5 * (np.linalg.slogdet(np.array(p.P0) / scale)[1] - np.linalg.slogdet(s.P_plus[:last] / scale)[1])
-        by_innovations = 0.5 * np.cumsum(np.linalg.slogdet(s.S[1:last])[1] - np.linalg.slogdet(noise(p, rows))[1])
-        r.check(text("information, {name}", name=names[name]), by_covariance[1:], by_innovations, ("determinants of P", "sum over innovations"), SOLVER, scale=known(p, s.P_plus[p.steps]) * max(1.0, by_innovations[-1]))
-        curves[names[name]] = by_innovations
-    r.figure("information", plots.lines(schedules["both"].t[1 : p.steps + 1], curves, xlabel=TIME, ylabel="information gained, nats", log="x"),
-             "Information $\\frac{1}{2}\\ln(\\det P_0/\\det P)$ that the measurements have given. Motion without noise keeps volumes ($\\det\\Phi = 1$), so it is also $\\frac{1}{2}\\sum\\ln(\\det S/\\det R)$.")
-
-
-def plan(r, p, experiment):
-    """Every number chosen; the parameters of the nonlinear trial, its length and its flow."""
-    w = by_hand.rate(p)
-    shrink = spread(p) / relative(p, p.P0) if far(p) else 1.0
-    trial = p.model_copy(update={"P0": tuple(map(tuple, (np.array(p.P0) * shrink**2).tolist()))})
-    horizon = w * p.dt * p.steps
-    # The error of Runge and Kutta's steps, relative to r0, is near 0.003 ρ wT (w dt/parts)⁴ for deviations ρ; it is checked below.
-    parts = math.ceil(w * p.dt * (0.03 * max(relative(p, trial.P0), 1e-6) * max(horizon, 1) / 1e-9) ** 0.25)
-    steps = min(p.steps, max(1, WORK // parts))
-    r.table("plan", ["quantity", "value", "why"], [
-        ["radius and rate of the nominal orbit", [p.r0, w], "given, m and rad/s"],
-        ["σ of the range, m, and of the angle, rad", [p.sigma_r, p.sigma_theta], "given; at r0 the angle's is {along} m along the orbit".replace("{along}", text("{x}", x=p.r0 * p.sigma_theta))],
-        ["period of sampling, s", p.dt, text("{n} samples a revolution", n=2 * math.pi / w / p.dt)],
-        ["measurements", [p.steps, steps], "linear truth, nonlinear truth (fewer where the motion takes many small steps)"],
-        ["Runge-Kutta steps in a period", parts, "so that their error is far below σ"],
-        ["σ of the start, as a share of the orbit", relative(p, trial.P0), "given" if shrink == 1 else "less than given: a nonlinear truth that far from the orbit would meet the centre"],
-        ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
-        ["bounds of an extended filter's deviations", [[-0.7, 3], [-2, 2], [-0.9, 2]], "δr, δṙ, dδΘ/dt in units of r0, r0 w, w: one led astray must not meet the centre, where nothing is finite; the truth has no bounds"],
-        ["seed", experiment.seed, "the three sets and both kinds of filter get the same runs"],
-    ], "Plan of the experiment.")
-    return {"trial": (trial, steps, parts)}
 
 
 def part_d(r, p, experiment, trial):
@@ -333,7 +214,7 @@ def part_d(r, p, experiment, trial):
     r.check("nonlinear motion from +2σ", (path - nominal) / by_hand.units(p), exact / by_hand.units(p), ("Runge and Kutta, order 4", "integrator of order 8 at tight tolerance"), SOLVER, scale=max(1.0, float(by_hand.rate(p) * p.dt * steps)))
     r.says("The nonlinear motion is followed by Runge and Kutta's method, {parts} steps a period. From a start of +2σ in all states it leaves an integrator of order 8 with tight tolerance by {error} m in r at most, where the smallest standard deviation of a filter is {least} m.",
            parts=parts, error=float(np.abs(path - nominal - exact)[:, 0].max()), least=float(covariances(designed(q, [0, 1]), steps).sd_plus[:, 0].min()))
-    if not regular(q):
+    if not scales.regular(q):
         r.says("P0 is singular: both filters take some combinations of the states for exactly known for ever. On the nonlinear truth these combinations curve, however little, and an error against a variance of zero has no size; so the filters are not compared there (a start with small variances instead of zeros allows it).")
         return {"found": None}
     small(r, q, experiment, steps, parts, flow, names)
@@ -346,13 +227,13 @@ def linear(r, p, experiment, names):
     both, some = covariances(truth, p.steps), experiment.histories(truth, steps=p.steps)
     r.figure("record", plots.record(some, xlabel=TIME, ylabel="δr, m", state=0, measurement=1), "One run: truth, measured range, and the estimate of δr from both measurements with its ±σ band.")
     r.figure("sawtooth", plots.sawtooth({"": covariances(truth, min(p.steps, 15))}, xlabel=TIME, ylabel="variance of δΘ, rad²", state=2), "Error variance of δΘ before and after each of the first updates, both measured.")
-    sd, sigma = np.where(both.sd_plus > 0, both.sd_plus, 1.0), np.sqrt(np.diag(noise(p)))
+    sd, sigma = np.where(both.sd_plus > 0, both.sd_plus, 1.0), np.sqrt(np.diag(scales.noise(p)))
     gains = {f"{state} ← z{j + 1}": both.K[1:, i, j] * sigma[j] / sd[1:, i] for i, state in enumerate(STATES) for j in (0, 1)}
     r.figure("gain", plots.lines(both.t[1:], gains, xlabel=TIME, ylabel="relative gain Kσ(z)/σ(state)"), "Gains with both measurements, made comparable: the correction by an innovation as large as the measurement's σ, in standard deviations of the state.")
     r.figure("errors", plots.errors(some, xlabel=TIME, unit="rad", state=2, measurement=0), "Innovations of the angle, prediction and filtering errors of δΘ of 25 runs inside the bands of the theory.")
     for name, design in designs.items():
         stats, theory = experiment.statistics(truth, design, steps=p.steps), covariances(design, p.steps).P_plus
-        agreement(r, names[name], stats, theory, consistent=regular(p))
+        agreement(r, names[name], stats, theory, consistent=scales.regular(p))
         if name == "both":
             r.figure("ensemble", plots.ensemble_against_theory(stats, theory, xlabel=TIME, units=UNITS, names=STATES), "RMS and mean of the filtering errors of {runs} runs against theory, in the bands of 95 % of ensembles; NEES and NIS averaged over the runs.", runs=experiment.runs)
 
@@ -360,7 +241,7 @@ def linear(r, p, experiment, names):
 def small(r, q, experiment, steps, parts, flow, names):
     """Deviations and noises so small that the equations are linear."""
     least = float((covariances(designed(q, [0, 1]), steps).sd_plus[-1] / by_hand.units(q)).min())
-    bend = 4 * relative(q, q.P0) ** 2 * (1 + 3 * by_hand.rate(q) * q.dt * steps)
+    bend = 4 * scales.relative(q, q.P0) ** 2 * (1 + 3 * by_hand.rate(q) * q.dt * steps)
     factor = min(1.0, 0.01 * least / bend) if bend and least else 1.0
     rounding = np.finfo(float).eps * math.sqrt(steps * parts) * (1 + 3 * by_hand.rate(q) * q.dt * steps)
     r.says("**Nonlinear truth, small deviations.** All σ (start and measurements) are multiplied by {factor}, so that the quadratic terms are below a hundredth of the smallest error; the gains stay the same. The linear filter (here with both measurements) must then be right on the nonlinear truth, up to the ensemble's chance.", factor=factor)
@@ -382,8 +263,8 @@ def large(r, q, experiment, steps, flow, names):
         plain = experiment.statistics(truth, designed(q, which), steps=steps)
         extended = experiment.statistics(truth, nonlinear(q, flow, which, bounded=True), steps=steps)
         # The quadratic term of a prediction against the noise, and that of the orbit's phase against 1.
-        bend = relative(q, theory.P_minus[1:]) ** 2 * (1 + 3 * by_hand.rate(q) * q.dt) / min(q.sigma_theta, q.sigma_r / q.r0)
-        turn = (10 * relative(q, q.P0) * (1 + by_hand.rate(q) * q.dt * steps)) ** 2
+        bend = scales.relative(q, theory.P_minus[1:]) ** 2 * (1 + 3 * by_hand.rate(q) * q.dt) / min(q.sigma_theta, q.sigma_r / q.r0)
+        turn = (10 * scales.relative(q, q.P0) * (1 + by_hand.rate(q) * q.dt * steps)) ** 2
         index, tested = max(bend, turn), max(bend, turn) < MILD
         if tested:
             agreement(r, text("extended filter, {name}", name=names[name]), extended, theory.P_plus)
@@ -401,7 +282,7 @@ def large(r, q, experiment, steps, flow, names):
              "NEES of both filters with the three sets: 4 where a filter's covariance is true.")
     for i, word in ((0, "r"), (2, "theta")):
         some = {text("{label}, {which}", label=label, which=names[name]): found[name][j].rms[1:, i] for name in ("theta", "both") for j, label in enumerate(("linear", "extended"))}
-        r.figure(f"rms_{word}", plots.lines(t, some, xlabel=TIME, ylabel=f"RMS({STATES[i]}), {UNITS[i]}", log=logarithmic(some), straight={"theory, both": (t, found["both"][2].sd_plus[1:, i])}),
+        r.figure(f"rms_{word}", plots.lines(t, some, xlabel=TIME, ylabel=f"RMS({STATES[i]}), {UNITS[i]}", log=scales.logarithmic(some), straight={"theory, both": (t, found["both"][2].sd_plus[1:, i])}),
                  "RMS error of {state} of the linear and the extended filter on the nonlinear truth.", state=STATES[i])
     untested = [names[name] for name in SETS if not found[name][3]]
     r.says("Errors of a nonlinear filter are not exactly Gaussian, and its covariance is that of its own orbit. Two quadratic terms say how far this matters: $\\rho^2(1 + 3w\\,dt)/\\min(\\sigma_\\Theta, \\sigma_r/r_0)$, a prediction's against the noise (ρ: the largest relative prediction error), and $[10\\rho_0(1 + wT)]^2$, that of the orbit's phase (ρ0 at the start). The larger one is {index} for the three sets. Below {mild} the extended filter is held to the same tests as a linear one, whose bounds are wide against such terms; ",
@@ -427,7 +308,7 @@ def conclusions(r, p, answer, schedules, found):
     ranks = [observability.loss_by_sampling(measured(p, rows), p.dt).rank for rows in SETS.values()]
     lines.append(text("Both together add no new direction to what the angle observes" if ranks[2] == ranks[0] else "At this period both together observe {rank} directions, more than either", ", and they are more accurate: σ of the four states is smaller than that of the better single measurement by the factors {ratios}." if max(ratios) > 1.0005 else "; nor are they more accurate by anything worth mentioning.",
                       rank=ranks[2], ratios=[round(x, 3) for x in ratios]))
-    lines.append(text("There is no process noise, so the variances of all that is observed tend to 0 and with them the gains; with the range only the angle's gain tends to {limit} rad/m instead, and its variance grows without bound.", limit=answer["gain_limit"]) if all_seen and regular(p) else
+    lines.append(text("There is no process noise, so the variances of all that is observed tend to 0 and with them the gains; with the range only the angle's gain tends to {limit} rad/m instead, and its variance grows without bound.", limit=answer["gain_limit"]) if all_seen and scales.regular(p) else
                  "There is no process noise: what is observed becomes known better and better; what is not observed does not.")
     if found:
         bound = 4 * (1 + 6 * math.sqrt(0.5 / found["both"][0].runs))
@@ -446,7 +327,7 @@ def conclusions(r, p, answer, schedules, found):
 
 PARTS = Skeleton(
     analysis=(part_a, part_b, part_c),
-    plan=plan,
+    plan=scales.plan,
     experiment=(part_d,),
     conclusions=conclusions,
 )
@@ -458,7 +339,7 @@ def report(p, experiment: Experiment) -> Report:
         msg = f"a phase w dt of {by_hand.rate(p) * p.dt:g} rad in a period, of which too few digits are left after {LONG * p.steps} periods"
         raise FloatingPointError(msg)
     answer = by_hand.analytic(p)
-    schedules = {name: covariances(discretise(measured(p, rows), p.dt, R=noise(p, rows)), LONG * p.steps) for name, rows in SETS.items()}
+    schedules = {name: covariances(discretise(measured(p, rows), p.dt, R=scales.noise(p, rows)), LONG * p.steps) for name, rows in SETS.items()}
     return PARTS.report(META, p, experiment, answer=answer, schedules=schedules)
 
 

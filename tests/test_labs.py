@@ -1,5 +1,6 @@
 """The catalogue: what a lab may be called, which parameters it has, and what is read without importing it."""
 
+import ast
 import importlib.util
 import json
 import subprocess
@@ -289,6 +290,15 @@ def test_there_are_no_other_sheets_and_unknown_labs_have_none():
     assert {path.stem for path in (labs.folder() / "sheets").iterdir()} == set(labs.catalogue())
     with pytest.raises(KeyError, match="task99"):
         sheet("task99")
+
+
+@pytest.mark.parametrize("path", sorted(labs.folder().rglob("*.py")), ids=lambda path: path.stem)
+def test_a_lab_can_be_read(path):
+    """A file has at most 350 lines, a function at most 40."""
+    source = path.read_text(encoding="utf-8")
+    functions = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.FunctionDef)]
+    assert len(source.splitlines()) <= 350
+    assert [node.name for node in functions if node.end_lineno - node.lineno + 1 > 40] == []
 
 
 @pytest.mark.parametrize("name", sorted(labs.catalogue()))
