@@ -1,7 +1,8 @@
 r"""Words and numbers for readers: translation, placeholders, number formats.
 
-Reader-facing text goes through :func:`_` (gettext; English is the source language). Placeholders are ``{name}``
-where they do not follow a LaTeX command, ``_``, ``^`` or ``}``, so that ``\bar{P}`` in a text stays LaTeX.
+Reader-facing text is translated where it enters a report, a figure or a message (gettext; English is the source language):
+by :func:`text`, which also puts values in, or by :func:`_`. Placeholders are ``{name}`` where they do not follow a LaTeX
+command, ``_``, ``^`` or ``}``, so that ``\bar{P}`` in a text stays LaTeX.
 """
 
 from __future__ import annotations
@@ -19,6 +20,27 @@ _PLACEHOLDER = re.compile(r"(?<![\\\w^}])\{([a-zA-Z]\w*)\}")
 RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹"
 #: A unit of one letter or word, such as m, °C or %, and its power.
 _SIMPLE = re.compile(rf"([°%‰]?[^\W\d_{RAISED}]*)([{RAISED}]*)")
+
+
+def translated(words: str) -> str:
+    """Words in the reader's language; what has no translation (a symbol, a name, a text that is translated already) stays.
+
+    >>> translated("gain"), translated("")
+    ('gain', '')
+    """
+    return _(words) if words else ""  # gettext's translation of "" is the catalogue's head
+
+
+def text(*sentences: str, **values: object) -> str:
+    r"""A text for the reader: each of the ``sentences`` translated, ``values`` in place of their ``{name}``.
+
+    Values that are words are translated, numbers are written as :func:`number` does.
+
+    >>> text("The limit is {limit} m²", ", which is {word}." , limit=0.123456789, word="small")
+    'The limit is 0.12346 m², which is small.'
+    """
+    words = {name: translated(value) if isinstance(value, str) else value for name, value in values.items()}
+    return fill("".join(map(translated, sentences)), **words)
 
 
 def fill(text: str, /, **values: object) -> str:

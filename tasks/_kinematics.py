@@ -6,43 +6,55 @@ forms of its sheet and the steady gain in its own terms; :func:`answer_sheet` do
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import sympy
-from ctlabs.tasks import _kinematics_analytic as by_hand
+from ctlabs.tasks._kinematics_experiment import (
+    CURVE,
+    QUANTITY,
+    conclusions,
+    constant,
+    part_d,
+    plan,
+    sweeps,
+    wrong_start,
+)
+from ctlabs.tasks._kinematics_model import (
+    Lab,
+    continuous,
+    definition,
+    factors,
+    growth,
+    named,
+    sampled,
+    squared,
+)
+from ctlabs.tasks.answers import kinematics as by_hand
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import settling, settling_step, steady
 from ctlabs.labs.experiment import Experiment, covariances
-from ctlabs.labs.portrait import agreement, largest, portrait
-from ctlabs.linalg.factors import factor, unit_triangular
-from ctlabs.models import DiscreteModel, kinematics, observability, symbolic
+from ctlabs.labs.portrait import agreement
+from ctlabs.labs.skeleton import Skeleton
+from ctlabs.models import kinematics, observability, symbolic
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import Count, LabParameters, Positive, Variance, given
 from ctlabs.reporting.report import EXACT, Report
-from ctlabs.text import _, fill, number
+from ctlabs.text import number, text
 
 SIGMA, TAU = sympy.symbols("sigma_w tau", positive=True)
 #: New units of length (m) and time (s) in which everything is computed again; no simple powers of each other.
 METRE, SECOND = 3.7, 0.23
 #: Periods after which the covariance without measurements is given.
 PERIODS = 20
-#: Levels of the factors in the experiment; the period enters the ratio by a high power.
-LEVELS = {"P0": (0.1, 10.0), "sigma_w2": (0.1, 10.0), "R": (0.2, 5.0), "tau": (0.5, 2.0)}
-#: The states in the sheet's letters.
-STATES = ("x", "v_x", "a")
-STEP = _("measurement number i")
 MIXED = "SI"
-#: What the two sheets call the quantity that is a constant plus a Brownian motion.
-QUANTITY = {2: _("velocity"), 3: _("acceleration")}
 MISPRINT = {
-    2: _("The sheet prints $x$ for the constant; the method notes write $c_x$."),
-    3: _("The sheet prints $x(t)$ for the acceleration, and $a$ for its constant part."),
+    2: "The sheet prints $x$ for the constant; the method notes write $c_x$.",
+    3: "The sheet prints $x(t)$ for the acceleration, and $a$ for its constant part.",
 }
-CURVE = {2: _("a straight line"), 3: _("a parabola")}
 
 
 class KinematicParameters(LabParameters):
@@ -53,120 +65,54 @@ class KinematicParameters(LabParameters):
     steps: Count = given(10, unit="1", meaning="number of measurements in the lists")
 
 
-@dataclass(frozen=True)
-class Lab:
-    """One of the two labs, with everything its sections look at."""
-
-    p: Any
-    answer: Mapping[str, Any]
-    chain: symbolic.Chain
-    system: DiscreteModel
-    limit: steady.SteadyState
-    settled: int | None
-
-    @property
-    def n(self) -> int:
-        """Number of integrators."""
-        return self.system.n
-
-    @property
-    def ratio(self) -> float:
-        """ρ = σ_w²τ²ⁿ⁻¹/R, on which the shape of the filter depends."""
-        c = self.p.sigma_w2 * self.p.tau ** (2 * self.n - 1)
-        return c / self.p.R if self.p.R else (math.inf if c else 0.0)
-
-
-def answer_sheet(meta: Mapping[str, Any], p: Any, answer: Mapping[str, Any], experiment: Experiment, closed_form: Callable[[Report, Lab], None]) -> Report:
-    """The report; ``closed_form`` adds what the lab knows of its steady gain."""
-    r, system = Report(meta, p, experiment.runs, experiment.seed), sampled(p)
-    F, G = np.eye(system.n, k=1, dtype=int), np.eye(system.n, dtype=int)[:, -1:]
-    lab = Lab(p, answer, symbolic.chain(F, G, [[SIGMA**2]], TAU), system, steady.solve(system), settling(system))
-    r.heading(_("Part I. Analysis"))
-    part_a(r, lab)
-    part_b(r, lab)
-    part_c(r, lab, experiment)
-    existence(r, lab)
-    limits(r, lab)
-    closed_form(r, lab)
-    r.heading(_("Plan of the experiment"))
-    steps = plan(r, lab, experiment)
-    r.heading(_("Part II. Experiment"))
-    r.section("d", _("The filter at the given parameters"))
-    stats, worst = part_d(r, lab, experiment, steps)
-    sweeps(r, lab, experiment, stats, worst)
-    wrong_start(r, lab, experiment, steps)
-    constant(r, lab, steps)
-    r.heading(_("Conclusions"))
-    conclusions(r, lab)
-    return r
-
-
-def continuous(p):
-    """ẋ = Fx + Gw: the random constant is the initial value of the last state, the Brownian motion its increments."""
-    n = len(p.P0)
-    return replace(kinematics.integrators(n, p.sigma_w2, P0=p.P0, x0=p.x0_mean), states=STATES[:n])
-
-
-def sampled(p):
-    """The discrete model."""
-    return discretise(continuous(p), p.tau, [[p.R]])
-
-
-def factors(p):
-    """G_d, the variances in Q̄_d, and Ḡ_d; G_d does not depend on σ_w², so it exists for σ_w² = 0 too."""
-    unit = sampled(p.model_copy(update={"sigma_w2": 1.0})).Qd
-    lower, variances = unit_triangular(unit)
-    return lower, p.sigma_w2 * variances, math.sqrt(p.sigma_w2) * factor(unit)
-
-
 def part_a(r, lab):
     """The model of the sheet with uncorrelated noises."""
     p, words = lab.p, {"quantity": QUANTITY[lab.n], "last": lab.system.states[-1]}
-    r.section("a", _("The discrete model with a unit lower triangular noise matrix"))
-    r.says(_("The {quantity} is a random constant plus a Brownian motion, ${last}(t) = c + \\beta(t)$ with β(t0) = 0. The derivative of β is white noise w of strength σ_w² (a diffusion, not a variance), and the constant is the initial value of ${last}$: {n} integrators in a row, of which the first is measured. ({misprint})"), n=lab.n, misprint=MISPRINT[lab.n], **words)
+    r.section("a", "The discrete model with a unit lower triangular noise matrix")
+    r.says("The {quantity} is a random constant plus a Brownian motion, ${last}(t) = c + \\beta(t)$ with β(t0) = 0. The derivative of β is white noise w of strength σ_w² (a diffusion, not a variance), and the constant is the initial value of ${last}$: {n} integrators in a row, of which the first is measured. ({misprint})", n=lab.n, misprint=MISPRINT[lab.n], **words)
     r.math(r"\dot x(t) = Fx(t) + Gw(t), \qquad E[w(t)w(t')] = \sigma_w^2\,\delta(t - t'), \qquad z(t_i) = Hx(t_i) + v(t_i), \qquad E[v(t_i)v(t_j)] = R\,\delta_{ij}")
     equations = lab.chain.latex()
     for equation in equations[:4]:
         r.math(equation)
-    r.says(_("The noise $w_d$ of covariance $Q_d$ becomes $G_d\\bar{w}_d$ with uncorrelated components: $\\bar{Q}_d$ is diagonal, $G_d$ unit lower triangular. Column by column, $d_1 = q_{11}$, $g_{i1} = q_{i1}/d_1$, and the same for what is left, $Q_d - d_1g_1g_1^T$:"))
+    r.says("The noise $w_d$ of covariance $Q_d$ becomes $G_d\\bar{w}_d$ with uncorrelated components: $\\bar{Q}_d$ is diagonal, $G_d$ unit lower triangular. Column by column, $d_1 = q_{11}$, $g_{i1} = q_{i1}/d_1$, and the same for what is left, $Q_d - d_1g_1g_1^T$:")
     for equation in equations[4:6]:
         r.math(equation)
     r.math(r"x(t_{i+1}) = \Phi x(t_i) + G_d\bar w_d(t_i)")
-    r.says(_("With the given numbers (every matrix is listed below):"))
+    r.says("With the given numbers (every matrix is listed below):")
     r.model(lab.system)
     lower, variances, _factor = factors(p)
-    routes = (_("matrix exponential by doubling"), _("closed form"))
+    routes = ("matrix exponential by doubling", "closed form")
     r.value("Phi", lab.system.Phi, MIXED, agrees=lab.answer, routes=routes, kind=EXACT)
     r.value("Qd", lab.system.Qd, MIXED, agrees=lab.answer, routes=routes, kind=EXACT)
-    routes = (_("LDLᵀ in floating point"), _("closed form"))
+    routes = ("LDLᵀ in floating point", "closed form")
     r.value("unit_lower_factor", lower, MIXED, agrees=lab.answer, routes=routes, kind=EXACT)
     r.value("diagonal_noise_variances", variances, MIXED, agrees=lab.answer, routes=routes, kind=EXACT)
     if p.sigma_w2:
         numbers = lab.chain.evaluate(sigma_w=math.sqrt(p.sigma_w2), tau=p.tau)
-        r.check(_("Q_d of the chain"), numbers.Qd, lab.system.Qd, (_("symbolic chain"), _("matrix exponential by doubling")), EXACT)
+        r.check("Q_d of the chain", numbers.Qd, lab.system.Qd, ("symbolic chain", "matrix exponential by doubling"), EXACT)
     else:
-        r.says(_("For σ_w² = 0 there is no noise and $Q_d = 0$; $G_d$ is the one that holds for every σ_w²."))
+        r.says("For σ_w² = 0 there is no noise and $Q_d = 0$; $G_d$ is the one that holds for every σ_w².")
 
 
 def part_b(r, lab):
     """Standardised noises, and the units of everything."""
-    r.section("b", _("Standardised noises, and units"))
-    r.says(_("With $\\tilde{Q}_d = \\mathrm{diag}(\\sqrt{d_1}, \\dots)$ the noise is $\\bar{G}_d\\bar{w}$, whose independent components have variance 1: $Q_d = \\bar{G}_d\\bar{G}_d^T$. This lower triangular factor is Cholesky's."))
+    r.section("b", "Standardised noises, and units")
+    r.says("With $\\tilde{Q}_d = \\mathrm{diag}(\\sqrt{d_1}, \\dots)$ the noise is $\\bar{G}_d\\bar{w}$, whose independent components have variance 1: $Q_d = \\bar{G}_d\\bar{G}_d^T$. This lower triangular factor is Cholesky's.")
     r.math(lab.chain.latex()[6])
     r.math(r"x(t_{i+1}) = \Phi x(t_i) + \bar G_d\bar w(t_i), \qquad E[\bar w(t_i)\bar w^T(t_j)] = I\,\delta_{ij}")
-    r.says(_("(The last example of section 4.3 of the method notes drops σ_w: its factor is that for σ_w = 1. In section 4.4 $G_dQ_dG_d^T$ stands for $G_d\\bar{Q}_dG_d^T$, which is $Q_d$: the factor is applied once.)"))
-    routes = (_("Cholesky factor in floating point"), _("closed form"))
+    r.says("(The last example of section 4.3 of the method notes drops σ_w: its factor is that for σ_w = 1. In section 4.4 $G_dQ_dG_d^T$ stands for $G_d\\bar{Q}_dG_d^T$, which is $Q_d$: the factor is applied once.)")
+    routes = ("Cholesky factor in floating point", "closed form")
     r.value("standardised_noise_factor", factors(lab.p)[2], MIXED, agrees=lab.answer, routes=routes, kind=EXACT)
     table = kinematics.units(continuous(lab.p))
     shown = [
-        ("t, τ", _("time, period"), "t"), ("x", _("state"), "x"), ("w", _("white noise of the model"), "w"), ("Q = σ_w²", _("its strength, the diffusion of β"), "Q"),
-        ("F", _("system matrix"), "F"), ("G", _("noise input"), "G"), ("H", _("measurement matrix"), "H"), ("x̄0", _("initial mean"), "x0"), ("P0", _("initial covariance"), "P0"),
-        ("Φ", _("transition matrix"), "Phi"), ("Q_d", _("covariance of the discrete noise"), "Qd"), ("w̄_d of (a)", _("uncorrelated noises"), "w_diagonal"), ("G_d", _("their matrix"), "Gd"),
-        ("Q̄_d", _("their variances, the diagonal"), "Qd_diagonal"), ("w̄ of (b)", _("standardised noises"), "w_standardised"), ("Ḡ_d", _("their matrix"), "Gd_standardised"),
-        ("z, v", _("measurement and its error"), "z"), ("R, S", _("variance of the error, of the innovation"), "R"), ("P", _("error covariance"), "P"), ("K", _("gain"), "K"),
-    ]  # fmt: skip
-    r.table("units", [_("quantity"), _("meaning"), _("SI unit, element by element")], [(symbol, meaning, plain_units(table[name])) for symbol, meaning, name in shown],
-            _("Units of all constants and variables; an element that is 0 has the unit of its place. σ_w² is a diffusion, not a variance: the δ function in $E[ww']$ is 1/s."))  # fmt: skip
+        ("t, τ", "time, period", "t"), ("x", "state", "x"), ("w", "white noise of the model", "w"), ("Q = σ_w²", "its strength, the diffusion of β", "Q"),
+        ("F", "system matrix", "F"), ("G", "noise input", "G"), ("H", "measurement matrix", "H"), ("x̄0", "initial mean", "x0"), ("P0", "initial covariance", "P0"),
+        ("Φ", "transition matrix", "Phi"), ("Q_d", "covariance of the discrete noise", "Qd"), ("w̄_d of (a)", "uncorrelated noises", "w_diagonal"), ("G_d", "their matrix", "Gd"),
+        ("Q̄_d", "their variances, the diagonal", "Qd_diagonal"), ("w̄ of (b)", "standardised noises", "w_standardised"), ("Ḡ_d", "their matrix", "Gd_standardised"),
+        ("z, v", "measurement and its error", "z"), ("R, S", "variance of the error, of the innovation", "R"), ("P", "error covariance", "P"), ("K", "gain", "K"),
+    ]
+    r.table("units", ["quantity", "meaning", "SI unit, element by element"], [(symbol, meaning, plain_units(table[name])) for symbol, meaning, name in shown],
+            "Units of all constants and variables; an element that is 0 has the unit of its place. σ_w² is a diffusion, not a variance: the δ function in $E[ww']$ is 1/s.")
     rescaling(r, lab, table)
 
 
@@ -177,7 +123,7 @@ def plain_units(unit):
 
 def rescaling(r, lab, table):
     """Dimensional analysis by numbers: the same model in other units of length and time."""
-    r.says(_("**Check of the units.** All numbers are written in other units, {metre} m for the length and {second} s for the time, and everything is computed again from them. A quantity with the unit $\\mathrm{m}^a\\mathrm{s}^b$ must come out divided by ${metre}^a\\,{second}^b$, element by element: any other exponent, or a formula that adds unlike quantities, would show."), metre=METRE, second=SECOND)
+    r.says("**Check of the units.** All numbers are written in other units, {metre} m for the length and {second} s for the time, and everything is computed again from them. A quantity with the unit $\\mathrm{m}^a\\mathrm{s}^b$ must come out divided by ${metre}^a\\,{second}^b$, element by element: any other exponent, or a formula that adds unlike quantities, would show.", metre=METRE, second=SECOND)
     p, other = lab.p, kinematics.rescaled(continuous(lab.p), METRE, SECOND)
     tau, R = kinematics.converted(p.tau, table["t"], METRE, SECOND), kinematics.converted([[p.R]], table["R"], METRE, SECOND)
     changed = discretise(other, float(tau), R)
@@ -186,42 +132,37 @@ def rescaling(r, lab, table):
         (("Phi", "Qd"), (lab.system.Phi, lab.system.Qd), (changed.Phi, changed.Qd)),
         (("Gd", "Qd_diagonal", "Gd_standardised"), factors(p), factors(q)),
         (("P", "K"), *((s.P_plus[-1], s.K[-1]) for s in (covariances(lab.system, p.steps), covariances(changed, p.steps)))),
-    ):  # fmt: skip
+    ):
         for name, value, again in zip(names, here, there, strict=True):
-            r.check(fill(_("unit of {name}"), name=name), again, kinematics.converted(value, table[name], METRE, SECOND), (_("computed in other units"), _("converted by its unit")))
+            r.check(text("unit of {name}", name=name), again, kinematics.converted(value, table[name], METRE, SECOND), ("computed in other units", "converted by its unit"))
 
 
 def part_c(r, lab, experiment):
     """The explicit solution, and the variances from a deterministic start."""
     p, n = lab.p, lab.n
-    r.section("c", _("Explicit solution; variances from a deterministic start"))
-    r.says(_("From $x(t_k) = \\Phi^kx(t_0) + \\sum_{m=0}^{k-1}\\Phi^mG_d\\bar{w}_d(t_{k-1-m})$ with $\\Phi^m = \\Phi(m\\tau)$, component by component; the part before the sum is that of the initial conditions, $\\bar{w}_j$ stands for $\\bar{w}_{d,j}(t_{k-1-m})$:"))
+    r.section("c", "Explicit solution; variances from a deterministic start")
+    r.says("From $x(t_k) = \\Phi^kx(t_0) + \\sum_{m=0}^{k-1}\\Phi^mG_d\\bar{w}_d(t_{k-1-m})$ with $\\Phi^m = \\Phi(m\\tau)$, component by component; the part before the sum is that of the initial conditions, $\\bar{w}_j$ stands for $\\bar{w}_{d,j}(t_{k-1-m})$:")
     for equation in explicit_solution(lab):
         r.math(equation)
-    r.says(_("For a deterministic start only the sum is random. Its terms are independent, and $\\Phi^mG_d\\bar{Q}_dG_d^T(\\Phi^m)^T$ is what the noise between $m\\tau$ and $(m+1)\\tau$ before the end contributes; the sum over m is therefore one integral, without τ. At any time t after t0:"))
+    r.says("For a deterministic start only the sum is random. Its terms are independent, and $\\Phi^mG_d\\bar{Q}_dG_d^T(\\Phi^m)^T$ is what the noise between $m\\tau$ and $(m+1)\\tau$ before the end contributes; the sum over m is therefore one integral, without τ. At any time t after t0:")
     r.math(rf"E\bigl[(x - Ex)(x - Ex)^T\bigr] = {sympy.latex(lab.chain.Qd.subs(TAU, sympy.Symbol('t', positive=True)))}")
     alone = replace(lab.system, R=[[math.inf]], P0=np.zeros((n, n)), dt=1.0)
     grown = covariances(alone, PERIODS)
-    r.value("open_loop_covariance", grown.P_minus[-1], MIXED, agrees=lab.answer, routes=(_("recursion without measurements"), _("integral, closed form")))
+    r.value("open_loop_covariance", grown.P_minus[-1], MIXED, agrees=lab.answer, routes=("recursion without measurements", "integral, closed form"))
     by_sum = by_hand.spread_by_sum(lab.answer["Phi"], lab.answer["unit_lower_factor"], lab.answer["diagonal_noise_variances"], PERIODS)
-    r.check(_("sum over the noises w̄"), by_sum, lab.answer["open_loop_covariance"], (_("explicit solution"), _("integral, closed form")))
+    r.check("sum over the noises w̄", by_sum, lab.answer["open_loop_covariance"], ("explicit solution", "integral, closed form"))
     stats = experiment.statistics(alone, steps=PERIODS, stream=1)
-    agreement(r, _("without measurements"), stats, grown.P_plus, consistent=False)
+    agreement(r, "without measurements", stats, grown.P_plus, consistent=False)
     rows = [(k, k * p.tau, *np.sqrt(np.diag(by_hand.spread(n, p.sigma_w2, k * p.tau))), *stats.rms[k]) for k in (1, 2, 5, 10, PERIODS)]
     labels = named(lab)
-    r.table("open_loop", ["k", "t, s", *(fill(_("σ of {state}"), state=s) for s in labels), *(fill(_("ensemble: {state}"), state=s) for s in labels)], rows, _("Standard deviations of the state from a deterministic start, theory and ensemble."))
+    r.table("open_loop", ["k", "t, s", *(text("σ of {state}", state=s) for s in labels), *(text("ensemble: {state}", state=s) for s in labels)], rows, "Standard deviations of the state from a deterministic start, theory and ensemble.")
     if not p.sigma_w2:
-        r.says(_("Without noise the state follows its initial values exactly: all these variances are 0."))
+        r.says("Without noise the state follows its initial values exactly: all these variances are 0.")
         return
     i = np.arange(1, PERIODS + 1)
-    points = {"_" * j + _("ensemble"): (i, stats.rms[1:, j]) for j in range(n)}
-    figure = plots.lines(i, {f"{s}": grown.sd_plus[1:, j] for j, s in enumerate(labels)}, xlabel=_("number of periods k"), ylabel=fill(_("σ of the state ({units})"), units=", ".join(lab.system.units)), points=points, log="xy")
-    r.figure("open_loop", figure, _("Growth of the state's standard deviations from a deterministic start: powers of t, from √t for the last state to the power {power} for x."), power=n - 0.5)
-
-
-def named(lab):
-    """States with their units."""
-    return [f"{name}, {unit}" for name, unit in zip(lab.system.states, lab.system.units, strict=True)]
+    points = {"_" * j + "ensemble": (i, stats.rms[1:, j]) for j in range(n)}
+    figure = plots.lines(i, {f"{s}": grown.sd_plus[1:, j] for j, s in enumerate(labels)}, xlabel="number of periods k", ylabel=text("σ of the state ({units})", units=", ".join(lab.system.units)), points=points, log="xy")
+    r.figure("open_loop", figure, "Growth of the state's standard deviations from a deterministic start: powers of t, from √t for the last state to the power {power} for x.", power=n - 0.5)
 
 
 def explicit_solution(lab):
@@ -233,7 +174,7 @@ def explicit_solution(lab):
     found = []
     for i, name in enumerate(lab.system.states):
         terms = [(sympy.latex(kernel[i, j]), f"\\bar w_{j + 1}") for j in range(lab.n) if kernel[i, j] != 0]
-        inside = " + ".join(noise if text == "1" else rf"\Bigl({text}\Bigr){noise}" if " + " in text else rf"{text}\,{noise}" for text, noise in terms)
+        inside = " + ".join(noise if factor == "1" else rf"\Bigl({factor}\Bigr){noise}" if " + " in factor else rf"{factor}\,{noise}" for factor, noise in terms)
         before = " + ".join(sympy.latex(initial[i, j] * start[j]) for j in range(i, lab.n))
         found.append(rf"{name}(t_k) = {before} + \sum_{{m=0}}^{{k-1}}\Bigl[{inside}\Bigr]")
     return found
@@ -242,36 +183,26 @@ def explicit_solution(lab):
 def existence(r, lab):
     """The filter, and why its errors stay bounded."""
     p, n = lab.p, lab.n
-    r.section("d", _("The filter, and why its error variances are bounded"))
+    r.section("d", "The filter, and why its error variances are bounded")
     r.math(r"\hat x(t_i^-) = \Phi\hat x(t_{i-1}^+), \qquad P(t_i^-) = \Phi P(t_{i-1}^+)\Phi^T + Q_d, \qquad \hat x(t_0^+) = \bar x_0, \quad P(t_0^+) = P_0")
     r.math(r"K_j(t_i) = \frac{P_{j1}(t_i^-)}{P_{11}(t_i^-) + R}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)[z(t_i) - \hat x_1(t_i^-)], \qquad P(t_i^+) = [I - K(t_i)H]P(t_i^-)")
-    r.says(_("(The gain is $P^-H^T(HP^-H^T + R)^{-1}$; the method notes lose the transpose. With $P(t_0^+)$ given the updates begin at t1.)"))
+    r.says("(The gain is $P^-H^T(HP^-H^T + R)^{-1}$; the method notes lose the transpose. With $P(t_0^+)$ given the updates begin at t1.)")
     seen, unit = observability.analyse(lab.system), sampled(p.model_copy(update={"sigma_w2": 1.0}))
-    r.says(_("**Observability.** n measurements in a row determine the state: the matrix of the rows $H, H\\Phi, \\dots, H\\Phi^{n-1}$ has the determinant $\\tau^{n(n-1)/2} \\ne 0$ for every period. The rank found numerically is {rank} of {n}."), rank=seen.rank, n=n)
+    r.says("**Observability.** n measurements in a row determine the state: the matrix of the rows $H, H\\Phi, \\dots, H\\Phi^{n-1}$ has the determinant $\\tau^{n(n-1)/2} \\ne 0$ for every period. The rank found numerically is {rank} of {n}.", rank=seen.rank, n=n)
     gramian = observability.gramian(lab.system, n)
-    r.check(_("determinant of the observability Gramian of n samples"), np.linalg.det(gramian), p.tau ** (n * (n - 1)), (_("Gramian"), "τ^(n(n−1))"))
-    r.says(_("**Controllability by the noise.** $\\det Q_d = \\prod d_j > 0$ for σ_w² > 0: the noise reaches every direction of the state within one period. Both properties together give one limit of the error covariance for every P0, and a filter that forgets its start."))
-    r.check(_("determinant of Q_d for σ_w² = 1"), np.linalg.det(unit.Qd), float(np.prod(factors(p.model_copy(update={"sigma_w2": 1.0}))[1])), (_("determinant"), _("product of the variances in Q̄_d")))
+    r.check("determinant of the observability Gramian of n samples", np.linalg.det(gramian), p.tau ** (n * (n - 1)), ("Gramian", "τ^(n(n−1))"))
+    r.says("**Controllability by the noise.** $\\det Q_d = \\prod d_j > 0$ for σ_w² > 0: the noise reaches every direction of the state within one period. Both properties together give one limit of the error covariance for every P0, and a filter that forgets its start.")
+    r.check("determinant of Q_d for σ_w² = 1", np.linalg.det(unit.Qd), float(np.prod(factors(p.model_copy(update={"sigma_w2": 1.0}))[1])), ("determinant", "product of the variances in Q̄_d"))
     r.value("verdict_d", bool(seen.ok))
-    r.says(_("The value `verdict_d` says whether the error variances are bounded; the criterion is that every mode with |λ| ≥ 1 (here all, λ = 1) is observed."))
+    r.says("The value `verdict_d` says whether the error variances are bounded; the criterion is that every mode with |λ| ≥ 1 (here all, λ = 1) is observed.")
     deadbeat = backward_gain(n, p.tau)
     bound = sensitivity.fixed_gain(replace(lab.system, P0=np.zeros((n, n))), deadbeat, n).P_plus[n]
-    r.says(_("**Bounds, without the theorem.** Put {curve} through the last {n} measurements: an estimate that uses nothing older, so that its error holds only R and the noise of the last {n} periods. It is the filter with the constant gain $K_* = {gain}$, all of whose poles are 0, and its error variances are {bound}. The optimal filter, which uses all measurements and P0, has no larger ones from measurement {n} on, whatever P0. So they are bounded, while those of the state (σ_w² > 0) grow without bound, that of x like {growth}. ∎"),
-           curve=CURVE[n], n=n, gain=number(deadbeat[:, 0]), bound=", ".join(f"{number(b)} {u}" for b, u in zip(np.diag(bound), squared(lab), strict=True)), growth=growth(n))  # fmt: skip
-    r.check(_("error covariance of the backward differences"), bound, by_hand.backward_differences(n, p.sigma_w2, p.tau, p.R), (_("filter with poles at 0"), _("polynomial through n measurements")))
+    r.says("**Bounds, without the theorem.** Put {curve} through the last {n} measurements: an estimate that uses nothing older, so that its error holds only R and the noise of the last {n} periods. It is the filter with the constant gain $K_* = {gain}$, all of whose poles are 0, and its error variances are {bound}. The optimal filter, which uses all measurements and P0, has no larger ones from measurement {n} on, whatever P0. So they are bounded, while those of the state (σ_w² > 0) grow without bound, that of x like {growth}. ∎",
+           curve=CURVE[n], n=n, gain=number(deadbeat[:, 0]), bound=", ".join(f"{number(b)} {u}" for b, u in zip(np.diag(bound), squared(lab), strict=True)), growth=growth(n))
+    r.check("error covariance of the backward differences", bound, by_hand.backward_differences(n, p.sigma_w2, p.tau, p.R), ("filter with poles at 0", "polynomial through n measurements"))
     variances = np.diagonal(covariances(lab.system, max(p.steps, n + 10)).P_plus, axis1=1, axis2=2)[n:]
     scale = np.where(np.diag(bound) > 0, np.diag(bound), 1.0)
-    r.holds(_("P⁺ ≤ that of the last n measurements"), (np.diag(bound) - variances) / scale, (_("recursion"), _("bound proved")), size=1.0)
-
-
-def growth(n):
-    """How the variance of x grows without measurements."""
-    return f"$t^{2 * n - 1}$"
-
-
-def squared(lab):
-    """Units of the variances."""
-    return [str(kinematics.Unit.parse(unit) ** 2) for unit in lab.system.units]
+    r.holds("P⁺ ≤ that of the last n measurements", (np.diag(bound) - variances) / scale, ("recursion", "bound proved"), size=1.0)
 
 
 def backward_gain(n, tau):
@@ -282,23 +213,23 @@ def backward_gain(n, tau):
 def limits(r, lab):
     """Lists over the measurements, limits and settling."""
     p, n = lab.p, lab.n
-    r.says(_("**Along the measurements and in the limit.**"))
+    r.says("**Along the measurements and in the limit.**")
     schedule, at = covariances(lab.system, p.steps), [i * p.tau for i in range(1, p.steps + 1)]
-    routes = (_("recursion"), _("square-root arrays"))
+    routes = ("recursion", "square-root arrays")
     r.value("gain", schedule.K[1:, :, 0], MIXED, at=at, agrees=lab.answer, routes=routes)
     r.value("posterior_covariance", schedule.P_plus[1:], MIXED, at=at, agrees=lab.answer, routes=routes)
     if p.R:
         k = min(p.steps, 12)
         whole = by_hand.least_squares(lab.answer["Phi"], lab.answer["standardised_noise_factor"], p.R, p.P0, k)[0]
-        r.check(fill(_("P⁺ at measurement {k}"), k=k), schedule.P_plus[k], whole, (_("recursion"), _("least squares over the trajectory")))
-    r.says(_("The spectrum of the n-th difference of z is that of n increments of noise, a B-spline, plus that of the differenced measurement errors. Its zeros inside the unit circle are the poles of the steady filter, which gives the limits in closed form: with $u = 2 - z - 1/z$ and {ratio}"), ratio=f"${definition(n)}$")
+        r.check(text("P⁺ at measurement {k}", k=k), schedule.P_plus[k], whole, ("recursion", "least squares over the trajectory"))
+    r.says("The spectrum of the n-th difference of z is that of n increments of noise, a B-spline, plus that of the differenced measurement errors. Its zeros inside the unit circle are the poles of the steady filter, which gives the limits in closed form: with $u = 2 - z - 1/z$ and {ratio}", ratio=f"${definition(n)}$")
     r.math({2: r"u^2 + \rho\,\Bigl(1 - \frac u6\Bigr) = 0", 3: r"u^3 + \rho\,\Bigl(1 - \frac u4 + \frac{u^2}{120}\Bigr) = 0"}[n])
-    routes = (_("Riccati equation"), _("spectral factorisation"))
+    routes = ("Riccati equation", "spectral factorisation")
     r.value("prior_covariance_steady", lab.limit.P_minus, MIXED, agrees=lab.answer, routes=routes)
     r.value("posterior_covariance_steady", lab.limit.P_plus, MIXED, agrees=lab.answer, routes=routes)
     r.value("gain_steady", lab.limit.K[:, 0], MIXED, agrees=lab.answer, routes=routes)
     table_of_limits(r, lab)
-    r.value("settling_step", lab.settled, agrees=lab.answer, routes=(_("recursion"), _("square-root arrays")), reason=_("the limits are 0, and a variance that tends to 0 like a power of 1/i never stays within 1 % of it"))
+    r.value("settling_step", lab.settled, agrees=lab.answer, routes=("recursion", "square-root arrays"), reason="the limits are 0, and a variance that tends to 0 like a power of 1/i never stays within 1 % of it")
     invariance(r, lab)
 
 
@@ -310,231 +241,35 @@ def table_of_limits(r, lab):
         before, after = lab.limit.P_minus[j, j], lab.limit.P_plus[j, j]
         alone = None if lab.settled is None else settling_step(variances[:, j : j + 1], [after])
         rows.append((f"{name}, {unit}", f"{number(before)} {square}", f"{number(after)} {square}", math.sqrt(after), alone, None if alone is None else alone * lab.p.tau))
-    r.table("limits", [_("state"), _("variance before an update"), _("variance after it"), _("σ after it"), _("settled at measurement"), _("settled at, s")], rows,
-            _("Limits of the error variances and the time to reach them (within 1 %, state by state; the filter has settled when the last of them has)."))  # fmt: skip
-
-
-def definition(n):
-    """ρ in LaTeX."""
-    return rf"\rho = \sigma_w^2\tau^{2 * n - 1}/R"
+    r.table("limits", ["state", "variance before an update", "variance after it", "σ after it", "settled at measurement", "settled at, s"], rows,
+            "Limits of the error variances and the time to reach them (within 1 %, state by state; the filter has settled when the last of them has).")
 
 
 def invariance(r, lab):
     """In units of the period and of R everything depends on one ratio."""
     p, n = lab.p, lab.n
-    r.says(_("**One ratio.** With τ as the unit of time and √R as that of length the filter has a single parameter, ρ: the gains $\\bar{K}_1, \\bar{K}_2\\tau, \\dots$ depend on ρ alone. Here ρ = {ratio}."), ratio=lab.ratio)
+    r.says("**One ratio.** With τ as the unit of time and √R as that of length the filter has a single parameter, ρ: the gains $\\bar{K}_1, \\bar{K}_2\\tau, \\dots$ depend on ρ alone. Here ρ = {ratio}.", ratio=lab.ratio)
     tau, R = 2.5 * p.tau, 7 * p.R
     other = steady.solve(sampled(p.model_copy(update={"tau": tau, "R": R, "sigma_w2": p.sigma_w2 * 7 / 2.5 ** (2 * n - 1)})))
     powers = np.arange(n)
-    r.check(_("scaled steady gain, period 2.5 and R 7 times larger at the same ρ"), other.K[:, 0] * tau**powers, lab.limit.K[:, 0] * p.tau**powers, (_("scaled system"), _("given system")))
+    r.check("scaled steady gain, period 2.5 and R 7 times larger at the same ρ", other.K[:, 0] * tau**powers, lab.limit.K[:, 0] * p.tau**powers, ("scaled system", "given system"))
     ratios = np.logspace(-6, 6, 121)
     gains = np.array([by_hand.steady_state(n, ratio, 1.0, 1.0)[2] for ratio in ratios])
     labels = ["$\\bar{K}_1$", "$\\bar{K}_2\\tau$", "$\\bar{K}_3\\tau^2$"][:n]
-    shown = {_("given"): ([lab.ratio] * n, lab.limit.K[:, 0] * p.tau**powers)} if 0 < lab.ratio < math.inf else None
-    figure = plots.lines(ratios, dict(zip(labels, gains.T, strict=True)), xlabel=fill(_("ratio {ratio}"), ratio=f"${definition(n)}$"), ylabel=_("scaled steady gain"), points=shown, log="xy")
-    r.figure("gains", figure, _("Steady gains in units of the period. For small ρ they fall like powers of {root}: the filter averages many measurements. For large ρ they stay finite: the last few measurements decide."), root=rf"$\rho^{{1/{2 * n}}}$")
+    shown = {"given": ([lab.ratio] * n, lab.limit.K[:, 0] * p.tau**powers)} if 0 < lab.ratio < math.inf else None
+    figure = plots.lines(ratios, dict(zip(labels, gains.T, strict=True)), xlabel=text("ratio {ratio}", ratio=f"${definition(n)}$"), ylabel="scaled steady gain", points=shown, log="xy")
+    r.figure("gains", figure, "Steady gains in units of the period. For small ρ they fall like powers of {root}: the filter averages many measurements. For large ρ they stay finite: the last few measurements decide.", root=rf"$\rho^{{1/{2 * n}}}$")
 
 
-def length(settled):
-    """Measurements simulated: two settling times, at least 20; 40 where nothing settles, 300 at most."""
-    return 40 if settled is None else int(np.clip(2 * settled, 20, 300))
-
-
-def plan(r, lab, experiment):
-    """Every number chosen."""
-    p, steps = lab.p, length(lab.settled)
-    chosen = [(name, [level * getattr(p, name) for level in LEVELS[name]]) for name in ("sigma_w2", "R", "tau")]
-    units = {"sigma_w2": str(kinematics.units(continuous(p))["Q"][0][0]), "R": "m²", "tau": "s"}
-    r.table("plan", [_("quantity"), _("value"), _("why")], [
-        [_("measurements in a run"), steps, fill(_("at most 300, of the {settled} that the given filter takes to settle: the figures show its transient, not its limits"), settled=lab.settled) if lab.settled is not None and lab.settled > steps
-         else _("two settling times of the given parameters, at least 20 and at most 300 (40 where nothing settles); for each level of a factor its own")],
-        [_("initial mean x̄0"), list(p.x0_mean), _("given; then wrong by one standard deviation (by 1 where P0 is 0)")],
-        [_("initial covariance P0"), [list(row) for row in p.P0], fill(_("given; then times {levels}"), levels=list(LEVELS["P0"]))],
-        *([f"{name}, {units[name]}", getattr(p, name), fill(_("given; then {levels}"), levels=levels)] for name, levels in chosen),
-        [_("runs"), experiment.runs, fill(_("a standard error of the variance of {percent} %"), percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
-        [_("seed"), experiment.seed, _("the same random numbers for all levels, so that they compare")],
-    ], _("Plan of the experiment."))  # fmt: skip
-    return steps
-
-
-def part_d(r, lab, experiment, steps):
-    """Ensemble against theory, and the two kinds of variances side by side."""
-    counted = replace(lab.system, dt=1.0)
-    stats = portrait(r, experiment, counted, steps, limits=(lab.limit.P_minus[0, 0], lab.limit.P_plus[0, 0]))
-    worst = max(abs(check.value) for check in r.checks if check.kind == "CHANCE" and check.part == "d")
-    some = experiment.histories(counted, steps=steps, runs=1)
-    for j, label in list(enumerate(named(lab)))[1:]:
-        name = lab.system.states[j]
-        r.figure(f"record_{name}", plots.record(some, xlabel=STEP, ylabel=label, state=j, measurement=None),
-                 _("The same run: {name}, which is not measured, and its estimate with the ±σ band."), name=name)  # fmt: skip
-        shown = {"": covariances(counted, min(steps, 15))}
-        pair = (lab.limit.P_minus[j, j], lab.limit.P_plus[j, j])
-        r.figure(f"sawtooth_{name}", plots.sawtooth(shown, xlabel=STEP, ylabel=fill(_("variance of {name}, {unit}"), name=name, unit=squared(lab)[j]), state=j, limits=[pair]),
-                 _("Error variance of {name} before and after each update. Dotted: the limits."), name=name)  # fmt: skip
-    free, filtered = covariances(replace(counted, R=[[math.inf]]), steps), covariances(counted, steps)
-    curves = {}
-    for j, name in enumerate(lab.system.states):
-        curves[fill(_("state {name}"), name=name)] = positive(free.sd_plus[:, j])
-        curves[fill(_("error of {name}"), name=name)] = positive(filtered.sd_plus[:, j])
-    if any(np.isfinite(c).any() for c in curves.values()):
-        figure = plots.lines(filtered.t, curves, xlabel=STEP, ylabel=fill(_("standard deviation ({units})"), units=", ".join(lab.system.units)), log="y", steps=True)
-        r.figure("bounded", figure, _("Standard deviations of the state itself and of the error of its estimate, after each update: the first grow without bound, the second do not.") if lab.p.sigma_w2 else _("Standard deviations of the state itself and of the error of its estimate, after each update."))
-    return stats, worst
-
-
-def positive(values):
-    """What a logarithmic axis can show."""
-    return np.where(values > 0, values, np.nan)
-
-
-def sweeps(r, lab, experiment, stats, largest_given):
-    """Initial covariance, strength, measurement variance and period, one at a time."""
-    r.says(_("**Factors.** One factor at a time is changed; the first row is the given case."))
-    p, systems, rows = lab.p, {}, []
-    cases = [("", p, "")] + [
-        (name, p.model_copy(update={name: level * np.asarray(getattr(p, name))}), f"×{level:g}")
-        for name, levels in LEVELS.items() for level in levels if np.any(getattr(p, name))
-    ]  # fmt: skip
-    settled, settled_again, found, expected = [], [], [], []
-    for name, q, level in cases:
-        system = replace(sampled(q), dt=1.0)
-        limit, settles = steady.solve(system), settling(system)
-        steps = length(settles)
-        schedule = covariances(system, steps)
-        ensemble = experiment.statistics(system, steps=steps) if name else stats
-        worst = agreement(r, f"{name} {level}", ensemble, schedule.P_plus) if name else largest_given
-        ratio = replace(lab, p=q).ratio
-        _before, after, _gain = by_hand.steady_state(lab.n, q.sigma_w2, q.tau, q.R)
-        found, expected = [*found, np.diag(limit.P_plus)], [*expected, np.diag(after)]
-        settled.append(settles)
-        settled_again.append(by_hand.settling(system.Phi, factor(system.Qd), q.R, q.P0, np.diag(after)))
-        sd = np.sqrt(np.diag(limit.P_plus))
-        rows.append((f"{name} {level}".strip() or _("given"), ratio, list(limit.K[:, 0]), list(sd), settles, None if settles is None else settles * q.tau, list(schedule.sd_plus[-1]), list(ensemble.rms[-1]), worst))
-        systems[f"{name} {level}".strip() or _("given")] = system
-    units = ", ".join(lab.system.units)
-    r.table("factors", [_("case"), "ρ", "K̄", fill(_("steady σ after an update ({units})"), units=units), _("settling step"), _("settling time, s"), _("σ of theory at the last measurement"), _("RMS of the ensemble there"), _("largest deviation, σ")], rows,
-            _("Influence of the factors: limits, settling, and the ensemble at its last measurement; elements in the order of the state."))  # fmt: skip
-    routes = (_("Riccati equation"), _("spectral factorisation"))
-    scale = np.where(np.array(expected) > 0, expected, 1.0)
-    r.check(_("limits of all cases, relative"), np.array(found) / scale, np.array(expected) / scale, routes)
-    r.check(_("settling steps of all cases"), settled, settled_again, (_("recursion"), _("square-root arrays")), EXACT)
-    for key, title in (("P0", _("The initial covariance decides how the limit is approached, not the limit.")), ("sigma_w2", _("A stronger disturbance raises the limit, and it is reached sooner."))):
-        chosen = {name: system for name, system in systems.items() if name == _("given") or name.startswith(key)}
-        begin = 0 if key == "P0" else 1
-        curves = {name: positive(covariances(system, 20).sd_plus[begin:, 0]) for name, system in chosen.items()}
-        if len(curves) > 1:
-            r.figure(f"factor_{key}", plots.lines(range(begin, 21), curves, xlabel=STEP, ylabel=_("σ of the error of x after an update, m"), log="y", steps=True, marker="."), title)
-
-
-def wrong_start(r, lab, experiment, steps):
-    """The initial mean of the filter is wrong."""
-    p, n = lab.p, lab.n
-    r.says(_("**Initial mean.** A correct x̄0, whatever it is, does not enter the errors. A wrong one leaves a bias that obeys $b(t_i) = [I - K(t_i)H]\\Phi\\,b(t_{i-1})$."))
-    sd = np.sqrt(np.diag(p.P0))
-    offset = np.where(sd > 0, sd, 1.0)
-    system = replace(lab.system, dt=1.0)
-    truth = replace(system, x0=system.x0 + offset)
-    actual = sensitivity.actual(truth, system, steps)
-    stats = experiment.statistics(truth, system, steps=steps, stream=2)
-    agreement(r, _("wrong initial mean"), stats, actual.P_plus, actual.bias_plus, consistent=False)
-    expected = by_hand.bias(lab.answer["Phi"], lab.answer["standardised_noise_factor"], p.R, p.P0, -offset, steps)
-    r.check(_("bias along the measurements"), actual.bias_plus, expected, (_("joint recursion of the means"), _("product of (I − KH)Φ with the gains of the arrays")))
-    shown = sorted({k for k in (0, 1, 2, 3, 5, 10, steps) if k <= steps})
-    labels = named(lab)
-    r.table("bias", ["i", *(fill(_("bias of {state}"), state=s) for s in labels), *(fill(_("ensemble: {state}"), state=s) for s in labels)],
-            [(k, *actual.bias_plus[k], *stats.bias[k]) for k in shown], _("Mean error of the estimate where the truth starts at x̄0 + {offset}."), offset=number(list(offset)))  # fmt: skip
-    largest_pole = float(np.abs(lab.limit.poles).max())
-    if not np.any(p.P0) and not p.sigma_w2:
-        r.says(_("The filter believes that it knows everything: its gain is 0 and the bias is never corrected."))
-    elif not lab.limit.K.any():
-        r.says(_("Two exact measurements leave no bias.") if p.R == 0 and n == 2 else _("Three exact measurements leave no bias.") if p.R == 0 else _("The gain tends to 0, so the bias is forgotten only as slowly as new measurements outweigh P0, and where P0 is 0 it stays."))
-    else:
-        r.says(_("In the steady state the slowest part of the bias shrinks by {pole} per measurement, the largest modulus of the filter's poles."), pole=largest_pole)
-
-
-def constant(r, lab, steps):
-    """Motion and estimate in words, with the constant taken apart."""
-    p, n = lab.p, lab.n
-    words = {"quantity": QUANTITY[n], "last": lab.system.states[-1]}
-    r.says(_("**What motion, and what is estimated?** The {quantity} is a Wiener process about a random constant; the coordinate is its {times} integral, a smooth curve that wanders off. The filter estimates the state at the *current* time, among it the current {quantity} $c + \\beta(t_i)$, and not the constant c. With c and β as two states the measurements see only their sum:"), times=_("first") if n == 2 else _("second"), **words)
-    apart = kinematics.with_constant(continuous(p))
-    seen = observability.analyse(apart)
-    r.value("verdict_constant_observable", bool(seen.ok))
-    direction = np.zeros(n + 1)
-    direction[-2:] = 1 / math.sqrt(2), -1 / math.sqrt(2)
-    r.check(_("direction that is not observable"), np.abs(seen.unobservable[:, 0]) * np.sign(direction), direction, (_("staircase"), "c − β"))
-    known = discretise(apart, p.tau, [[p.R]])
-    variance = covariances(known, steps).P_plus[:, n - 1, n - 1]
-    unit = squared(lab)[-1]
-    end = ending(lab, known, steps)
-    r.says(_("What becomes known of c comes from β(t0) = 0: the first measurements, before β has moved away. Its variance falls from {start} to {end} {unit} after {steps} measurements, {words}."),
-           start=variance[0], end=variance[-1], unit=unit, steps=steps,
-           words=_("as it is known from the start") if not variance[0] else _("and tends to 0: without noise the constant is the state") if not p.sigma_w2
-           else _("and falls on") if end is None
-           else _("and stays there: no later measurement tells of it") if variance[-1] <= 1.01 * end else fill(_("and falls on to its limit {end} {unit}"), end=end, unit=unit))  # fmt: skip
-    r.value("constant_variance", variance[-1], unit)
-    if p.R:
-        k = min(steps, 40)
-        whole = by_hand.least_squares(lab.answer["Phi"], lab.answer["standardised_noise_factor"], p.R, p.P0, k)[1]
-        r.check(fill(_("variance of the constant at measurement {k}"), k=k), variance[k], whole[-1, -1], (_("filter with c and β apart"), _("least squares for x(t0)")), scale=float(variance[0]) or 1.0)
-    current = covariances(lab.system, steps).P_plus[:, -1, -1]
-    if variance[0]:
-        figure = plots.lines(range(steps + 1), {_("constant c"): variance, fill(_("current {quantity}"), **words): current}, xlabel=STEP, ylabel=fill(_("error variance, {unit}"), unit=unit), log="y" if min(variance.min(), current.min()) > 0 else "", steps=True, marker=".")
-        r.figure("constant", figure, _("Error variance of the constant and of the current {quantity}."), **words)
-
-
-def ending(lab, known, steps):
-    """The limit of the constant's variance: what is left of it when the filter has settled three times over; None where it does not settle."""
-    if lab.settled is None or not lab.p.sigma_w2:
-        return None
-    return float(covariances(known, max(steps, 3 * lab.settled)).P_plus[-1, lab.n - 1, lab.n - 1])
-
-
-def conclusions(r, lab):
-    """What the numbers say."""
-    p, n, limit, lines = lab.p, lab.n, lab.limit, []
-    words = {"quantity": QUANTITY[n]}
-    sd = ", ".join(f"{number(math.sqrt(v))} {u}" for v, u in zip(np.diag(limit.P_plus), lab.system.units, strict=True))
-    if p.sigma_w2:
-        lines.append(fill(_("The point's {quantity} wanders about its random start as a Wiener process; the variance of the coordinate grows like {growth} and has no bound."), growth=growth(n), **words))
-        lines.append(fill(_("The errors of the estimates are bounded, because {n} measurements already determine the state: their standard deviations tend to {sd} after an update."), n=n, sd=sd))
-        lines.append(regime(lab))
-        if lab.settled is not None:
-            lines.append(fill(_("From the given P0 all variances stay within 1 % of their limits from measurement {settled} on, {time} s."), settled=lab.settled, time=lab.settled * p.tau))
-        else:
-            lines.append(_("The variances need more than 100 000 measurements to come within 1 % of their limits."))
-        lines.append(_("P0 decides how the limit is approached and not the limit; σ_w², R and τ act on the shape of the filter through ρ alone. A correct initial mean does not enter the errors."))
-    else:
-        lines.append(noiseless(lab))
-    kept, steps = r.values["constant_variance"].value, length(lab.settled)
-    if p.sigma_w2 and p.P0[-1][-1]:
-        lines.append(fill(_("The result of the estimation is the current {quantity}, not its constant part: of that {share} % of the initial variance is left after {steps} measurements."), **words, share=100 * kept / p.P0[-1][-1], steps=steps))
-    lines.append(largest(r))
-    r.items(lines)
-
-
-def noiseless(lab):
-    """What happens for σ_w² = 0."""
-    p, words = lab.p, {"quantity": QUANTITY[lab.n], "curve": CURVE[lab.n]}
-    if not np.any(p.P0):
-        return _("Nothing is random and everything is known from the start: the gain is 0 and measurements change nothing.")
-    if p.R == 0:
-        return fill(_("Without noise the {quantity} is a constant and the coordinate {curve}: with measurements free of error everything is known from measurement {settled} on."), settled=lab.settled, **words)
-    text = fill(_("Without noise the {quantity} is a constant and the coordinate {curve}. The error variances and the gain tend to 0 like powers of 1/i, and nothing settles within a fraction of its limit."), **words)
-    if np.linalg.matrix_rank(p.P0) == lab.n:
-        text += fill(_(" The variance of x goes like {factor}R/i: that of the end of {curve} fitted to i points."), factor=lab.n**2, **words)
-    return text
-
-
-def regime(lab):
-    """How the filter works at this ρ."""
-    first = float(lab.limit.K[0, 0])
-    if lab.p.R == 0:
-        return fill(_("The position is measured without error; only what is not measured has to be estimated, from the last few measurements. The scaled gains are those for ρ = ∞, {gain}."), gain=number(list(lab.limit.K[:, 0] * lab.p.tau ** np.arange(lab.n))))
-    if first > 0.9:
-        text = _("At ρ = {ratio} a measurement weighs {gain}: the disturbance between two measurements exceeds their errors, and the filter follows the last few of them.")
-    elif first > 0.5:
-        text = _("At ρ = {ratio} a measurement weighs {gain}: disturbance and measurement errors are in balance.")
-    else:
-        text = _("At ρ = {ratio} a measurement weighs only {gain}: the filter averages many of them, and the position is known {better} times better than one measurement tells it.")
-    return fill(text, ratio=lab.ratio, gain=first, better=1 / math.sqrt(first))
+def answer_sheet(meta: Mapping[str, Any], p: Any, answer: Mapping[str, Any], experiment: Experiment, closed_form: Callable[[Report, Lab], None]) -> Report:
+    """The report; ``closed_form`` adds what the lab knows of its steady gain."""
+    system = sampled(p)
+    F, G = np.eye(system.n, k=1, dtype=int), np.eye(system.n, dtype=int)[:, -1:]
+    lab = Lab(p, answer, symbolic.chain(F, G, [[SIGMA**2]], TAU), system, steady.solve(system), settling(system))
+    parts = Skeleton(
+        analysis=(part_a, part_b, part_c, existence, limits, closed_form),
+        plan=plan,
+        experiment=(part_d, sweeps, wrong_start, constant),
+        conclusions=conclusions,
+    )
+    return parts.report(meta, p, experiment, lab=lab)

@@ -12,21 +12,23 @@ takes one with R = 0 as the state.
 
 import math
 from dataclasses import replace
-from decimal import Decimal, localcontext
 from functools import partial
 
 import numpy as np
+from ctlabs.tasks.answers import task01 as by_hand
+from ctlabs.tasks.answers.task01 import AFTER
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import settling, settling_step, steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import Count, LabParameters, Positive, Real, Variance, VarianceOrVariances, given
 from ctlabs.reporting.report import EXACT, Report
-from ctlabs.text import _, fill
+from ctlabs.text import text
 
 META = {
     "name": "task01",
@@ -35,10 +37,8 @@ META = {
     "parts": ["a", "b", "c", "d"],
 }
 
-STEP = _("measurement number i")
+STEP = "measurement number i"
 FACTORS = (0.01, 0.1, 1.0, 10.0, 100.0)
-#: Steps after the anomaly that are listed.
-AFTER = 6
 
 
 class Parameters(LabParameters):
@@ -52,168 +52,57 @@ class Parameters(LabParameters):
     steps: Count = given(10, unit="1", meaning="number of measurements (a list R sets it)")
 
 
-def variances(p):
-    """R(t_i), i = 1, 2, …: the list, or the number repeated."""
-    return list(p.R) if isinstance(p.R, tuple) else [p.R] * p.steps
-
-
-def analytic(p):
-    """The sheet's answers, by hand."""
-    R, Qd = variances(p), p.sigma_w2 * p.tau
-    posterior = conditioned(p.P0, Qd, R)
-    prior = [P + Qd for P in [p.P0, *posterior[:-1]]]
-    gain = [gain_of(P, r) for P, r in zip(prior, R, strict=True)]
-    root = math.sqrt(Qd**2 + 4 * Qd * R[-1]) if math.isfinite(R[-1]) else None
-    limit = None if root is None else 0.5 * (root - Qd)
-    return {
-        "prior_variance": prior,
-        "posterior_variance": posterior,
-        "gain": gain,
-        "prior_variance_steady": None if root is None else 0.5 * (root + Qd),
-        "posterior_variance_steady": limit,
-        "gain_steady": None if root is None else gain_by_ratio(Qd, R[-1]),
-        "settling_step": None if root is None else settling_by_hand(p.P0, Qd, R, limit),
-        "bias_factor": list(np.cumprod([1 - K for K in gain])),
-        "posterior_variance_missing": None if root is None else recovery(limit, Qd, math.inf, R[-1]),
-        "posterior_variance_perfect": None if root is None else recovery(limit, Qd, 0.0, R[-1]),
-    }
-
-
-def conditioned(P0, Qd, R):
-    """Var(x(t_i) | z_1…z_i) for every i, by conditioning the joint Gaussian distribution: Cov(x_i, x_j) = P0 + min(i, j)Qd.
-
-    Cov(z) = L diag(d) Lᵀ grows by a row with every measurement. What is left of x_i is a difference of numbers as large as
-    P0 + iQd, so it is formed with 60 digits, of the same doubles.
-    """
-    with localcontext() as digits:
-        digits.prec = 60
-        start, step = Decimal(float(P0)), Decimal(float(Qd))
-        used, L, d, found = [], [], [], []
-        for i, r in enumerate(R, start=1):
-            row = weights([start + j * step for j in used], L, d)
-            before = start + i * step - sum((a * a * v for a, v in zip(row, d, strict=True)), Decimal(0))
-            if math.isfinite(r):
-                noise = Decimal(float(r))
-                known = before + noise <= Decimal("1e-40") * (start + i * step + noise)
-                used, L, d = [*used, i], [*L, row], [*d, Decimal(0) if known else before + noise]
-                before = Decimal(0) if known else before - before * before / (before + noise)
-            found.append(float(before) if r > 0 else 0.0)
-    return found
-
-
-def weights(covariances, L, d):
-    """a with covariances = L diag(d) a, row by row; a measurement that says nothing new (d = 0) has none."""
-    a = []
-    for c, row, v in zip(covariances, L, d, strict=True):
-        rest = c - sum((x * y * w for x, y, w in zip(row, a, d, strict=False)), Decimal(0))
-        a.append(rest / v if v else Decimal(0))
-    return a
-
-
-def gain_of(P, R):
-    """P/(P + R); 0 for an infinite R, and where nothing is left to learn."""
-    return P / (P + R) if math.isfinite(R) and P + R > 0 else 0.0
-
-
-def gain_by_ratio(Qd, R):
-    """K̄ from ρ = Qd/R, written without cancellation; 1 for R = 0 with noise, 0 without noise."""
-    if R == 0:
-        return 1.0 if Qd else 0.0
-    ratio = Qd / R
-    return 2 * ratio / (ratio + math.sqrt(ratio**2 + 4 * ratio)) if ratio else 0.0
-
-
-def settling_by_hand(P0, Qd, R, limit):
-    """The first measurement from which P⁺ stays within 1 % of its limit; R goes on with its last entry, and there P⁺ is monotone."""
-    P, outside, i = P0, 0, 0
-    while i < len(R) or (limit and abs(P - limit) > 0.001 * limit):
-        P, r, i = P + Qd, R[min(i, len(R) - 1)], i + 1
-        P = 0.0 if r == 0 or P == 0 else 1 / (1 / P + 1 / r)
-        outside = i if abs(P - limit) > 0.01 * limit else outside
-    return None if limit == 0 and P > 0 else outside + 1
-
-
-def recovery(limit, Qd, anomaly, R):
-    """P⁺ at t* and after, from the steady state, by the information: 1/P⁺ = 1/(P + Qd) + 1/R."""
-    P, found = limit, []
-    for r in [anomaly] + [R] * AFTER:
-        P = P + Qd
-        P = 0.0 if r == 0 or P == 0 else 1 / (1 / P + 1 / r)
-        found.append(P)
-    return found
-
-
-def continuous(p, sigma_w2=None):
-    """ẋ = w: the constant is the initial state, the Brownian motion its increments."""
-    return ContinuousModel(F=[[0]], G=[[1]], Q=[[p.sigma_w2 if sigma_w2 is None else sigma_w2]], H=[[1]], x0=[p.x0_mean], P0=[[p.P0]],
-                           states=["x"], units=["m"])  # fmt: skip
-
-
 def model(p, R, sigma_w2=None):
     """The sampled system with a constant variance R, or one for each measurement (t0 has none)."""
     stacked = np.array([math.inf, *R])[:, None, None] if np.ndim(R) else [[R]]
     return discretise(continuous(p, sigma_w2), p.tau, stacked)
 
 
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, R = analytic(p), variances(p)[-1]
-    r.heading(_("Part I. Analysis"))
-    build = partial(model, p)
-    analysis(r, p, answer, R)
-    r.heading(_("Plan of the experiment"))
-    steps = plan(r, experiment)
-    r.heading(_("Part II. Experiment"))
-    sweep(r, build, experiment, steps, "a", _("Influence of the diffusion"), _("diffusion σ_w², m²/s"),
-          [(p.sigma_w2 * f, p.sigma_w2 * f, R) for f in FACTORS])  # fmt: skip
-    sweep(r, build, experiment, steps, "b", _("Influence of the measurement variance"), _("variance R, m²"), [(R * f, p.sigma_w2, R * f) for f in FACTORS])
-    part_c(r, p, build, experiment, steps)
-    part_d(r, p, build, answer, experiment, R)
-    r.heading(_("Conclusions"))
-    conclusions(r, p, answer, R)
-    return r
+def continuous(p, sigma_w2=None):
+    """ẋ = w: the constant is the initial state, the Brownian motion its increments."""
+    return ContinuousModel(F=[[0]], G=[[1]], Q=[[p.sigma_w2 if sigma_w2 is None else sigma_w2]], H=[[1]], x0=[p.x0_mean], P0=[[p.P0]],
+                           states=["x"], units=["m"])
 
 
 def analysis(r, p, answer, R):
     """Model, filter and closed forms."""
-    r.section("a", _("Model and filter"))
-    r.says(_("The constant $x_0$ and the Brownian motion are one state: $\\dot{x} = w$ with $x(t_0) = x_0$. Over one period the increments add $Q_d = \\sigma_w^2\\tau$ to the variance (σ_w² is a diffusion, m²/s, not a variance):"))
+    r.section("a", "Model and filter")
+    r.says("The constant $x_0$ and the Brownian motion are one state: $\\dot{x} = w$ with $x(t_0) = x_0$. Over one period the increments add $Q_d = \\sigma_w^2\\tau$ to the variance (σ_w² is a diffusion, m²/s, not a variance):")
     r.math(r"F = 0, \quad G = 1, \quad Q = \sigma_w^2, \quad \Phi = 1, \quad Q_d = \sigma_w^2\tau, \quad H = 1")
     r.model(model(p, R))
     r.math(r"\hat x(t_i^-) = \hat x(t_{i-1}^+), \qquad P(t_i^-) = P(t_{i-1}^+) + Q_d")
     r.math(r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R(t_i)}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = [1 - K(t_i)]P(t_i^-)")
-    r.says(_("The position itself never becomes stationary (its variance grows by $Q_d$ each period); its estimation error does."))
-    at = [i * p.tau for i in range(1, len(variances(p)) + 1)]
-    system = model(p, variances(p))
+    r.says("The position itself never becomes stationary (its variance grows by $Q_d$ each period); its estimation error does.")
+    at = [i * p.tau for i in range(1, len(by_hand.variances(p)) + 1)]
+    system = model(p, by_hand.variances(p))
     schedule = covariances(system, len(at))
-    routes = (_("recursion"), _("joint conditioning"))
+    routes = ("recursion", "joint conditioning")
     r.value("prior_variance", schedule.P_minus[1:, 0, 0], "m²", at=at, agrees=answer, routes=routes)
     r.value("posterior_variance", schedule.P_plus[1:, 0, 0], "m²", at=at, agrees=answer, routes=routes)
     r.value("gain", schedule.K[1:, 0, 0], "1", at=at, agrees=answer, routes=routes)
     wrong = sensitivity.actual(replace(system, x0=[p.x0_mean + 1.0]), system, len(at))
-    r.value("bias_factor", -wrong.bias_plus[1:, 0], "1", at=at, agrees=answer, routes=(_("joint recursion of the means"), _("product of 1 − K")))
-    r.says(_("A wrong initial mean leaves the bias $b_i = b_0\\prod_{j \\le i}(1 - K(t_j))$: after {n} measurements {left} of it is left."), n=len(at), left=answer["bias_factor"][-1])
+    r.value("bias_factor", -wrong.bias_plus[1:, 0], "1", at=at, agrees=answer, routes=("joint recursion of the means", "product of 1 − K"))
+    r.says("A wrong initial mean leaves the bias $b_i = b_0\\prod_{j \\le i}(1 - K(t_j))$: after {n} measurements {left} of it is left.", n=len(at), left=answer["bias_factor"][-1])
 
-    r.section("c", _("The steady state depends on one ratio"))
-    r.says(_("With $\\rho = \\sigma_w^2\\tau/R$ the steady variances and gain are"))
+    r.section("c", "The steady state depends on one ratio")
+    r.says("With $\\rho = \\sigma_w^2\\tau/R$ the steady variances and gain are")
     r.math(r"\bar P^\mp = \tfrac12\left[\pm Q_d + \sqrt{Q_d^2 + 4Q_dR}\,\right], \qquad \bar K = \tfrac12\left[-\rho + \sqrt{\rho^2 + 4\rho}\,\right], \qquad \frac{\bar P^+}{R} = \bar K")
     limited = math.isfinite(R)
-    reason = "" if limited else _("the last measurement is absent (R = ∞): the variance grows without limit")
+    reason = "" if limited else "the last measurement is absent (R = ∞): the variance grows without limit"
     limit = steady.solve(model(p, R)) if limited else None
-    routes = (_("Riccati equation"), _("closed form"))
+    routes = ("Riccati equation", "closed form")
     r.value("prior_variance_steady", None if limit is None else limit.P_minus[0, 0], "m²", reason=reason, agrees=answer, routes=routes)
     r.value("posterior_variance_steady", None if limit is None else limit.P_plus[0, 0], "m²", reason=reason, agrees=answer, routes=routes)
     r.value("gain_steady", None if limit is None else limit.K[0, 0], "1", reason=reason, agrees=answer, routes=routes)
     settled = settling(model(p, R)) if limited else None
     listed = settled if np.ndim(p.R) == 0 or not limited else settled_after(p, R)
     if listed is not None:
-        r.check(_("settling step"), listed, answer["settling_step"], (_("recursion"), _("information form")), EXACT)
+        r.check("settling step", listed, answer["settling_step"], ("recursion", "information form"), EXACT)
     r.value("settling_step", answer["settling_step"] if listed is None else listed, "1",
-            reason=reason or _("the limit is 0, and a variance that decays to 0 never stays within 1 % of it"))  # fmt: skip
+            reason=reason or "the limit is 0, and a variance that decays to 0 never stays within 1 % of it")
     if limited:
-        r.says(_("Here $\\rho = {ratio}$: the gain tends to {gain}, the error variance to {after} m² after and {before} m² before an update, and every step multiplies an old error by {factor}."),
-               ratio=p.sigma_w2 * p.tau / R if R else math.inf, gain=limit.K[0, 0], after=limit.P_plus[0, 0], before=limit.P_minus[0, 0], factor=1 - limit.K[0, 0])  # fmt: skip
+        r.says("Here $\\rho = {ratio}$: the gain tends to {gain}, the error variance to {after} m² after and {before} m² before an update, and every step multiplies an old error by {factor}.",
+               ratio=p.sigma_w2 * p.tau / R if R else math.inf, gain=limit.K[0, 0], after=limit.P_plus[0, 0], before=limit.P_minus[0, 0], factor=1 - limit.K[0, 0])
 
 
 def settled_after(p, R):
@@ -229,56 +118,68 @@ def settled_after(p, R):
 def plan(r, experiment):
     """Every number chosen."""
     steps = 40
-    r.table("plan", [_("quantity"), _("value"), _("why")], [
-        [_("measurements in a run"), steps, _("several settling times of the given parameters")],
-        [_("factors of (a), (b), (c)"), list(FACTORS), _("two decades to each side of the given value")],
-        [_("runs"), experiment.runs, fill(_("a standard error of the variance of {percent} %"), percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
-        [_("seed"), experiment.seed, _("the same for every filter")],
-        [_("steps after the anomaly"), AFTER, _("enough to see the recovery")],
-    ], _("Plan of the experiment."))  # fmt: skip
-    return steps
+    r.table("plan", ["quantity", "value", "why"], [
+        ["measurements in a run", steps, "several settling times of the given parameters"],
+        ["factors of (a), (b), (c)", list(FACTORS), "two decades to each side of the given value"],
+        ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
+        ["seed", experiment.seed, "the same for every filter"],
+        ["steps after the anomaly", AFTER, "enough to see the recovery"],
+    ], "Plan of the experiment.")
+    return {"steps": steps}
 
 
 def sweep(r, build, experiment, steps, part, title, name, cases):
     """Bias, accuracy and settling for several values of one factor, theory beside the ensemble."""
     r.section(part, title)
-    rows, curves = [], {}
+    rows, curves, symbol = [], {}, text(name).split(",")[0]
     for shown, sigma_w2, R in cases:
         if not math.isfinite(R):
             continue
         system = build(R, sigma_w2)
         schedule, limit = covariances(system, steps), steady.solve(system)
         stats = experiment.statistics(system, steps=steps)
-        worst = agreement(r, f"{name.split(',')[0]} = {shown:g}", stats, schedule.P_plus)
+        worst = agreement(r, f"{symbol} = {shown:g}", stats, schedule.P_plus)
         left = float(np.prod(1 - schedule.K[1:11, 0, 0]))
         rows.append((shown, limit.K[0, 0], math.sqrt(limit.P_plus[0, 0]), stats.rms[-1, 0], left, settling(system), worst))
-        curves[f"{name.split(',')[0]} = {shown:g}"] = schedule.sd_plus[:, 0]
-    r.table(f"sweep_{part}", [name, "K̄", _("steady σ, m"), _("RMS of the ensemble, m"), _("share of an initial bias left after 10 measurements"), _("settling step"), _("largest deviation, σ")], rows,
-            _("Quality of the estimates: accuracy, bias and settling."))  # fmt: skip
+        curves[f"{symbol} = {shown:g}"] = schedule.sd_plus[:, 0]
+    r.table(f"sweep_{part}", [name, "K̄", "steady σ, m", "RMS of the ensemble, m", "share of an initial bias left after 10 measurements", "settling step", "largest deviation, σ"], rows,
+            "Quality of the estimates: accuracy, bias and settling.")
     if curves:
-        figure = plots.lines(range(steps + 1), curves, xlabel=STEP, ylabel=_("σ of the error after an update, m"), ordered=True, log="y" if all(c.min() > 0 for c in curves.values()) else "", steps=True)
-        r.figure(f"sweep_{part}", figure, _("Standard deviation of the error along the measurements."))
+        figure = plots.lines(range(steps + 1), curves, xlabel=STEP, ylabel="σ of the error after an update, m", ordered=True, log="y" if all(c.min() > 0 for c in curves.values()) else "", steps=True)
+        r.figure(f"sweep_{part}", figure, "Standard deviation of the error along the measurements.")
+
+
+def part_a(r, p, build, experiment, steps, R):
+    """The diffusion."""
+    sweep(r, build, experiment, steps, "a", "Influence of the diffusion", "diffusion σ_w², m²/s",
+          [(p.sigma_w2 * f, p.sigma_w2 * f, R) for f in FACTORS])
+
+
+def part_b(r, p, build, experiment, steps, R):
+    """The measurements."""
+    sweep(r, build, experiment, steps, "b", "Influence of the measurement variance", "variance R, m²",
+          [(R * f, p.sigma_w2, R * f) for f in FACTORS])
 
 
 def part_c(r, p, build, experiment, steps):
     """The ratio alone counts."""
-    r.section("c", _("Influence of the ratio σ_w²τ/R"))
+    r.section("c", "Influence of the ratio σ_w²τ/R")
     rows, curves = [], {}
     for ratio in FACTORS:
         R = p.sigma_w2 * p.tau / ratio or 1.0
         Qd = ratio * R
         limit = steady.solve(build(R, Qd / p.tau))
         other = steady.solve(build(7 * R, 7 * Qd / p.tau))
-        r.check(fill(_("K̄ at ρ = {ratio}, σ_w² and R seven times larger"), ratio=ratio), other.K[0, 0], limit.K[0, 0], (_("scaled system"), _("system")))
-        r.check(fill(_("K̄ at ρ = {ratio}"), ratio=ratio), limit.K[0, 0], gain_by_ratio(Qd, R), (_("Riccati equation"), _("closed form")))
+        r.check(text("K̄ at ρ = {ratio}, σ_w² and R seven times larger", ratio=ratio), other.K[0, 0], limit.K[0, 0], ("scaled system", "system"))
+        r.check(text("K̄ at ρ = {ratio}", ratio=ratio), limit.K[0, 0], by_hand.gain_by_ratio(Qd, R), ("Riccati equation", "closed form"))
         rows.append((ratio, limit.K[0, 0], limit.P_plus[0, 0] / R, 1 - limit.K[0, 0], settling(build(R, Qd / p.tau))))
-    r.table("ratio", ["ρ", "K̄", "P̄⁺/R", _("multiplier 1 − K̄"), _("settling step")], rows, _("The gain and the relative variance depend on ρ alone; the settling step also on P0."))
+    r.table("ratio", ["ρ", "K̄", "P̄⁺/R", "multiplier 1 − K̄", "settling step"], rows, "The gain and the relative variance depend on ρ alone; the settling step also on P0.")
     ratios = np.logspace(-3, 3, 121)
-    curves = {_("K̄ = P̄⁺/R"): [gain_by_ratio(x, 1.0) for x in ratios], _("error multiplier 1 − K̄"): [1 - gain_by_ratio(x, 1.0) for x in ratios]}
-    figure = plots.lines(ratios, curves, xlabel=_("ratio $\\rho = \\sigma_w^2\\tau/R$"), ylabel=_("steady gain, multiplier (ratio)"), log="x",
-                         points={_("table"): (FACTORS, [row[1] for row in rows])}, ylim=(0.0, 1.02))  # fmt: skip
-    r.figure("ratio", figure, _("The steady gain: below ρ ≈ 0.1 the filter averages many measurements, above ρ ≈ 10 it follows the last one."))
-    R = variances(p)[-1]
+    curves = {"K̄ = P̄⁺/R": [by_hand.gain_by_ratio(x, 1.0) for x in ratios], "error multiplier 1 − K̄": [1 - by_hand.gain_by_ratio(x, 1.0) for x in ratios]}
+    figure = plots.lines(ratios, curves, xlabel="ratio $\\rho = \\sigma_w^2\\tau/R$", ylabel="steady gain, multiplier (ratio)", log="x",
+                         points={"table": (FACTORS, [row[1] for row in rows])}, ylim=(0.0, 1.02))
+    r.figure("ratio", figure, "The steady gain: below ρ ≈ 0.1 the filter averages many measurements, above ρ ≈ 10 it follows the last one.")
+    R = by_hand.variances(p)[-1]
     if math.isfinite(R) and R > 0:
         limit = steady.solve(build(R))
         portrait(r, experiment, build(R), steps, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]))
@@ -286,34 +187,34 @@ def part_c(r, p, build, experiment, steps):
 
 def part_d(r, p, build, answer, experiment, R):
     """One anomalous measurement in the steady state."""
-    r.section("d", _("One anomalous measurement in the steady state"))
-    r.says(_("At $t_*$ a measurement with $R \\to \\infty$ has $K = 0$: the prediction passes unchanged. One with $R = 0$ has $K = 1$: the estimate becomes the measurement and the error zero. Then the ordinary measurements bring the variance back to its limit, from above or from below."))
-    reason = _("without a last finite R there is no steady state")
+    r.section("d", "One anomalous measurement in the steady state")
+    r.says("At $t_*$ a measurement with $R \\to \\infty$ has $K = 0$: the prediction passes unchanged. One with $R = 0$ has $K = 1$: the estimate becomes the measurement and the error zero. Then the ordinary measurements bring the variance back to its limit, from above or from below.")
+    reason = "without a last finite R there is no steady state"
     if answer["gain_steady"] is None:
-        r.value("posterior_variance_missing", None, "m²", reason=reason, agrees=answer, routes=(_("recursion"), _("information form")))
-        r.value("posterior_variance_perfect", None, "m²", reason=reason, agrees=answer, routes=(_("recursion"), _("information form")))
+        r.value("posterior_variance_missing", None, "m²", reason=reason, agrees=answer, routes=("recursion", "information form"))
+        r.value("posterior_variance_perfect", None, "m²", reason=reason, agrees=answer, routes=("recursion", "information form"))
         return
     limit = steady.solve(build(R))
     settled = 6
     curves, ensembles = {}, {}
     x = range(-settled - 1, AFTER + 1)
-    for name, what, anomaly in (("missing", _("missing (R = ∞)"), math.inf), ("perfect", _("perfect (R = 0)"), 0.0)):
+    for name, what, anomaly in (("missing", "missing (R = ∞)", math.inf), ("perfect", "perfect (R = 0)", 0.0)):
         listed = [R] * settled + [anomaly] + [R] * AFTER
         system = replace(build(listed), P0=limit.P_plus)
         schedule = covariances(system, len(listed))
         after = schedule.P_plus[settled + 1 :, 0, 0]
         at = [k * p.tau for k in range(AFTER + 1)]
-        r.value(f"posterior_variance_{name}", after, "m²", at=at, agrees=answer, routes=(_("recursion"), _("information form")))
+        r.value(f"posterior_variance_{name}", after, "m²", at=at, agrees=answer, routes=("recursion", "information form"))
         stats = experiment.statistics(system, steps=len(listed), stream=1)
         agreement(r, what, stats, schedule.P_plus)
         curves[what] = schedule.P_plus[:, 0, 0]
-        ensembles["_" * len(ensembles) + _("ensembles")] = (x, stats.rms[:, 0] ** 2)
-    r.check(_("a missing measurement leaves the prediction unchanged"), curves[_("missing (R = ∞)")][settled + 1], limit.P_minus[0, 0], (_("recursion"), _("Riccati equation")))
-    straight = {_("limit P̄⁺"): ([x[0], x[-1]], [limit.P_plus[0, 0]] * 2)}
-    figure = plots.lines(x, curves, xlabel=_("measurement number after t*"), ylabel=_("error variance after the update, m²"), straight=straight, points=ensembles, steps=True)
-    r.figure("anomaly", figure, _("One missing and one perfect measurement in the steady state, and the recovery; the ensemble beside the theory."))
+        ensembles["_" * len(ensembles) + "ensembles"] = (x, stats.rms[:, 0] ** 2)
+    r.check("a missing measurement leaves the prediction unchanged", curves["missing (R = ∞)"][settled + 1], limit.P_minus[0, 0], ("recursion", "Riccati equation"))
+    straight = {"limit P̄⁺": ([x[0], x[-1]], [limit.P_plus[0, 0]] * 2)}
+    figure = plots.lines(x, curves, xlabel="measurement number after t*", ylabel="error variance after the update, m²", straight=straight, points=ensembles, steps=True)
+    r.figure("anomaly", figure, "One missing and one perfect measurement in the steady state, and the recovery; the ensemble beside the theory.")
     ratio = (1 - answer["gain_steady"]) ** 2
-    r.says(_("Near the limit the deviation shrinks by $(1-\\bar{K})^2 = {ratio}$ per measurement, whichever its cause."), ratio=ratio)
+    r.says("Near the limit the deviation shrinks by $(1-\\bar{K})^2 = {ratio}$ per measurement, whichever its cause.", ratio=ratio)
 
 
 def conclusions(r, p, answer, R):
@@ -321,21 +222,29 @@ def conclusions(r, p, answer, R):
     lines = []
     gain = answer["gain_steady"]
     if gain is None:
-        lines.append(_("The last measurement is absent for ever: the error variance grows without limit, like the Brownian motion."))
+        lines.append("The last measurement is absent for ever: the error variance grows without limit, like the Brownian motion.")
     elif gain == 0:
-        lines.append(_("Without diffusion the state is a constant: the gain tends to 0 like 1/i and every measurement counts equally. The error variance tends to 0 and never settles."))
+        lines.append("Without diffusion the state is a constant: the gain tends to 0 like 1/i and every measurement counts equally. The error variance tends to 0 and never settles.")
     elif R == 0:
-        lines.append(_("Measurements without error make the gain 1: the estimate is the last measurement, its error zero until the next increment of the Brownian motion."))
+        lines.append("Measurements without error make the gain 1: the estimate is the last measurement, its error zero until the next increment of the Brownian motion.")
     else:
-        lines.append(fill(_("At ρ = {ratio} the gain is {gain}: an estimate weighs about {memory} measurements. Larger σ_w² or smaller R raise the gain: the filter then forgets faster, settles sooner and is less accurate relative to R."),
-                          ratio=p.sigma_w2 * p.tau / R, gain=gain, memory=round(1 / gain, 2)))  # fmt: skip
-        lines.append(fill(_("A missing measurement raises the variance from {limit} to {missing} m², a perfect one lowers it to 0; {steps} measurements later they are at {later} and {perfect} m²."),
+        lines.append(text("At ρ = {ratio} the gain is {gain}: an estimate weighs about {memory} measurements. Larger σ_w² or smaller R raise the gain: the filter then forgets faster, settles sooner and is less accurate relative to R.",
+                          ratio=p.sigma_w2 * p.tau / R, gain=gain, memory=round(1 / gain, 2)))
+        lines.append(text("A missing measurement raises the variance from {limit} to {missing} m², a perfect one lowers it to 0; {steps} measurements later they are at {later} and {perfect} m².",
                           limit=answer["posterior_variance_steady"], missing=answer["posterior_variance_missing"][0], steps=AFTER,
-                          later=answer["posterior_variance_missing"][-1], perfect=answer["posterior_variance_perfect"][-1]))  # fmt: skip
+                          later=answer["posterior_variance_missing"][-1], perfect=answer["posterior_variance_perfect"][-1]))
     if gain and R:
-        lines.append(_("Only the ratio σ_w²τ/R shapes the filter; the scale of the variances is R."))
+        lines.append("Only the ratio σ_w²τ/R shapes the filter; the scale of the variances is R.")
     lines.append(largest(r))
     r.items(lines)
+
+
+PARTS = Skeleton(analysis=(analysis,), plan=plan, experiment=(part_a, part_b, part_c, part_d), conclusions=conclusions)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    return PARTS.report(META, p, experiment, answer=by_hand.analytic(p), R=by_hand.variances(p)[-1], build=partial(model, p))
 
 
 if __name__ == "__main__":

@@ -13,17 +13,19 @@ from functools import partial
 
 import numpy as np
 from ctlabs.tasks import task01_brownian_position as lab1
+from ctlabs.tasks.answers import task02 as by_hand
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import Real, given
 from ctlabs.reporting.report import Report
-from ctlabs.text import _, fill
+from ctlabs.text import text
 
 META = {
     "name": "task02",
@@ -39,84 +41,47 @@ class Parameters(lab1.Parameters):
     u: Real = given(1.0, unit="m/s", meaning="known constant velocity")
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    R, Qd = lab1.variances(p), p.sigma_w2 * p.tau
-    steady_gain = lab1.gain_by_ratio(Qd, R[-1]) if math.isfinite(R[-1]) else 0.0
-    forgets = None if steady_gain == 0 else p.u * p.tau * (1 - steady_gain) / steady_gain
-    return {
-        "control_increment": p.u * p.tau,
-        "posterior_variance": lab1.conditioned(p.P0, Qd, R),
-        "gain_steady": steady_gain if math.isfinite(R[-1]) else None,
-        "unmodelled_drift_bias_prior": None if forgets is None else forgets + p.u * p.tau,
-        "unmodelled_drift_bias_posterior": forgets,
-        "unmodelled_drift_mse": None if forgets is None else steady_gain * R[-1] + forgets**2,
-        "posterior_variance_known_start": lab1.conditioned(0.0, Qd, R),
-    }
-
-
 def model(p, R, sigma_w2=None, u=None):
     """ẋ = u + w, sampled; the known input adds uτ to the mean each period."""
     continuous = ContinuousModel(
         F=[[0]], G=[[1]], Q=[[p.sigma_w2 if sigma_w2 is None else sigma_w2]], H=[[1]], B=[[1]], x0=[p.x0_mean], P0=[[p.P0]], states=["x"], units=["m"]
-    )  # fmt: skip
+    )
     stacked = np.array([math.inf, *R])[:, None, None] if np.ndim(R) else [[R]]
     return discretise(continuous, p.tau, stacked, u=[p.u if u is None else u])
 
 
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, R, build = analytic(p), lab1.variances(p)[-1], partial(model, p)
-    r.heading(_("Part I. Analysis"))
-    part_a(r, p, answer, build)
-    forgotten(r, answer, build, R)
-    r.heading(_("Plan of the experiment"))
-    steps = lab1.plan(r, experiment)
-    r.heading(_("Part II. Experiment"))
-    lab1.sweep(r, build, experiment, steps, "a", _("Influence of the diffusion"), _("diffusion σ_w², m²/s"),
-               [(p.sigma_w2 * f, p.sigma_w2 * f, R) for f in lab1.FACTORS])  # fmt: skip
-    lab1.sweep(r, build, experiment, steps, "b", _("Influence of the measurement variance"), _("variance R, m²"), [(R * f, p.sigma_w2, R * f) for f in lab1.FACTORS])
-    lab1.part_c(r, p, build, experiment, steps)
-    forgets_in_experiment(r, build, experiment, steps, R)
-    lab1.part_d(r, p, build, lab1.analytic(p), experiment, R)
-    r.heading(_("Conclusions"))
-    conclusions(r, p, answer)
-    return r
-
-
 def part_a(r, p, answer, build):
     """The known input, and why the covariances do not feel it."""
-    r.section("a", _("Model and filter"))
-    r.says(_("The known velocity is an input: $\\dot{x} = u + w$. Over one period it moves the state by $u\\tau$ (u is a velocity: it is multiplied by the period), and the prediction adds just that:"))
+    r.section("a", "Model and filter")
+    r.says("The known velocity is an input: $\\dot{x} = u + w$. Over one period it moves the state by $u\\tau$ (u is a velocity: it is multiplied by the period), and the prediction adds just that:")
     r.math(r"x(t_{i+1}) = x(t_i) + u\tau + w_d(t_i), \qquad \hat x(t_i^-) = \hat x(t_{i-1}^+) + u\tau, \qquad P(t_i^-) = P(t_{i-1}^+) + Q_d")
-    system = build(lab1.variances(p))
-    r.model(build(lab1.variances(p)[-1]))
-    r.says(_("In the error $e = \\hat{x} - x$ the input cancels, $e(t_i^-) = e(t_{i-1}^+) - w_d(t_{i-1})$. So the variances, the gain, the settling and the effect of an anomaly are those of lab 1, whatever u."))
-    r.value("control_increment", float(system.offset[0]), "m", agrees=answer, routes=(_("discretised input"), _("product uτ")))
-    steps = len(lab1.variances(p))
+    system = build(lab1.by_hand.variances(p))
+    r.model(build(lab1.by_hand.variances(p)[-1]))
+    r.says("In the error $e = \\hat{x} - x$ the input cancels, $e(t_i^-) = e(t_{i-1}^+) - w_d(t_{i-1})$. So the variances, the gain, the settling and the effect of an anomaly are those of lab 1, whatever u.")
+    r.value("control_increment", float(system.offset[0]), "m", agrees=answer, routes=("discretised input", "product uτ"))
+    steps = len(lab1.by_hand.variances(p))
     schedule, without = covariances(system, steps), covariances(replace(system, offset=None), steps)
     at = [i * p.tau for i in range(1, steps + 1)]
-    r.value("posterior_variance", schedule.P_plus[1:, 0, 0], "m²", at=at, agrees=answer, routes=(_("recursion"), _("joint conditioning")))
-    r.check(_("variances with and without the input"), sensitivity.actual(system, system, steps).P_plus, without.P_plus, (_("joint covariance with u"), _("recursion without u")))
+    r.value("posterior_variance", schedule.P_plus[1:, 0, 0], "m²", at=at, agrees=answer, routes=("recursion", "joint conditioning"))
+    r.check("variances with and without the input", sensitivity.actual(system, system, steps).P_plus, without.P_plus, ("joint covariance with u", "recursion without u"))
     known = covariances(replace(system, P0=[[0.0]]), steps)
-    r.value("posterior_variance_known_start", known.P_plus[1:, 0, 0], "m²", at=at, agrees=answer, routes=(_("recursion"), _("joint conditioning")))
-    r.says(_("The sheet may also be read with $x(t_0)$ known: then $P_0 = 0$ and the variance climbs to the same limit from below ({first} m² after the first measurement, {last} m² after the last listed)."),
-           first=known.P_plus[1, 0, 0], last=known.P_plus[-1, 0, 0])  # fmt: skip
+    r.value("posterior_variance_known_start", known.P_plus[1:, 0, 0], "m²", at=at, agrees=answer, routes=("recursion", "joint conditioning"))
+    r.says("The sheet may also be read with $x(t_0)$ known: then $P_0 = 0$ and the variance climbs to the same limit from below ({first} m² after the first measurement, {last} m² after the last listed).",
+           first=known.P_plus[1, 0, 0], last=known.P_plus[-1, 0, 0])
 
 
 def forgotten(r, answer, build, R):
     """The filter that does not know u."""
-    r.section("c", _("A filter that forgets the drift"))
-    r.says(_("If the filter leaves out $u$, its mean error obeys $b^- = b^+ + u\\tau$, $b^+ = (1-K)b^-$ (b is truth minus estimate). In the steady state"))
+    r.section("c", "A filter that forgets the drift")
+    r.says("If the filter leaves out $u$, its mean error obeys $b^- = b^+ + u\\tau$, $b^+ = (1-K)b^-$ (b is truth minus estimate). In the steady state")
     r.math(r"\bar b^- = \frac{u\tau}{\bar K}, \qquad \bar b^+ = \frac{u\tau(1 - \bar K)}{\bar K}, \qquad \mathrm{MSE} = \bar P^+ + (\bar b^+)^2")
     finite = math.isfinite(R)
     solvable = finite and answer["gain_steady"] != 0
-    reason = "" if solvable else _("the gain tends to 0: the bias grows without limit")
+    reason = "" if solvable else "the gain tends to 0: the bias grows without limit"
     limit = steady.solve(build(R)) if finite else None
-    r.value("gain_steady", None if limit is None else limit.K[0, 0], "1", reason=_("the last measurement is absent (R = ∞)"), agrees=answer, routes=(_("Riccati equation"), _("closed form")))
+    r.value("gain_steady", None if limit is None else limit.K[0, 0], "1", reason="the last measurement is absent (R = ∞)", agrees=answer, routes=("Riccati equation", "closed form"))
     wrong = sensitivity.steady(build(R), build(R, u=0.0)) if solvable else None
-    routes = (_("joint recursion, limit"), _("closed form"))
+    routes = ("joint recursion, limit", "closed form")
     r.value("unmodelled_drift_bias_prior", None if wrong is None else -wrong.bias_minus[0], "m", reason=reason, agrees=answer, routes=routes)
     r.value("unmodelled_drift_bias_posterior", None if wrong is None else -wrong.bias_plus[0], "m", reason=reason, agrees=answer, routes=routes)
     r.value("unmodelled_drift_mse", None if wrong is None else wrong.P_plus[0, 0] + wrong.bias_plus[0] ** 2, "m²", reason=reason, agrees=answer, routes=routes)
@@ -129,32 +94,50 @@ def forgets_in_experiment(r, build, experiment, steps, R):
     truth, forgetful = build(R), build(R, u=0.0)
     actual = sensitivity.actual(truth, forgetful, steps)
     stats = experiment.statistics(truth, forgetful, steps=steps)
-    agreement(r, _("filter that forgets u"), stats, actual.P_plus, actual.bias_plus, consistent=False)
+    agreement(r, "filter that forgets u", stats, actual.P_plus, actual.bias_plus, consistent=False)
     i = np.arange(steps + 1)
-    figure = plots.lines(i, {_("after an update"): -actual.bias_plus[:, 0], _("before an update"): -actual.bias_minus[:, 0]}, xlabel=lab1.STEP, ylabel=_("mean of truth − estimate, m"),
-                         points={_("ensemble"): (i, -stats.bias[:, 0])}, steps=True)  # fmt: skip
-    r.figure("forgotten_drift", figure, _("Bias of the filter that forgets the drift: theory and the ensemble's mean after an update."))
+    figure = plots.lines(i, {"after an update": -actual.bias_plus[:, 0], "before an update": -actual.bias_minus[:, 0]}, xlabel=lab1.STEP, ylabel="mean of truth − estimate, m",
+                         points={"ensemble": (i, -stats.bias[:, 0])}, steps=True)
+    r.figure("forgotten_drift", figure, "Bias of the filter that forgets the drift: theory and the ensemble's mean after an update.")
     right = covariances(truth, steps)
-    r.table("forgotten_drift", [_("filter"), _("bias, m"), _("σ, m"), _("RMS of theory, m"), _("RMS of the ensemble, m")], [
-        (_("knows u"), 0.0, right.sd_plus[-1, 0], right.sd_plus[-1, 0], experiment.statistics(truth, steps=steps).rms[-1, 0]),
-        (_("forgets u"), -actual.bias_plus[-1, 0], math.sqrt(actual.P_plus[-1, 0, 0]), math.sqrt(actual.mse_plus[-1, 0, 0]), stats.rms[-1, 0]),
-    ], _("Both filters on the same data, at the last measurement."))  # fmt: skip
+    r.table("forgotten_drift", ["filter", "bias, m", "σ, m", "RMS of theory, m", "RMS of the ensemble, m"], [
+        ("knows u", 0.0, right.sd_plus[-1, 0], right.sd_plus[-1, 0], experiment.statistics(truth, steps=steps).rms[-1, 0]),
+        ("forgets u", -actual.bias_plus[-1, 0], math.sqrt(actual.P_plus[-1, 0, 0]), math.sqrt(actual.mse_plus[-1, 0, 0]), stats.rms[-1, 0]),
+    ], "Both filters on the same data, at the last measurement.")
 
 
 def conclusions(r, p, answer):
     """What the numbers say."""
-    lines = [fill(_("A known input moves the estimate by {step} m each period and nothing else: variances, gain and settling are those of lab 1."), step=answer["control_increment"])]
+    lines = [text("A known input moves the estimate by {step} m each period and nothing else: variances, gain and settling are those of lab 1.", step=answer["control_increment"])]
     bias = answer["unmodelled_drift_bias_posterior"]
     if bias is None:
-        lines.append(_("A filter that forgets the drift is lost here: its gain tends to 0, so its bias grows without limit."))
+        lines.append("A filter that forgets the drift is lost here: its gain tends to 0, so its bias grows without limit.")
     elif p.u == 0:
-        lines.append(_("With u = 0 there is nothing to forget: both filters are the same."))
+        lines.append("With u = 0 there is nothing to forget: both filters are the same.")
     else:
-        own = answer["gain_steady"] * lab1.variances(p)[-1]
-        lines.append(fill(_("A filter that forgets the drift has a steady bias of {bias} m after an update; its mean square error is {mse} m² where it claims {claimed} m². A larger gain would lower the bias."),
-                          bias=bias, mse=answer["unmodelled_drift_mse"], claimed=own))  # fmt: skip
+        own = answer["gain_steady"] * lab1.by_hand.variances(p)[-1]
+        lines.append(text("A filter that forgets the drift has a steady bias of {bias} m after an update; its mean square error is {mse} m² where it claims {claimed} m². A larger gain would lower the bias.",
+                          bias=bias, mse=answer["unmodelled_drift_mse"], claimed=own))
     lines.append(lab1.largest(r))
     r.items(lines)
+
+
+def part_d(r, p, build, experiment, R):
+    """One anomalous measurement: the covariances are those of lab 1."""
+    lab1.part_d(r, p, build, lab1.by_hand.analytic(p), experiment, R)
+
+
+PARTS = Skeleton(
+    analysis=(part_a, forgotten),
+    plan=lab1.plan,
+    experiment=(lab1.part_a, lab1.part_b, lab1.part_c, forgets_in_experiment, part_d),
+    conclusions=conclusions,
+)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    return PARTS.report(META, p, experiment, answer=by_hand.analytic(p), R=lab1.by_hand.variances(p)[-1], build=partial(model, p))
 
 
 if __name__ == "__main__":

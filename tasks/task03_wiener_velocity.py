@@ -10,14 +10,12 @@ Expected answer: Q_d = σ_w²[τ³/3, τ²/2; τ²/2, τ], g21 = 3/(2τ); Var x 
 error variances do not. With α = K̄1 and β = K̄2τ: β²/(1−α) = σ_w²τ³/R and α² + αβ + β²/6 − 2β = 0.
 """
 
-import math
 
-from ctlabs.tasks import _kinematics, _kinematics_analytic
-from scipy.optimize import brentq
+from ctlabs.tasks import _kinematics
+from ctlabs.tasks.answers import task03 as by_hand
 
 from ctlabs.reporting.params import Covariance, Variance, Vector, given
 from ctlabs.reporting.report import SOLVER
-from ctlabs.text import _
 
 META = {
     "name": "task03",
@@ -35,49 +33,20 @@ class Parameters(_kinematics.KinematicParameters):
     x0_mean: Vector(2) = given((0, 0), unit="m, m/s", meaning="mean of (x, v) at t0")
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    t, q = p.tau, p.sigma_w2
-    Phi = [[1, t], [0, 1]]
-    root = math.sqrt(q)
-    factor = [[root * math.sqrt(t**3 / 3), 0], [root * math.sqrt(3 * t / 4), root * math.sqrt(t) / 2]]
-    return _kinematics_analytic.answers(p, Phi, factor) | {
-        "Phi": Phi,
-        "Qd": [[q * t**3 / 3, q * t**2 / 2], [q * t**2 / 2, q * t]],
-        "unit_lower_factor": [[1, 0], [3 / (2 * t), 1]],
-        "diagonal_noise_variances": [q * t**3 / 3, q * t / 4],
-        "standardised_noise_factor": factor,
-        "alpha_beta": alpha_beta(q * t**3, p.R),
-    }
-
-
-def alpha_beta(c, R):
-    """α and β from β² R = (1 − α) c and α² + αβ + β²/6 − 2β = 0, c = σ_w²τ³; the root in β is bracketed."""
-    if c == 0:
-        return [0.0, 0.0]
-
-    def alpha(beta):
-        return 0.5 * (math.sqrt(8 * beta + beta**2 / 3) - beta)
-
-    largest = 3 - math.sqrt(3)  # where α = 1, the limit for R = 0
-    beta = brentq(lambda b: b**2 * R - (1 - alpha(b)) * c, 0.0, largest, xtol=1e-300, rtol=1e-15) if R else largest
-    return [alpha(beta), beta]
-
-
 def closed_form(r, lab):
     """The gain of the α–β tracker."""
-    r.says(_("**The α–β filter.** The steady filter is the α–β tracker with $\\alpha = \\bar{K}_1$, $\\beta = \\bar{K}_2\\tau$. From $\\bar{P}^- = \\Phi\\bar{P}^+\\Phi^T + Q_d$ with $\\bar{P}^-_{j1} = \\bar{K}_jR/(1-\\alpha)$ and $\\bar{P}^+_{j1} = \\bar{K}_jR$ the element (2,2) gives the first equation below, (1,2) gives $\\bar{P}^+_{22}$, and (1,1) then the second:"))
+    r.says("**The α–β filter.** The steady filter is the α–β tracker with $\\alpha = \\bar{K}_1$, $\\beta = \\bar{K}_2\\tau$. From $\\bar{P}^- = \\Phi\\bar{P}^+\\Phi^T + Q_d$ with $\\bar{P}^-_{j1} = \\bar{K}_jR/(1-\\alpha)$ and $\\bar{P}^+_{j1} = \\bar{K}_jR$ the element (2,2) gives the first equation below, (1,2) gives $\\bar{P}^+_{22}$, and (1,1) then the second:")
     r.math(r"\frac{\beta^2}{1 - \alpha} = \frac{\sigma_w^2\tau^3}{R} = \rho, \qquad \alpha^2 + \alpha\beta + \frac{\beta^2}6 - 2\beta = 0, \qquad \bar P^+ = \begin{bmatrix} \alpha R & \beta R/\tau \\ \beta R/\tau & \sigma_w^2\tau\,\bigl(\tfrac\alpha\beta - \tfrac12\bigr) \end{bmatrix}")
     found = [lab.limit.K[0, 0], lab.limit.K[1, 0] * lab.p.tau]
-    r.value("alpha_beta", found, "1", agrees=lab.answer, routes=(_("Riccati equation"), _("the two equations, root bracketed")), kind=SOLVER)
+    r.value("alpha_beta", found, "1", agrees=lab.answer, routes=("Riccati equation", "the two equations, root bracketed"), kind=SOLVER)
     alpha, beta = lab.answer["alpha_beta"]
     if beta:
-        r.check(_("P̄⁺ of the velocity"), lab.limit.P_plus[1, 1], lab.p.sigma_w2 * lab.p.tau * (alpha / beta - 0.5), (_("Riccati equation"), _("closed form in α, β")))
+        r.check("P̄⁺ of the velocity", lab.limit.P_plus[1, 1], lab.p.sigma_w2 * lab.p.tau * (alpha / beta - 0.5), ("Riccati equation", "closed form in α, β"))
 
 
 def report(p, experiment):
     """Answer the sheet, item by item."""
-    return _kinematics.answer_sheet(META, p, analytic(p), experiment, closed_form)
+    return _kinematics.answer_sheet(META, p, by_hand.analytic(p), experiment, closed_form)
 
 
 if __name__ == "__main__":

@@ -8,14 +8,13 @@ Expected answer: Q_d = σ_w²[τ⁵/20, τ⁴/8, τ³/6; ·, τ³/3, τ²/2; ·,
 Var a = σ_w²t grow without bound, the error variances do not. The gains (K̄1, K̄2τ, K̄3τ²) depend on σ_w²τ⁵/R alone.
 """
 
-import math
 
 import numpy as np
-from ctlabs.tasks import _kinematics, _kinematics_analytic
+from ctlabs.tasks import _kinematics
+from ctlabs.tasks.answers import task04 as by_hand
 
 from ctlabs.labs.experiment import covariances
 from ctlabs.reporting.params import Covariance, Variance, Vector, given
-from ctlabs.text import _
 
 META = {
     "name": "task04",
@@ -33,45 +32,25 @@ class Parameters(_kinematics.KinematicParameters):
     x0_mean: Vector(3) = given((0, 0, 0), unit="m, m/s, m/s²", meaning="mean of (x, v, a) at t0")
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    t, q = p.tau, p.sigma_w2
-    Phi = [[1, t, t**2 / 2], [0, 1, t], [0, 0, 1]]
-    lower = [[1, 0, 0], [5 / (2 * t), 1, 0], [10 / (3 * t**2), 4 / t, 1]]
-    variances = [q * t**5 / 20, q * t**3 / 48, q * t / 9]
-    factor = [[g * math.sqrt(d) for g, d in zip(row, variances, strict=True)] for row in lower]
-    return _kinematics_analytic.answers(p, Phi, factor) | {
-        "Phi": Phi,
-        "Qd": [
-            [q * t**5 / 20, q * t**4 / 8, q * t**3 / 6],
-            [q * t**4 / 8, q * t**3 / 3, q * t**2 / 2],
-            [q * t**3 / 6, q * t**2 / 2, q * t],
-        ],
-        "unit_lower_factor": lower,
-        "diagonal_noise_variances": variances,
-        "standardised_noise_factor": factor,
-    }
-
-
 def closed_form(r, lab):
     """What takes the place of the α–β equations: the gains by the innovation's variance."""
-    r.says(_("**The α–β–γ filter.** With $\\alpha = \\bar{K}_1$, $\\beta = \\bar{K}_2\\tau$, $\\gamma = \\bar{K}_3\\tau^2$ the element (3,3) of $\\bar{P}^- = \\Phi\\bar{P}^+\\Phi^T + Q_d$ gives $\\gamma^2/(1-\\alpha) = \\sigma_w^2\\tau^5/R$, as β does in lab 3."))
+    r.says("**The α–β–γ filter.** With $\\alpha = \\bar{K}_1$, $\\beta = \\bar{K}_2\\tau$, $\\gamma = \\bar{K}_3\\tau^2$ the element (3,3) of $\\bar{P}^- = \\Phi\\bar{P}^+\\Phi^T + Q_d$ gives $\\gamma^2/(1-\\alpha) = \\sigma_w^2\\tau^5/R$, as β does in lab 3.")
     innovation = lab.limit.P_minus[0, 0] + lab.p.R
-    r.check(_("K̄3² S̄ = σ_w²τ"), lab.limit.K[2, 0] ** 2 * innovation, lab.p.sigma_w2 * lab.p.tau, (_("Riccati equation"), _("element (3,3) of Q_d")))
+    r.check("K̄3² S̄ = σ_w²τ", lab.limit.K[2, 0] ** 2 * innovation, lab.p.sigma_w2 * lab.p.tau, ("Riccati equation", "element (3,3) of Q_d"))
     if lab.settled is None:
         return
     limit, variances = np.diag(lab.limit.P_plus), np.diagonal(covariances(lab.system, lab.settled).P_plus, axis1=1, axis2=2)[1:]
     inside = (np.abs(variances - limit) <= 0.01 * limit).all(axis=1)
     entered = int(np.argmax(inside)) + 1
     if entered < lab.settled:
-        r.says(_("The settling is not monotone: all variances are within 1 % of their limits at measurement {entered} already, leave the band again and stay in it from measurement {settled} on."), entered=entered, settled=lab.settled)
+        r.says("The settling is not monotone: all variances are within 1 % of their limits at measurement {entered} already, leave the band again and stay in it from measurement {settled} on.", entered=entered, settled=lab.settled)
     else:
-        r.says(_("Here the variances enter the band of 1 % about their limits at measurement {settled} and stay. (This need not be so: the poles are complex, and for other parameters the variances may pass through the band first.)"), settled=lab.settled)
+        r.says("Here the variances enter the band of 1 % about their limits at measurement {settled} and stay. (This need not be so: the poles are complex, and for other parameters the variances may pass through the band first.)", settled=lab.settled)
 
 
 def report(p, experiment):
     """Answer the sheet, item by item."""
-    return _kinematics.answer_sheet(META, p, analytic(p), experiment, closed_form)
+    return _kinematics.answer_sheet(META, p, by_hand.analytic(p), experiment, closed_form)
 
 
 if __name__ == "__main__":

@@ -12,25 +12,28 @@ variant 1, and they are equal iff R12 = 0.
 
 import math
 from dataclasses import replace
-from itertools import islice
 
 import numpy as np
 import sympy
-from ctlabs.tasks import _kinematics_analytic as by_hand
+from ctlabs.tasks._task05_pseudo import SIMULATED, STATES, STEP, UNITS, part_a, part_b, part_c, part_d, part_e
+from ctlabs.tasks._task05_sensor import converted, cost, judge, polar, pseudo, small, trajectories
+from ctlabs.tasks.answers import kinematics as one_coordinate
+from ctlabs.tasks.answers import task05 as by_hand
+from ctlabs.tasks.answers.task05 import LISTED
 
 from ctlabs.analysis import sensitivity
-from ctlabs.filtering import kalman_filter, settling, steady, updates
+from ctlabs.filtering import settling, steady, updates
 from ctlabs.filtering.extended import Extended
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.linalg.factors import factor, unit_triangular
 from ctlabs.models import ContinuousModel, kinematics, symbolic
 from ctlabs.models.discretisation import discretise
-from ctlabs.models.nonlinear import NonlinearModel
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import LabParameters, Positive, Real, given
 from ctlabs.reporting.report import EXACT, Report
-from ctlabs.text import _, fill, number
+from ctlabs.text import text
 
 META = {
     "name": "task05",
@@ -40,22 +43,12 @@ META = {
 }
 
 SIGMA, TAU = sympy.symbols("sigma_w tau", positive=True)
-STATES, UNITS = ("x", "v_x", "y", "v_y"), ("m", "m/s", "m", "m/s")
-STEP = _("measurement number i")
 #: Other units of length (m) and time (s), for the check of the units.
 METRE, SECOND = 3.7, 0.23
-#: Measurements in the lists.
-LISTED = 10
-#: Measurements simulated at a changing geometry, fewer where the point would wander far.
-SIMULATED = 20
 #: Factors of the experiment and their levels.
 LEVELS = {"sigma_w2": (0.1, 10.0), "sigma_D": (1 / 3, 3.0), "sigma_theta": (1 / 3, 3.0), "tau": (0.5, 2.0)}
-#: A correlation coefficient of e_x and e_y below this is rounding of θ.
-ROUNDING = 1e-12
 #: A ratio of variances from which variant 2 is called worth while.
 WORTH = 1.02
-#: Standard errors from which a difference of mean squares on the same data is called clear in the words of the report.
-CLEAR = 4.0
 
 
 class Parameters(LabParameters):
@@ -69,105 +62,15 @@ class Parameters(LabParameters):
     tau: Positive = given(1.0, unit="s", meaning="period of the measurements")
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    t, q, c, s = p.tau, p.sigma_w2, math.cos(p.theta), math.sin(p.theta)
-    across = (p.D * p.sigma_theta) ** 2
-    R11, R22, R12 = p.sigma_D**2 * c**2 + across * s**2, p.sigma_D**2 * s**2 + across * c**2, s * c * (p.sigma_D**2 - across)
-    Phi, root = np.array([[1, t], [0, 1]]), math.sqrt(q)
-    standard = root * np.array([[math.sqrt(t**3 / 3), 0], [math.sqrt(3 * t / 4), math.sqrt(t) / 2]])
-    limits = {R: np.diag(by_hand.steady_state(2, q, t, R)[1]) for R in (R11, R22, p.sigma_D**2, across)}
-    first = np.concatenate([limits[R11], limits[R22]])
-    best = turned(limits[p.sigma_D**2], limits[across], p.theta)
-    paths = {R: transient(p, Phi, standard, R, LISTED) for R in (R11, R22, p.sigma_D**2, across)}
-    return {
-        "Phi": np.kron(np.eye(2), Phi), "Qd": np.kron(np.eye(2), q * np.array([[t**3 / 3, t**2 / 2], [t**2 / 2, t]])),
-        "unit_lower_factor": np.kron(np.eye(2), [[1, 0], [3 / (2 * t), 1]]), "standardised_noise_factor": np.kron(np.eye(2), standard),
-        "diagonal_noise_variances": [q * t**3 / 3, q * t / 4] * 2,
-        "pseudo_measurement_covariance": [[R11, R12], [R12, R22]], "l21": R12 / R11, "diagonal_variances": [R11, p.sigma_D**2 * across / R11],
-        "posterior_variance_steady_variant1": first, "posterior_variance_steady_variant2": best, "variance_ratio_steady": first / best,
-        "posterior_variance_variant1": np.hstack([paths[R11], paths[R22]]),
-        "posterior_variance_variant2": turned(paths[p.sigma_D**2], paths[across], p.theta),
-        "settling_step_variant1": settling_by_hand(p, Phi, standard, (R11, R22), first, lambda a, b: np.concatenate([a, b])),
-        "settling_step_variant2": settling_by_hand(p, Phi, standard, (p.sigma_D**2, across), best, lambda a, b: turned(a, b, p.theta)),
-        "cost_of_update": costs(4),
-    }  # fmt: skip
-
-
-def turned(along, across, theta):
-    """Variances of (x, v_x, y, v_y) where radius and its normal have independent errors with the variances given."""
-    c2, s2 = math.cos(theta) ** 2, math.sin(theta) ** 2
-    return np.concatenate([c2 * along + s2 * across, s2 * along + c2 * across], axis=-1)
-
-
-def spread(p):
-    """Variances of each coordinate and each velocity at t0: as good as a first measurement, and 10τ of Brownian motion."""
-    return p.sigma_D**2 + (p.D * p.sigma_theta) ** 2, 10 * p.sigma_w2 * p.tau
-
-
-def transient(p, Phi, standard, R, count):
-    """Variances after 1…count updates of one coordinate measured with the variance R, by square-root arrays."""
-    return np.array([np.diag(P) for _K, P in islice(by_hand.filtered(Phi, standard, R, np.diag(spread(p))), count)])
-
-
-def settling_by_hand(p, Phi, standard, noises, limit, combine, longest=20_000):
-    """The first i from which all four variances stay within 1 % of their limits; the two filters run side by side."""
-    one, other = (by_hand.filtered(Phi, standard, R, np.diag(spread(p))) for R in noises)
-    outside = 0
-    for i, ((_K, A), (_L, B)) in enumerate(zip(one, other, strict=False), start=1):
-        if (np.abs(combine(np.diag(A), np.diag(B)) - limit) > 0.01 * limit).any():
-            outside = i
-        if i > 2 * outside + 32:
-            return outside + 1
-        if i >= longest:
-            return None
-    return None
-
-
-def costs(n):
-    """Operations of an update: variant 1 as two filters of n/2 states, as one; variant 2 decorrelated; both at once."""
-    def scalar(k):
-        return k * (2 * k - 1) + 9 * k - 2 * k + 2 * k**2
-
-    both = 2 * n * (2 * n - 1) + 4 * (2 * n - 1) + 4 + 4 * n
-    return [2 * scalar(n // 2), 2 * scalar(n), 2 * scalar(n) + 3 + 2 * (n + 1), both + 3 + 2 * (n + 1) + 2 * n + 4 * n + 4 * n**2]
-
-
-def moments(D, theta, sigma_D, sigma_theta):
-    """Exact mean and covariance of (D + e_D)(cos, sin)(θ + e_θ) − (x, y), by E cos e_θ = exp(−σ_θ²/2)."""
-    less = -math.expm1(-(sigma_theta**2))
-    radial = sigma_D**2 * (1 + (1 - less) ** 2) / 2 + D**2 * less**2 / 2
-    normal = -(D**2 + sigma_D**2) * math.expm1(-2 * sigma_theta**2) / 2
-    c, s = math.cos(theta), math.sin(theta)
-    turn = np.array([[c, -s], [s, c]])
-    return D * math.expm1(-(sigma_theta**2) / 2) * np.array([c, s]), turn @ np.diag([radial, normal]) @ turn.T
-
-
-def moments_by_quadrature(D, theta, sigma_D, sigma_theta):
-    """The same by Gauss–Hermite nodes in e_D and e_θ."""
-    node, weight = np.polynomial.hermite_e.hermegauss(60)
-    weight = weight / weight.sum()
-    r, angle = np.meshgrid(D + sigma_D * node, sigma_theta * node, indexing="ij")
-    radial, normal = (r - D) * np.cos(angle) - 2 * D * np.sin(angle / 2) ** 2, r * np.sin(angle)
-    c, s = math.cos(theta), math.sin(theta)
-    e = np.stack([c * radial - s * normal, s * radial + c * normal])
-    both = weight[:, None] * weight
-    mean = (e * both).sum(axis=(1, 2))
-    return mean, np.einsum("aij,bij,ij->ab", e - mean[:, None, None], e - mean[:, None, None], both)
+def system(p, R=None):
+    """The discrete model at fixed geometry; the index of a measurement is its time."""
+    R = covariance(p, *start(p)) if R is None else R
+    return replace(discretise(continuous(p), p.tau, R), dt=1.0)
 
 
 def start(p):
     """Position at t0."""
     return p.D * math.cos(p.theta), p.D * math.sin(p.theta)
-
-
-def pseudo(p, x, y):
-    """R11, R22, R12, l21, d2 at the position (x, y), which may be arrays: J diag(σ_D², σ_θ²) Jᵀ with J = [[x/D, −y], [y/D, x]]."""
-    D = np.hypot(x, y)
-    c, s = np.divide(x, D, out=np.ones_like(D), where=D > 0), np.divide(y, D, out=np.zeros_like(D), where=D > 0)
-    a, b = p.sigma_D**2, p.sigma_theta**2
-    R11, R22, R12 = c**2 * a + y**2 * b, s**2 * a + x**2 * b, c * s * a - x * y * b
-    return R11, R22, R12, R12 / R11, a * b * D**2 / R11
 
 
 def covariance(p, x, y):
@@ -176,24 +79,13 @@ def covariance(p, x, y):
     return np.moveaxis(np.array([[R11, R12], [R12, R22]]), (0, 1), (-2, -1))
 
 
-def correlation(R):
-    """The correlation coefficient of e_x and e_y."""
-    return float(R[0, 1] / math.sqrt(R[0, 0] * R[1, 1]))
-
-
 def continuous(p):
     """Two independent Wiener velocities."""
-    position, velocity = spread(p)
+    position, velocity = by_hand.spread(p)
     return ContinuousModel(
         F=np.kron(np.eye(2), [[0, 1], [0, 0]]), G=np.kron(np.eye(2), [[0], [1]]), Q=p.sigma_w2 * np.eye(2), H=np.kron(np.eye(2), [[1, 0]]),
         x0=[start(p)[0], 0, start(p)[1], 0], P0=np.diag([position, velocity] * 2), states=STATES, measurements=["z_x", "z_y"], units=UNITS,
-    )  # fmt: skip
-
-
-def system(p, R=None):
-    """The discrete model at fixed geometry; the index of a measurement is its time."""
-    R = covariance(p, *start(p)) if R is None else R
-    return replace(discretise(continuous(p), p.tau, R), dt=1.0)
+    )
 
 
 def variants(p, R=None):
@@ -202,60 +94,37 @@ def variants(p, R=None):
     return truth, replace(truth, R=truth.R * np.eye(2))
 
 
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, (truth, first) = analytic(p), variants(p)
-    r.heading(_("Part I. Analysis"))
-    model_part(r, p, answer, truth)
-    part_a(r, p)
-    part_b(r, p, answer, truth)
-    r.heading(_("Plan of the experiment"))
-    steps = plan(r, p, experiment, truth)
-    r.heading(_("Part II. Experiment and the rest of the analysis"))
-    part_c(r, p, answer, truth, first, experiment, steps)
-    part_d(r, answer, truth)
-    part_e(r, truth, experiment)
-    part_f(r, p, answer, truth, experiment, steps)
-    part_g(r, p, answer, truth, first)
-    cost(r, answer)
-    nonlinear(r, p, experiment)
-    r.heading(_("Conclusions"))
-    conclusions(r, p)
-    return r
-
-
 def model_part(r, p, answer, truth):
     """What task 3 (a), (b) asks, for the plane."""
-    r.section("a", _("The model (task 3 (a), (b) for the plane), and the errors of the pseudo-measurements"))
-    r.says(_("State (x, v_x, y, v_y): each velocity is a random constant plus a Brownian motion of diffusion σ_w², independent of the other, so that every matrix is block-diagonal with twice the block of task 3."))
+    r.section("a", "The model (task 3 (a), (b) for the plane), and the errors of the pseudo-measurements")
+    r.says("State (x, v_x, y, v_y): each velocity is a random constant plus a Brownian motion of diffusion σ_w², independent of the other, so that every matrix is block-diagonal with twice the block of task 3.")
     chain = symbolic.chain(np.kron(np.eye(2, dtype=int), [[0, 1], [0, 0]]), np.kron(np.eye(2, dtype=int), [[0], [1]]), [[SIGMA**2, 0], [0, SIGMA**2]], TAU)
     for equation in chain.latex():
         r.math(equation)
     r.math(r"x(t_{i+1}) = \Phi x(t_i) + G_d\bar w_d(t_i) = \Phi x(t_i) + \bar G_d\bar w(t_i), \qquad E[\bar w\bar w^T] = I")
     r.model(truth)
     lower, variances = unit_triangular(truth.Qd)
-    routes = (_("matrix exponential by doubling"), _("closed form"))
+    routes = ("matrix exponential by doubling", "closed form")
     r.value("Phi", truth.Phi, "SI", agrees=answer, routes=routes, kind=EXACT)
     r.value("Qd", truth.Qd, "SI", agrees=answer, routes=routes, kind=EXACT)
-    routes = (_("LDLᵀ in floating point"), _("closed form"))
+    routes = ("LDLᵀ in floating point", "closed form")
     r.value("unit_lower_factor", lower, "SI", agrees=answer, routes=routes, kind=EXACT)
     r.value("diagonal_noise_variances", variances, "SI", agrees=answer, routes=routes, kind=EXACT)
-    r.value("standardised_noise_factor", factor(truth.Qd), "SI", agrees=answer, routes=(_("Cholesky factor in floating point"), _("closed form")), kind=EXACT)
-    r.check(_("Q_d of the chain"), chain.evaluate(sigma_w=math.sqrt(p.sigma_w2), tau=p.tau).Qd, truth.Qd, (_("symbolic chain"), _("matrix exponential by doubling")), EXACT)
+    r.value("standardised_noise_factor", factor(truth.Qd), "SI", agrees=answer, routes=("Cholesky factor in floating point", "closed form"), kind=EXACT)
+    r.check("Q_d of the chain", chain.evaluate(sigma_w=math.sqrt(p.sigma_w2), tau=p.tau).Qd, truth.Qd, ("symbolic chain", "matrix exponential by doubling"), EXACT)
     table, other = kinematics.units(continuous(p)), kinematics.rescaled(continuous(p), METRE, SECOND)
     quantities = {
         "t, τ": "t", "x": "x", "w": "w", "Q = σ_w² I": "Q", "F": "F", "G": "G", "H": "H", "x̄0": "x0", "P0, P": "P", "Φ": "Phi", "Q_d": "Qd", "w̄_d": "w_diagonal", "G_d": "Gd",
         "Q̄_d": "Qd_diagonal", "w̄": "w_standardised", "Ḡ_d": "Gd_standardised", "z, e_x, e_y": "z", "R, S": "R", "K": "K",
-    }  # fmt: skip
-    r.table("units", [_("quantity"), _("SI unit, element by element")], [*((symbol, words(table[name])) for symbol, name in quantities.items()), ("D, e_D, σ_D", "m"), ("θ, e_θ, σ_θ", "rad = 1"), ("l21", "1"), ("d1, d2", "m²")],
-            _("Units of all constants and variables. Φ and G_d have zeros between x and y, whose units do not matter."))  # fmt: skip
+    }
+    r.table("units", ["quantity", "SI unit, element by element"], [*((symbol, words(table[name])) for symbol, name in quantities.items()), ("D, e_D, σ_D", "m"), ("θ, e_θ, σ_θ", "rad = 1"), ("l21", "1"), ("d1, d2", "m²")],
+            "Units of all constants and variables. Φ and G_d have zeros between x and y, whose units do not matter.")
     R = kinematics.converted(truth.R, table["R"], METRE, SECOND)
     changed = discretise(other, float(kinematics.converted(p.tau, table["t"], METRE, SECOND)), R)
     here, there = covariances(truth, LISTED), covariances(changed, LISTED)
     for name, value, again in (("Phi", truth.Phi, changed.Phi), ("Qd", truth.Qd, changed.Qd), ("Gd_standardised", factor(truth.Qd), factor(changed.Qd)), ("K", here.K[-1], there.K[-1]), ("P", here.P_plus[-1], there.P_plus[-1])):
-        r.check(fill(_("unit of {name}"), name=name), again, kinematics.converted(value, table[name], METRE, SECOND), (_("computed in other units"), _("converted by its unit")))
-    r.says(_("**Check of the units:** everything is computed again with {metre} m as the unit of length and {second} s as that of time; each element changes as its unit says."), metre=METRE, second=SECOND)
+        r.check(text("unit of {name}", name=name), again, kinematics.converted(value, table[name], METRE, SECOND), ("computed in other units", "converted by its unit"))
+    r.says("**Check of the units:** everything is computed again with {metre} m as the unit of length and {second} s as that of time; each element changes as its unit says.", metre=METRE, second=SECOND)
 
 
 def words(unit):
@@ -263,59 +132,9 @@ def words(unit):
     return str(unit) if isinstance(unit, kinematics.Unit) else [words(element) for element in unit]
 
 
-def part_a(r, p):
-    """First-order errors."""
-    r.says(_("**Errors of the pseudo-measurements.** $z_x = D_m\\cos\\theta_m$, $z_y = D_m\\sin\\theta_m$ with $D_m = D + e_D$, $\\theta_m = \\theta + e_\\theta$. To first order in the small errors"))
-    r.math(r"e_x = \cos\theta\,e_D - D\sin\theta\,e_\theta, \qquad e_y = \sin\theta\,e_D + D\cos\theta\,e_\theta")
-    r.says(_("The sheet calls $e_x$, $e_y$ independent. They are made of the same two errors and are not, except where $R_{12} = 0$ in (b); independent are $e_D$ and $e_\\theta$."))
-    exact, linear, c, s = [], [], math.cos(p.theta), math.sin(p.theta)
-    sizes = 0.1 * 0.5 ** np.arange(5)
-    for e in sizes:  # e_D = eD and e_θ = e, in units of D
-        exact.append([(1 + e) * math.cos(p.theta + e) - c, (1 + e) * math.sin(p.theta + e) - s])
-        linear.append([c * e - s * e, s * e + c * e])
-    r.order(_("what the first order leaves out is of the second"), list(np.linalg.norm(np.subtract(exact, linear), axis=1)), 2.0, (_("exact conversion"), _("first order")))
-    bias, index = p.D * p.sigma_theta**2 / 2, p.D * p.sigma_theta**2 / 2 / p.sigma_D
-    r.says(_("The largest term left out shortens the radius by $D\\sigma_\\theta^2/2 = {bias}$ m on average, {index} of σ_D: the first order is {quality} here."),
-           bias=bias, index=index, quality=_("good") if index < 0.1 else _("doubtful") if index < 0.5 else _("not good enough"))  # fmt: skip
-
-
-def part_b(r, p, answer, truth):
-    """Covariance of the pseudo-measurements."""
-    r.section("b", _("Covariance of the pseudo-measurements"))
-    r.math(r"R_{11} = \sigma_D^2\cos^2\theta + D^2\sigma_\theta^2\sin^2\theta, \qquad R_{22} = \sigma_D^2\sin^2\theta + D^2\sigma_\theta^2\cos^2\theta, \qquad R_{12} = \sin\theta\cos\theta\,(\sigma_D^2 - D^2\sigma_\theta^2)")
-    r.says(_("$R_{12} = 0$ on the axes and where the error across the radius, $D\\sigma_\\theta = {across}$ m, equals the one along it, $\\sigma_D = {along}$ m. (In the filter D and θ of the prediction are put in, for the true ones are not known.)"), across=p.D * p.sigma_theta, along=p.sigma_D)
-    size = float(np.trace(truth.R))
-    routes = (_("Jacobian of the conversion"), _("element by element"))
-    r.value("pseudo_measurement_covariance", truth.R, "m²")
-    r.check(_("pseudo-measurement covariance"), truth.R, answer["pseudo_measurement_covariance"], routes, EXACT, scale=size)
-    r.value("correlation_coefficient", correlation(truth.R))
-    r.value("verdict_b_independent", bool(abs(correlation(truth.R)) <= ROUNDING))
-    rows = [0.2 * 0.5**j for j in range(4)]
-    gaps = [np.linalg.norm(moments(1.0, p.theta, e / 2, e)[1] - shaped(p.theta, (e / 2) ** 2, e**2)) / e**2 for e in rows]
-    r.order(_("first-order covariance against the exact one, relative"), gaps, 2.0, (_("exact moments"), _("first order")))
-    mean, exact = moments(p.D, p.theta, p.sigma_D, p.sigma_theta)
-    again = moments_by_quadrature(p.D, p.theta, p.sigma_D, p.sigma_theta)
-    r.check(_("exact covariance of the conversion"), exact, again[1], (_("closed form"), _("Gauss–Hermite quadrature")), scale=size)
-    r.table("moments", [_("of (e_x, e_y)"), _("mean, m"), "R11, m²", "R22, m²", "R12, m²"], [
-        (_("first order"), [0.0, 0.0], truth.R[0, 0], truth.R[1, 1], truth.R[0, 1]), (_("exact"), list(mean), exact[0, 0], exact[1, 1], exact[0, 1]),
-    ], _("Moments of the pseudo-measurement errors, to first order and exactly (Gaussian $e_D$, $e_\\theta$)."))  # fmt: skip
-    phi = np.linspace(0, 2 * math.pi, 361)
-    sd, rho = np.sqrt(np.diag(truth.R)), correlation(truth.R)
-    ellipses = {_("R"): sd[1] * (rho * np.cos(phi) + math.sqrt(max(1 - rho**2, 0.0)) * np.sin(phi)), _("diagonal of R (variant 1)"): sd[1] * np.sin(phi)}
-    r.figure("ellipse", plots.lines(sd[0] * np.cos(phi), ellipses, xlabel="e_x, m", ylabel="e_y, m", straight={_("radius"): ([-sd[0] * math.cos(p.theta), sd[0] * math.cos(p.theta)], [-sd[0] * math.sin(p.theta), sd[0] * math.sin(p.theta)])}),
-             _("One-σ ellipses of the pseudo-measurement errors: the true one, and what variant 1 believes. Dashed: direction of the radius (the axes have different scales)."))  # fmt: skip
-
-
-def shaped(theta, along, across):
-    """A covariance with the given variances along and across the direction θ."""
-    c, s = math.cos(theta), math.sin(theta)
-    turn = np.array([[c, -s], [s, c]])
-    return turn @ np.diag([along, across]) @ turn.T
-
-
 def length(p):
     """Measurements at a changing geometry: until the point's own wandering reaches a quarter of D, at most SIMULATED."""
-    position, velocity = spread(p)
+    position, velocity = by_hand.spread(p)
     t = p.tau * np.arange(1, SIMULATED + 1)
     return max(2, int((np.sqrt(position + velocity * t**2 + p.sigma_w2 * t**3 / 3) <= p.D / 4).sum()))
 
@@ -324,105 +143,41 @@ def plan(r, p, experiment, truth):
     """Every number chosen."""
     settled = settling(truth)
     steps = min(max(SIMULATED, 10 + (settled or SIMULATED)), 60)
-    position, velocity = spread(p)
-    r.says(_("Parts (c) and (f) fix the geometry at D, θ: the pseudo-measurements are linear with a constant R, and theory and ensemble can be compared exactly. Part (g) uses the true sensor: polar noise, `atan2`, the conversion, and R at the geometry predicted by each filter at each measurement, on several trajectories. Both variants see the same random numbers throughout."))
-    r.table("plan", [_("quantity"), _("value"), _("why")], [
-        [_("measurements, fixed geometry"), steps, _("the transient and ten more")],
-        [_("measurements, true sensor"), length(p), _("fewer where the point would wander by more than D/4")],
-        [_("initial mean"), list(truth.x0), _("the point at D, θ, at rest")],
-        [_("initial σ: position, velocity"), [math.sqrt(position), math.sqrt(velocity)], _("√(σ_D² + D²σ_θ²), as good as one measurement; √(10σ_w²τ)")],
-        [_("factors"), ", ".join(f"{name} ×{low:.3g}, ×{high:.3g}" for name, (low, high) in {"P0": (0.1, 10.0)} .items()) + ", " + ", ".join(f"{name} ×{low:.3g}, ×{high:.3g}" for name, (low, high) in LEVELS.items()), _("initial state, disturbance, measurement errors, period: one at a time")],
-        [_("runs"), experiment.runs, fill(_("a standard error of the variance of {percent} %"), percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
-        [_("seed"), experiment.seed, _("common random numbers for both variants")],
-    ], _("Plan of the experiment."))  # fmt: skip
-    return steps
-
-
-def part_c(r, p, answer, truth, first, experiment, steps):
-    """Variant 1."""
-    r.section("c", _("Variant 1: the covariance of e_x and e_y neglected"))
-    r.says(_("With $R_1 = \\mathrm{diag}(R_{11}, R_{22})$ and a diagonal P0 the filter falls apart into two filters of task 3, one for (x, v_x), one for (y, v_y). Each uses the right variance of its own measurement, so its own variances are *true*; what is false is the zero it believes in between x and y, and what it gives away is what the other measurement tells."))
-    actual, claimed = sensitivity.actual(truth, first, steps), covariances(first, steps)
-    routes = (_("recursion of truth and filter"), _("square-root arrays of one coordinate"))
-    listed = sensitivity.actual(truth, first, LISTED).P_plus
-    at = list(range(1, LISTED + 1))
-    r.value("posterior_variance_variant1", np.diagonal(listed[1:], axis1=1, axis2=2), "m², m²/s²", at=at, agrees=answer, routes=routes)
-    r.check(_("variances believed in are the true ones"), np.diagonal(claimed.P_plus, axis1=1, axis2=2), np.diagonal(actual.P_plus, axis1=1, axis2=2), (_("filter's own recursion"), _("joint covariance of truth and filter")))
-    limit = sensitivity.steady(truth, first)
-    r.value("posterior_variance_steady_variant1", np.diag(limit.P_plus), "m², m²/s²", agrees=answer, routes=(_("Lyapunov equation"), _("spectral factorisation of one coordinate")))
-    settled = settling(first)
-    r.value("settling_step_variant1", settled, reason=_("not within 100 000 measurements"), agrees=answer, routes=(_("recursion"), _("square-root arrays of one coordinate")), kind=EXACT)
-    stats = experiment.statistics(truth, first, steps=steps)
-    agreement(r, _("variant 1"), stats, actual.P_plus, consistent=False)
-    expected = float(np.trace(np.linalg.solve(claimed.P_plus[-1], actual.P_plus[-1])))
-    r.figure("variant1", plots.lines(range(steps + 1), {f"{name}": np.sqrt(actual.P_plus[:, j, j]) for j, name in enumerate(STATES)}, xlabel=STEP, ylabel=_("σ of the error (m, m/s)"), steps=True, log="y",
-                                     points={"_" * j + _("ensemble"): (np.arange(steps + 1), stats.rms[:, j]) for j in range(4)}),
-             _("Variant 1 at fixed geometry: σ of the errors in theory, RMS of {runs} runs."), runs=experiment.runs)  # fmt: skip
-    coefficient = actual.P_plus[-1, 0, 2] / math.sqrt(actual.P_plus[-1, 0, 0] * actual.P_plus[-1, 2, 2])
-    r.says(_("It settles at measurement {settled} ({time} s)."), settled=settled, time=None if settled is None else settled * p.tau)
-    if abs(correlation(truth.R)) > ROUNDING:
-        r.says(_("The errors of x and y have in truth the correlation coefficient {coefficient}, where the filter believes in 0. Its NEES is {nees} on average over the runs at the last measurement and {expected} in theory, as for a consistent filter: the average does not see the missing covariance, because each 2×2 block of P is right."),
-               coefficient=coefficient, nees=stats.nees[-1], expected=expected)  # fmt: skip
-    else:
-        r.says(_("Here $R_{12} = 0$, so nothing is neglected: the filter is the optimal one, its NEES {nees} on average over the runs at the last measurement and {expected} in theory."), nees=stats.nees[-1], expected=expected)
-    r.says(_("While the coordinates themselves wander without bound (their variances grow like $\\sigma_w^2t^3/3$, those of the velocities like $\\sigma_w^2t$), the errors stay bounded: both coordinates are observed, and all noises reach them."))
-
-
-def part_d(r, answer, truth):
-    """LDLᵀ."""
-    r.section("d", _("LDLᵀ of the covariance"))
-    r.math(r"R = LDL^T, \qquad L = \begin{bmatrix} 1 & 0 \\ l_{21} & 1 \end{bmatrix}, \qquad l_{21} = \frac{R_{12}}{R_{11}}, \qquad d_1 = R_{11}, \qquad d_2 = R_{22} - \frac{R_{12}^2}{R_{11}} = \frac{\sigma_D^2D^2\sigma_\theta^2}{R_{11}}")
-    r.says(_("since $\\det R = \\sigma_D^2D^2\\sigma_\\theta^2$ (a rotation does not change it). Both d are positive as long as both errors exist."))
-    new = updates.decorrelate(truth.H, truth.R)
-    size = math.sqrt(truth.R[1, 1] / truth.R[0, 0])
-    routes = (_("LDLᵀ in floating point"), _("closed form"))
-    r.value("l21", new.L[1, 0])
-    r.check("l21", new.L[1, 0], answer["l21"], routes, scale=max(size, 1e-300))
-    r.value("diagonal_variances", new.d, "m²", agrees=answer, routes=routes)
-    r.check(_("LDLᵀ = R"), new.L @ new.R @ new.L.T, truth.R, (_("product of the factors"), _("Jacobian of the conversion")), EXACT)
-
-
-def part_e(r, truth, experiment):
-    """Decorrelated pseudo-measurements."""
-    r.section("e", _("Decorrelated pseudo-measurements"))
-    r.math(r"z' = L^{-1}z = \begin{bmatrix} z_x \\ z_y - l_{21}z_x \end{bmatrix}, \qquad H' = L^{-1}H = \begin{bmatrix} 1 & 0 & 0 & 0 \\ -l_{21} & 0 & 1 & 0 \end{bmatrix}, \qquad E[e'e'^T] = L^{-1}RL^{-T} = \mathrm{diag}(d_1, d_2)")
-    r.says(_("The sheet speaks of z only; the matrix H must be multiplied too, as $z' = L^{-1}(Hx + e) = H'x + e'$. Now the measurements enter one after another by scalars: $S = h'Ph'^T + d$, without the inverse of a matrix. Nothing is lost: the updates are those of all elements at once."))
-    new, by = updates.decorrelated(truth)
-    r.math(r"H' = {H}, \qquad d = {d}", H=new.H, d=by.d)
-    some = experiment.histories(truth, steps=SIMULATED)
-    changed = np.stack([by.measurements(z) for z in some.z[1:]])
-    apart = kalman_filter(new, changed[:, :, 0], algorithm="sequential")
-    error = apart.x_plus - some.x_plus[:, :, 0]
-    sizes = np.abs(some.x_plus[:, :, 0]).max(axis=0) + np.sqrt(np.diag(truth.P0))
-    r.check(_("estimates of one record, relative to the largest"), 1 + error / sizes, np.ones_like(error), (_("z', one element after another"), _("z, both at once")))
-    r.check(_("covariances of the same"), apart.P_plus, some.P_plus, (_("z', one element after another"), _("z, both at once")))
-    if abs(correlation(truth.R)) > ROUNDING:
-        r.says(_("With the old H and the new z' the filter would be wrong by $-l_{21}x$ in the second element, {wrong} m at t0."), wrong=-by.L[1, 0] * truth.x0[0])
-    else:
-        r.says(_("Here $R_{12} = 0$ and $l_{21} = 0$: there is nothing to decorrelate, $z' = z$."))
+    position, velocity = by_hand.spread(p)
+    r.says("Parts (c) and (f) fix the geometry at D, θ: the pseudo-measurements are linear with a constant R, and theory and ensemble can be compared exactly. Part (g) uses the true sensor: polar noise, `atan2`, the conversion, and R at the geometry predicted by each filter at each measurement, on several trajectories. Both variants see the same random numbers throughout.")
+    r.table("plan", ["quantity", "value", "why"], [
+        ["measurements, fixed geometry", steps, "the transient and ten more"],
+        ["measurements, true sensor", length(p), "fewer where the point would wander by more than D/4"],
+        ["initial mean", list(truth.x0), "the point at D, θ, at rest"],
+        ["initial σ: position, velocity", [math.sqrt(position), math.sqrt(velocity)], "√(σ_D² + D²σ_θ²), as good as one measurement; √(10σ_w²τ)"],
+        ["factors", ", ".join(f"{name} ×{low:.3g}, ×{high:.3g}" for name, (low, high) in {"P0": (0.1, 10.0)} .items()) + ", " + ", ".join(f"{name} ×{low:.3g}, ×{high:.3g}" for name, (low, high) in LEVELS.items()), "initial state, disturbance, measurement errors, period: one at a time"],
+        ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
+        ["seed", experiment.seed, "common random numbers for both variants"],
+    ], "Plan of the experiment.")
+    return {"steps": steps}
 
 
 def part_f(r, p, answer, truth, experiment, steps):
     """Variant 2."""
-    r.section("f", _("Variant 2: decorrelated pseudo-measurements"))
-    r.says(_("**Theory.** The motion is the same in all directions, so axes along and across the radius may be taken instead of x and y. There the two errors are independent, $\\sigma_D^2$ and $D^2\\sigma_\\theta^2$, and with P0 the same in both directions the optimal filter falls apart into two filters of task 3. If $p(R)$ is a variance of such a filter,"))
+    r.section("f", "Variant 2: decorrelated pseudo-measurements")
+    r.says("**Theory.** The motion is the same in all directions, so axes along and across the radius may be taken instead of x and y. There the two errors are independent, $\\sigma_D^2$ and $D^2\\sigma_\\theta^2$, and with P0 the same in both directions the optimal filter falls apart into two filters of task 3. If $p(R)$ is a variance of such a filter,")
     r.math(r"P_x = \cos^2\theta\,p(\sigma_D^2) + \sin^2\theta\,p(D^2\sigma_\theta^2), \qquad P_y = \sin^2\theta\,p(\sigma_D^2) + \cos^2\theta\,p(D^2\sigma_\theta^2)")
     new = replace(updates.decorrelated(truth)[0], measurements=("z_x", "z_y'"))
     limit = steady.solve(new)
     listed = covariances(new, LISTED).P_plus
-    r.value("posterior_variance_variant2", np.diagonal(listed[1:], axis1=1, axis2=2), "m², m²/s²", at=list(range(1, LISTED + 1)), agrees=answer, routes=(_("recursion"), _("two filters along and across the radius")))
-    r.value("posterior_variance_steady_variant2", np.diag(limit.P_plus), "m², m²/s²", agrees=answer, routes=(_("Riccati equation"), _("spectral factorisation along and across the radius")))
+    r.value("posterior_variance_variant2", np.diagonal(listed[1:], axis1=1, axis2=2), "m², m²/s²", at=list(range(1, LISTED + 1)), agrees=answer, routes=("recursion", "two filters along and across the radius"))
+    r.value("posterior_variance_steady_variant2", np.diag(limit.P_plus), "m², m²/s²", agrees=answer, routes=("Riccati equation", "spectral factorisation along and across the radius"))
     settled = settling(new)
-    r.value("settling_step_variant2", settled, reason=_("not within 100 000 measurements"), agrees=answer, routes=(_("recursion"), _("two filters along and across the radius")), kind=EXACT)
+    r.value("settling_step_variant2", settled, reason="not within 100 000 measurements", agrees=answer, routes=("recursion", "two filters along and across the radius"), kind=EXACT)
     portrait(r, experiment, new, steps, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]))
-    r.says(_("It settles at measurement {settled} ({time} s)."), settled=settled, time=None if settled is None else settled * p.tau)
+    r.says("It settles at measurement {settled} ({time} s).", settled=settled, time=None if settled is None else settled * p.tau)
     factors(r, p, experiment)
 
 
 def factors(r, p, experiment):
     """One factor at a time, both variants."""
-    r.says(_("**Factors**, both variants on the same data at fixed geometry; one factor at a time is changed."))
-    cases = [(_("given"), p, 1.0), *((f"P0 ×{level:g}", p, level) for level in (0.1, 10.0))]
+    r.says("**Factors**, both variants on the same data at fixed geometry; one factor at a time is changed.")
+    cases = [("given", p, 1.0), *((f"P0 ×{level:g}", p, level) for level in (0.1, 10.0))]
     cases += [(f"{name} ×{level:.3g}", p.model_copy(update={name: level * getattr(p, name)}), 1.0) for name, levels in LEVELS.items() for level in levels]
     rows, found, expected = [], [], []
     for name, q, level in cases:
@@ -434,108 +189,52 @@ def factors(r, p, experiment):
         steps = min(max(s or 60 for s in settles) + 5, 60)
         stats = [experiment.statistics(truth, design, steps=steps) for design in (first, truth)]
         theory = [sensitivity.actual(truth, design, steps).P_plus for design in (first, truth)]
-        worst = max(agreement(r, f"{name}, {fill(_('variant {n}'), n=n)}", stats[n - 1], theory[n - 1], consistent=n == 2) for n in (1, 2))
+        worst = max(agreement(r, text("{name}, variant {n}", name=name, n=n), stats[n - 1], theory[n - 1], consistent=n == 2) for n in (1, 2))
         rows.append((name, *(list(np.sqrt(np.diag(P))) for P in own), list(np.diag(own[0]) / np.diag(own[1])), settles, list(stats[0].rms[-1]), list(stats[1].rms[-1]), worst))
-    r.table("factors", [_("case"), _("steady σ, variant 1"), _("steady σ, variant 2"), _("ratio of variances"), _("settling steps"), _("RMS, variant 1"), _("RMS, variant 2"), _("largest deviation, σ")], rows,
-            _("Limits, settling and ensembles (at their last measurement); elements in the order x, v_x, y, v_y; m and m/s."))  # fmt: skip
-    r.check(_("limits of all cases, relative"), found, expected, (_("Lyapunov and Riccati equations"), _("spectral factorisation")))
-    r.says(_("P0 acts on the approach only. A stronger disturbance or a longer period lets the filter lean on the last measurement; a larger difference between $\\sigma_D$ and $D\\sigma_\\theta$ makes the ellipse of R longer, and the neglected covariance costs more."))
+    r.table("factors", ["case", "steady σ, variant 1", "steady σ, variant 2", "ratio of variances", "settling steps", "RMS, variant 1", "RMS, variant 2", "largest deviation, σ"], rows,
+            "Limits, settling and ensembles (at their last measurement); elements in the order x, v_x, y, v_y; m and m/s.")
+    r.check("limits of all cases, relative", found, expected, ("Lyapunov and Riccati equations", "spectral factorisation"))
+    r.says("P0 acts on the approach only. A stronger disturbance or a longer period lets the filter lean on the last measurement; a larger difference between $\\sigma_D$ and $D\\sigma_\\theta$ makes the ellipse of R longer, and the neglected covariance costs more.")
 
 
 def analytic_limits(p):
     """Steady variances of both variants from those of one coordinate."""
     R = covariance(p, *start(p))
-    along, across = (np.diag(by_hand.steady_state(2, p.sigma_w2, p.tau, variance)[1]) for variance in (p.sigma_D**2, (p.D * p.sigma_theta) ** 2))
-    own = [np.diag(by_hand.steady_state(2, p.sigma_w2, p.tau, variance)[1]) for variance in np.diag(R)]
-    return np.concatenate(own), turned(along, across, p.theta)
+    along, across = (np.diag(one_coordinate.steady_state(2, p.sigma_w2, p.tau, variance)[1]) for variance in (p.sigma_D**2, (p.D * p.sigma_theta) ** 2))
+    own = [np.diag(one_coordinate.steady_state(2, p.sigma_w2, p.tau, variance)[1]) for variance in np.diag(R)]
+    return np.concatenate(own), by_hand.turned(along, across, p.theta)
 
 
 def part_g(r, p, answer, truth, first):
     """Comparison at fixed geometry."""
-    r.section("g", _("Is variant 2 worth while?"))
-    r.says(_("**Fixed geometry, proof.** Variant 1 has $P_x = p(R_{11})$ with $R_{11} = \\cos^2\\theta\\,\\sigma_D^2 + \\sin^2\\theta\\,D^2\\sigma_\\theta^2$. For a constant gain the error variance is linear in R, and p(R) is its minimum over all gains; a minimum of linear functions is concave, hence"))
+    r.section("g", "Is variant 2 worth while?")
+    r.says("**Fixed geometry, proof.** Variant 1 has $P_x = p(R_{11})$ with $R_{11} = \\cos^2\\theta\\,\\sigma_D^2 + \\sin^2\\theta\\,D^2\\sigma_\\theta^2$. For a constant gain the error variance is linear in R, and p(R) is its minimum over all gains; a minimum of linear functions is concave, hence")
     r.math(r"p(\cos^2\theta\,\sigma_D^2 + \sin^2\theta\,D^2\sigma_\theta^2) \ge \cos^2\theta\,p(\sigma_D^2) + \sin^2\theta\,p(D^2\sigma_\theta^2)")
-    r.says(_("and likewise for y and the velocities. As the optimal gain changes with R, p is strictly concave, and equality needs $\\sin\\theta\\cos\\theta = 0$ or $\\sigma_D = D\\sigma_\\theta$, that is $R_{12} = 0$. ∎"))
+    r.says("and likewise for y and the velocities. As the optimal gain changes with R, p is strictly concave, and equality needs $\\sin\\theta\\cos\\theta = 0$ or $\\sigma_D = D\\sigma_\\theta$, that is $R_{12} = 0$. ∎")
     one, other = sensitivity.steady(truth, first).P_plus, steady.solve(truth).P_plus
     ratio = np.diag(one) / np.diag(other)
-    r.value("variance_ratio_steady", ratio, agrees=answer, routes=(_("Lyapunov and Riccati equations"), _("closed forms of one coordinate")))
-    r.holds(_("no variance of variant 2 is above that of variant 1"), np.diag(one - other) / np.diag(other) + 1e-9, (_("Lyapunov equation"), _("Riccati equation")), size=1.0)
+    r.value("variance_ratio_steady", ratio, agrees=answer, routes=("Lyapunov and Riccati equations", "closed forms of one coordinate"))
+    r.holds("no variance of variant 2 is above that of variant 1", np.diag(one - other) / np.diag(other) + 1e-9, ("Lyapunov equation", "Riccati equation"), size=1.0)
     worth = bool(ratio.max() >= WORTH)
     r.value("verdict_g", worth)
-    r.says(_("Here the ratios (variant 1 / variant 2 of x, v_x, y, v_y) are {ratio}. The verdict (worth while: {worth}) uses the criterion that some steady variance falls by a factor of at least {limit}."), ratio=list(ratio), worth=worth, limit=WORTH)
+    r.says("Here the ratios (variant 1 / variant 2 of x, v_x, y, v_y) are {ratio}. The verdict (worth while: {worth}) uses the criterion that some steady variance falls by a factor of at least {limit}.", ratio=list(ratio), worth=worth, limit=WORTH)
     angles = np.linspace(0, math.pi, 61)
     limits = [analytic_limits(p.model_copy(update={"theta": float(a)})) for a in angles]
     curves = {name: [a[j] / b[j] for a, b in limits] for j, name in enumerate(STATES)}
-    r.figure("by_bearing", plots.lines(angles, curves, xlabel="θ, rad", ylabel=_("ratio of steady variances, variant 1 / 2"), points={_("given θ"): ([p.theta % math.pi] * 4, ratio)}),
-             _("Steady variances of variant 1 over those of variant 2 against the bearing: 1 on the axes, most between them.") if max(map(max, curves.values())) > 1 + 1e-9
-             else _("Steady variances of variant 1 over those of variant 2 against the bearing: 1 everywhere, as the errors along and across the radius are equal."))  # fmt: skip
+    r.figure("by_bearing", plots.lines(angles, curves, xlabel="θ, rad", ylabel="ratio of steady variances, variant 1 / 2", points={"given θ": ([p.theta % math.pi] * 4, ratio)}),
+             "Steady variances of variant 1 over those of variant 2 against the bearing: 1 on the axes, most between them." if max(map(max, curves.values())) > 1 + 1e-9
+             else "Steady variances of variant 1 over those of variant 2 against the bearing: 1 everywhere, as the errors along and across the radius are equal.")
     here = p.D * p.sigma_theta / p.sigma_D
     factors_of = np.geomspace(0.03, 30, 41)
     limits = [analytic_limits(p.model_copy(update={"theta": math.pi / 4, "sigma_theta": float(f) * p.sigma_D / p.D})) for f in factors_of]
-    r.figure("by_ratio", plots.lines(factors_of, {_("position"): [a[0] / b[0] for a, b in limits], _("velocity"): [a[1] / b[1] for a, b in limits]}, xlabel=_("ratio of the errors across and along the radius, Dσ_θ/σ_D"), ylabel=_("ratio of steady variances, variant 1 / 2"), log="x",
-                                     points={_("given Dσ_θ/σ_D"): ([here] * 2, [a / b for a, b in zip(*analytic_limits(p.model_copy(update={"theta": math.pi / 4})), strict=True)][:2])} if factors_of[0] <= here <= factors_of[-1] else None),
-             _("The same at θ = 45° against the ratio of the two errors (at constant σ_D): the longer the ellipse, the more its direction is worth. Black: the given ratio."))  # fmt: skip
-
-
-def cost(r, answer):
-    """Operations of an update."""
-    whole, scalar, extra = (updates.flops(4, 2, way) for way in ("joint", "sequential", "decorrelation"))
-    counted = [2 * updates.flops(2, 1, "sequential"), scalar, scalar + extra, whole]
-    r.value("cost_of_update", counted, "flop", agrees=answer, routes=(_("counted while it is done"), _("formula in n")), kind=EXACT)
-    r.table("cost", [_("update"), _("additions, multiplications, divisions"), _("relative")], [
-        (text, count, count / counted[2]) for text, count in zip((
-            _("variant 1 as two filters of two states"), _("variant 1, four states, element by element"),
-            _("variant 2: decorrelation, then element by element"), _("the full R, both elements at once")), counted, strict=True)
-    ], _("Cost of one update of estimate and covariance, dense matrices (n = 4, m = 2). The zeros of H would save more, for all but the first alike."))  # fmt: skip
-    r.says(_("Decorrelation itself costs little ({extra} operations of {all}). What variant 2 really gives up is that variant 1 falls apart into two small filters; prediction (dense, $\\Phi P\\Phi^T + Q_d$) then takes {four} operations instead of twice {two}."), extra=extra, all=counted[2], four=prediction(4), two=prediction(2))
-
-
-def prediction(n):
-    """Operations of one dense prediction of estimate and covariance."""
-    return n * (2 * n - 1) + 2 * n**2 * (2 * n - 1) + n**2
+    r.figure("by_ratio", plots.lines(factors_of, {"position": [a[0] / b[0] for a, b in limits], "velocity": [a[1] / b[1] for a, b in limits]}, xlabel="ratio of the errors across and along the radius, Dσ_θ/σ_D", ylabel="ratio of steady variances, variant 1 / 2", log="x",
+                                     points={"given Dσ_θ/σ_D": ([here] * 2, [a / b for a, b in zip(*analytic_limits(p.model_copy(update={"theta": math.pi / 4})), strict=True)][:2])} if factors_of[0] <= here <= factors_of[-1] else None),
+             "The same at θ = 45° against the ratio of the two errors (at constant σ_D): the longer the ellipse, the more its direction is worth. Black: the given ratio.")
 
 
 def scaled(p, size):
     """Parameters of the noises times a factor."""
     return p.model_copy(update={"sigma_D": size * p.sigma_D, "sigma_theta": size * p.sigma_theta, "sigma_w2": size**2 * p.sigma_w2})
-
-
-def polar(p, motion):
-    """The true system: linear motion, range and bearing with their own noises."""
-    return NonlinearModel(
-        f=lambda _k, x, w: motion.Phi @ x + w, h=lambda _k, x, v: np.array([np.hypot(x[0], x[2]), np.arctan2(x[2], x[0])]) + v,
-        Qd=motion.Qd, R=np.diag([p.sigma_D**2, p.sigma_theta**2]), x0=motion.x0, P0=motion.P0, states=STATES, measurements=["D", "θ"],
-    )  # fmt: skip
-
-
-def converted(p, motion, correlated):
-    """A filter of pseudo-measurements with R at the geometry it predicts; ``correlated``: decorrelated there (variant 2)."""
-    def geometry(x):
-        return pseudo(p, x[0], x[2])
-
-    def difference(z, predicted):  # z − ẑ, with ẑ the predicted position; the conversion is that of the measured D and θ
-        e = z[0] * np.array([np.cos(z[1]), np.sin(z[1])]) - predicted
-        return np.array([e[0], e[1] - pseudo(p, *predicted)[3] * e[0]]) if correlated else e
-
-    def H(_k, x):
-        l21, zero = geometry(x)[3] if correlated else np.zeros_like(x[0]), np.zeros_like(x[0])
-        return np.array([[zero + 1, zero, zero, zero], [-l21, zero, zero + 1, zero]])
-
-    def R(_k, x):
-        R11, R22, _R12, _l21, d2 = geometry(x)
-        zero = np.zeros_like(R11)
-        return np.array([[R11, zero], [zero, d2 if correlated else R22]])
-
-    return NonlinearModel(
-        f=lambda _k, x, w: motion.Phi @ x + w, h=lambda _k, x, v: x[[0, 2]] + v, F=lambda _k, _x: motion.Phi, H=H, residual=difference,
-        Qd=lambda _k, _x: motion.Qd, R=R, x0=motion.x0, P0=motion.P0, states=STATES, measurements=["z1'", "z2'"],
-    )  # fmt: skip
-
-
-def trajectories(p, steps):
-    """Name and initial velocity (m/s): at rest, towards the sensor to half of D, across the radius by D."""
-    c, s, speed = math.cos(p.theta), math.sin(p.theta), p.D / (steps * p.tau)
-    return {_("at rest"): (0.0, 0.0), _("approaching"): (-0.5 * speed * c, -0.5 * speed * s), _("crossing"): (-speed * s, speed * c)}
 
 
 def along(p, velocity, steps):
@@ -545,24 +244,14 @@ def along(p, velocity, steps):
     return replace(motion, x0=[start(p)[0], velocity[0], start(p)[1], velocity[1]])
 
 
-def small(p, runs, steps):
-    """A factor of all noises at which nothing but the linear terms is seen by so many runs, or None where rounding would be."""
-    position, velocity = spread(p)
-    t = steps * p.tau
-    away = math.sqrt(position + velocity * t**2 + p.sigma_w2 * t**3 / 3) / p.D
-    longer = max(p.D * p.sigma_theta / p.sigma_D, p.sigma_D / (p.D * p.sigma_theta))
-    size = min(1.0, 0.01 / (longer**2 * (away + p.sigma_theta + p.sigma_D / p.D) * math.sqrt(runs)))
-    return size if size * min(p.sigma_D / p.D, p.sigma_theta, math.sqrt(p.sigma_w2 * p.tau**3) / p.D) > 1e-9 else None
-
-
 def nonlinear(r, p, experiment):
     """The true sensor."""
     steps = length(p)
-    r.says(_("**The true sensor.** Range and bearing are simulated with their own noise and converted; each filter takes R at the geometry it predicts. The errors are then not exactly Gaussian, and the linear theory on the nominal trajectory is an approximation. That the programme does what the theory says is tested where the approximation is exact: all noises and P0 are made smaller by one factor, until what is not linear is below a hundredth of a standard error."))
+    r.says("**The true sensor.** Range and bearing are simulated with their own noise and converted; each filter takes R at the geometry it predicts. The errors are then not exactly Gaussian, and the linear theory on the nominal trajectory is an approximation. That the programme does what the theory says is tested where the approximation is exact: all noises and P0 are made smaller by one factor, until what is not linear is below a hundredth of a standard error.")
     size = small(p, experiment.runs, steps)
     names = list(trajectories(p, steps))
     if size is None:
-        r.says(_("(Left out here: the factor would have to be so small that rounding of D would be seen.)"))
+        r.says("(Left out here: the factor would have to be so small that rounding of D would be seen.)")
     rows, shown = [], {}
     for n, (name, velocity) in enumerate(trajectories(p, steps).items()):
         theory = along(p, velocity, steps)
@@ -571,41 +260,27 @@ def nonlinear(r, p, experiment):
             few, tiny = scaled(p, size), along(scaled(p, size), velocity, steps)
             for variant in (1, 2):
                 stats = experiment.statistics(polar(few, tiny), converted(few, tiny, variant == 2), steps=steps, stream=9)
-                agreement(r, fill(_("true sensor, small noise, variant {n}"), n=variant), stats, size**2 * P[variant - 1], consistent=False)
+                agreement(r, text("true sensor, small noise, variant {n}", n=variant), stats, size**2 * P[variant - 1], consistent=False)
         stats = [experiment.statistics(polar(p, theory), converted(p, theory, variant == 2), steps=steps, stream=10 + n) for variant in (1, 2)]
-        pair = experiment.statistics(
-            polar(p, theory), lambda m=theory: updates.Together(*(Extended(converted(p, m, correlated)) for correlated in (False, True))),
-            steps=steps, stream=10 + n, compare=np.vstack([np.eye(4), np.eye(4)]),
-        )  # fmt: skip
+        pair = experiment.statistics(polar(p, theory),
+                                     lambda m=theory: updates.Together(*(Extended(converted(p, m, correlated)) for correlated in (False, True))),
+                                     steps=steps, stream=10 + n, compare=np.vstack([np.eye(4), np.eye(4)]))
         shown[name] = (stats, P, updates.paired(pair.second_moment[-1], pair.runs))
         half = slice(steps // 2, None)
         for j, state in enumerate(STATES):
             means = [np.mean(each.rms[half, j] ** 2) for each in stats]
             believed = [np.mean(each[half, j, j]) for each in P]
             rows.append((name, f"{state}, {UNITS[j]}", stats[0].rms[-1, j], stats[1].rms[-1, j], max(each.rms_se[-1, j] for each in stats), math.sqrt(P[1][-1, j, j]), means[0] / means[1], believed[0] / believed[1]))
-    r.table("true_sensor", [_("trajectory"), _("state"), _("RMS, variant 1"), _("RMS, variant 2"), _("standard error"), _("σ of linear theory, variant 2"), _("ratio of mean squares"), _("in linear theory")], rows,
-            _("Actual errors with the true sensor, {runs} runs on the same data: at the last measurement, and the ratio of mean squares (variant 1 / variant 2) over the second half of the record."), runs=experiment.runs)  # fmt: skip
+    r.table("true_sensor", ["trajectory", "state", "RMS, variant 1", "RMS, variant 2", "standard error", "σ of linear theory, variant 2", "ratio of mean squares", "in linear theory"], rows,
+            "Actual errors with the true sensor, {runs} runs on the same data: at the last measurement, and the ratio of mean squares (variant 1 / variant 2) over the second half of the record.", runs=experiment.runs)
     stats, P, _scores = shown[names[-1]]
     i = np.arange(steps + 1)
     position = [np.sqrt(each.rms[:, 0] ** 2 + each.rms[:, 2] ** 2) for each in stats]
     believed = [np.sqrt(each[:, 0, 0] + each[:, 2, 2]) for each in P]
-    r.figure("crossing", plots.lines(i, {_("variant 1, true sensor"): position[0], _("variant 2, true sensor"): position[1]}, xlabel=STEP, ylabel=_("RMS error of the position, m"), steps=True, marker=".",
-                                     straight={_("linear theory"): (i, believed[0]), "_": (i, believed[1])}),
-             _("Crossing trajectory: RMS of the position error of both variants with the true sensor, and linear theory (dashed)."))  # fmt: skip
+    r.figure("crossing", plots.lines(i, {"variant 1, true sensor": position[0], "variant 2, true sensor": position[1]}, xlabel=STEP, ylabel="RMS error of the position, m", steps=True, marker=".",
+                                     straight={"linear theory": (i, believed[0]), "_": (i, believed[1])}),
+             "Crossing trajectory: RMS of the position error of both variants with the true sensor, and linear theory (dashed).")
     judge(r, shown)
-
-
-def judge(r, shown):
-    """What the true sensor says, in words."""
-    lines = []
-    for name, (_stats, _P, scores) in shown.items():
-        better, worse = (", ".join(STATES[j] for j in np.flatnonzero(sign * scores > CLEAR)) for sign in (1, -1))
-        text = fill(_("{name}: variant 2 is clearly better in {better}"), name=name, better=better) if better else fill(_("{name}: no state is clearly better in variant 2"), name=name)
-        lines.append(text + (fill(_("; clearly worse in {worse}"), worse=worse) if worse else "") + fill(_(" (standard errors {scores})."), scores=[round(float(score), 1) for score in scores]))
-    r.says(_("The two mean squares at the last measurement, compared run by run on the same data, and called clearly different from {count} standard errors on:"), count=CLEAR)
-    r.items(lines)
-    nees = "; ".join(f"{name} {number([float(each.nees[-1]) for each in stats])}" for name, (stats, _P, _scores) in shown.items())
-    r.says(_("NEES at the last measurement, variants 1 and 2: {nees}."), nees=nees)
 
 
 def conclusions(r, p):
@@ -613,23 +288,37 @@ def conclusions(r, p):
     values = {name: value.value for name, value in r.values.items()}
     rho, ratio, lines = values["correlation_coefficient"], np.array(values["variance_ratio_steady"]), []
     if values["verdict_b_independent"]:
-        why = _("the radius lies along an axis") if abs(math.sin(2 * p.theta)) < 1e-9 else _("the errors along and across the radius are equal")
-        lines.append(fill(_("R12 = 0, because {why}: the pseudo-measurements are uncorrelated, variant 2 is variant 1, and all ratios are 1."), why=why))
+        why = "the radius lies along an axis" if abs(math.sin(2 * p.theta)) < 1e-9 else "the errors along and across the radius are equal"
+        lines.append(text("R12 = 0, because {why}: the pseudo-measurements are uncorrelated, variant 2 is variant 1, and all ratios are 1.", why=why))
     else:
-        lines.append(fill(_("The errors of the pseudo-measurements have the correlation coefficient {rho}; they are not independent, as the sheet calls them."), rho=rho))
-        lines.append(fill(_("At fixed geometry neglecting it raises the steady variances of x, v_x, y, v_y by the factors {ratio}: up to {percent} % in σ. By the criterion (a factor of {limit} in a variance) variant 2 is {worth}."),
-                          ratio=list(ratio), percent=round(100 * (math.sqrt(ratio.max()) - 1), 2), limit=WORTH, worth=_("worth while") if values["verdict_g"] else _("not worth while")))  # fmt: skip
+        lines.append(text("The errors of the pseudo-measurements have the correlation coefficient {rho}; they are not independent, as the sheet calls them.", rho=rho))
+        lines.append(text("At fixed geometry neglecting it raises the steady variances of x, v_x, y, v_y by the factors {ratio}: up to {percent} % in σ. By the criterion (a factor of {limit} in a variance) variant 2 is {worth}.",
+                          ratio=list(ratio), percent=round(100 * (math.sqrt(ratio.max()) - 1), 2), limit=WORTH, worth="worth while" if values["verdict_g"] else "not worth while"))
     if values["verdict_b_independent"]:
-        lines.append(_("Both filters have bounded errors although the motion has not. Where the point moves away from this geometry R12 appears along the way, as the crossing trajectory shows, unless $\\sigma_D = D\\sigma_\\theta$ stays true."))
+        lines.append("Both filters have bounded errors although the motion has not. Where the point moves away from this geometry R12 appears along the way, as the crossing trajectory shows, unless $\\sigma_D = D\\sigma_\\theta$ stays true.")
     else:
-        lines.append(_("Both filters have bounded errors although the motion has not; variant 1 gives its own variances rightly and is wrong about their correlation only, so nothing in its P warns of the loss."))
+        lines.append("Both filters have bounded errors although the motion has not; variant 1 gives its own variances rightly and is wrong about their correlation only, so nothing in its P warns of the loss.")
     cost = values["cost_of_update"]
-    lines.append(fill(_("Variant 2 costs {two} operations per update, variant 1 {one} as two small filters, the full R at once {both}: decorrelating first is {word} than inverting S."), two=cost[2], one=cost[0], both=cost[3], word=_("cheaper") if cost[2] < cost[3] else _("not cheaper")))
+    lines.append(text("Variant 2 costs {two} operations per update, variant 1 {one} as two small filters, the full R at once {both}: decorrelating first is {word} than inverting S.", two=cost[2], one=cost[0], both=cost[3], word="cheaper" if cost[2] < cost[3] else "not cheaper"))
     index = p.D * p.sigma_theta**2 / 2 / p.sigma_D
-    lines.append(fill(_("The bias that the conversion adds, $D\\sigma_\\theta^2/2$, is {index} of σ_D: {verdict}."), index=index,
-                      verdict=_("first-order pseudo-measurements are good enough") if index < 0.1 else _("the pseudo-measurements should be corrected for it, or an extended filter used on D and θ themselves")))  # fmt: skip
+    lines.append(text("The bias that the conversion adds, $D\\sigma_\\theta^2/2$, is {index} of σ_D: {verdict}.", index=index,
+                      verdict="first-order pseudo-measurements are good enough" if index < 0.1 else "the pseudo-measurements should be corrected for it, or an extended filter used on D and θ themselves"))
     lines.append(largest(r))
     r.items(lines)
+
+
+PARTS = Skeleton(
+    analysis=(model_part, part_a, part_b),
+    plan=plan,
+    experiment=(part_c, part_d, part_e, part_f, part_g, cost, nonlinear),
+    conclusions=conclusions,
+)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    answer, (truth, first) = by_hand.analytic(p), variants(p)
+    return PARTS.report(META, p, experiment, answer=answer, truth=truth, first=first)
 
 
 if __name__ == "__main__":

@@ -12,15 +12,17 @@ after which the estimate only changes its sign.
 import math
 
 import numpy as np
+from ctlabs.tasks.answers import task06 as by_hand
 
 from ctlabs.filtering import settling_step
 from ctlabs.labs.experiment import Experiment, covariances, filtered
 from ctlabs.labs.portrait import largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import LabParameters, Variance, VariancesOrInf, given
 from ctlabs.reporting.report import EXACT, SOLVER, Report
-from ctlabs.text import _, fill
+from ctlabs.text import text
 
 META = {
     "name": "task06",
@@ -29,7 +31,7 @@ META = {
     "parts": ["a", "b", "c"],
 }
 
-STEP = _("measurement number i")
+STEP = "measurement number i"
 #: What the instrument shows in place of the lost measurement, m.
 NONSENSE = 1e9
 
@@ -41,55 +43,10 @@ class Parameters(LabParameters):
     R: VariancesOrInf = given((1, 1, 1, 1, 1, 1), unit="m²", meaning='variances of the measurement errors, 0 and "inf" allowed; as many measurements as entries')
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    total = information(p.P0, p.R)
-    posterior = [reciprocal(J) for J in total[1:]]
-    return {
-        "posterior_information": total[1:],
-        "posterior_variance": posterior,
-        "gain": [share(before, R) for before, R in zip(total, p.R, strict=False)],
-        "settling_step": 1 if p.P0 == 0 else p.R.index(0) + 1 if 0 in p.R else None,
-    }
-
-
-def reciprocal(x):
-    """1/x, with 1/0 = ∞ and 1/∞ = 0."""
-    return math.inf if x == 0 else 1 / x
-
-
-def information(P0, R):
-    """1/P at t0, t1, …: the sum of what the start and each measurement say."""
-    return list(np.cumsum([reciprocal(P0), *map(reciprocal, R)]))
-
-
-def share(before, R):
-    """The gain: the measurement's share of the information after it; none where everything was known."""
-    if before == math.inf:
-        return 0.0
-    return 1.0 if R == 0 else reciprocal(R) / (before + reciprocal(R))
-
-
-def least_squares(z, P0, R):
-    """x̂(t_i⁺), i = 1, 2, …, each from all measurements z (n, runs) up to t_i at once."""
-    signs = (-1.0) ** np.arange(1, len(R) + 1)[:, None]
-    if P0 == 0:
-        return np.zeros_like(z)
-    weights = np.array([[reciprocal(x) if 0 < x else 0.0] for x in R])
-    moved = np.where(weights > 0, signs * z, 0.0)  # each z(t_j) brought back to t0
-    start = np.cumsum(weights * moved, axis=0) / (1 / P0 + np.cumsum(weights, axis=0))
-    if 0 in R:
-        first = R.index(0)
-        start[first:] = signs[first] * z[first]
-    return signs * start
-
-
 def model(P0, R):
     """x(t_{i+1}) = −x(t_i), z(t_i) = x(t_i) + v(t_i) with the variances R(t_1), R(t_2) and so on."""
-    return DiscreteModel(
-        Phi=[[-1]], Qd=[[0]], H=[[1]], R=np.reshape([R[0], *R], (-1, 1, 1)), x0=[0], P0=[[P0]], dt=1,
-        states=["x"], measurements=["z"], units=["m"],
-    )  # fmt: skip
+    return DiscreteModel(Phi=[[-1]], Qd=[[0]], H=[[1]], R=np.reshape([R[0], *R], (-1, 1, 1)), x0=[0], P0=[[P0]], dt=1,
+                         states=["x"], measurements=["z"], units=["m"])
 
 
 def with_both(P0, R):
@@ -107,157 +64,134 @@ def with_both(P0, R):
     return (*plain[:third], math.inf, *rest), (*plain[:third], *rest)
 
 
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, system = analytic(p), model(p.P0, p.R)
-    start = p.P0 or 1.0
-    both, without = with_both(p.P0, p.R)
-    r.heading(_("Part I. Analysis"))
-    part_a(r, p, answer, system, experiment)
-    part_b(r, p, answer, system)
-    shown(r, experiment, start, both, without)
-    r.heading(_("Plan of the experiment"))
-    plan(r, p, experiment, start, both)
-    r.heading(_("Part II. Experiment"))
-    part_c(r, p, answer, system, experiment, start, both)
-    r.heading(_("Conclusions"))
-    conclusions(r, p, answer)
-    return r
-
-
 def part_a(r, p, answer, system, experiment):
     """Equations of the filter, and the same estimate from all measurements at once."""
-    r.section("a", _("Equations of the optimal filter"))
-    r.says(_("The power $2i+1$ is odd for every $i$, so the factor is always $-1$: the sequence has one unknown magnitude and changes its sign at each step,"))
+    r.section("a", "Equations of the optimal filter")
+    r.says("The power $2i+1$ is odd for every $i$, so the factor is always $-1$: the sequence has one unknown magnitude and changes its sign at each step,")
     r.math(r"x(t_{i+1}) = -x(t_i), \qquad x(t_i) = (-1)^i x(t_0), \qquad z(t_i) = x(t_i) + v(t_i)")
     r.math(r"\Phi = -1, \qquad Q_d = 0, \qquad H = 1, \qquad \bar x_0 = 0, \qquad P_0 = {P0} \; \text{m}^2, \qquad R(t_i) = {R} \; \text{m}^2, \quad i = 1, \dots, {n}",
-           P0=p.P0, R=np.array([p.R]), n=len(p.R))  # fmt: skip
-    r.says(_("From $\\hat{x}(t_0^+) = 0$ and $P(t_0^+) = P_0$, for $i = 1, 2, \\dots$:"))
+           P0=p.P0, R=np.array([p.R]), n=len(p.R))
+    r.says("From $\\hat{x}(t_0^+) = 0$ and $P(t_0^+) = P_0$, for $i = 1, 2, \\dots$:")
     r.math(r"\hat x(t_i^-) = -\hat x(t_{i-1}^+), \qquad P(t_i^-) = \Phi^2P(t_{i-1}^+) = P(t_{i-1}^+)")
-    r.math(
-        r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R(t_i)}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)\,[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = \frac{P(t_i^-)\,R(t_i)}{P(t_i^-) + R(t_i)}"
-    )
-    r.says(_("**The same estimate by least squares.** Every $(-1)^jz(t_j)$ is a measurement of the one number $x(t_0)$. Weighted with $1/R(t_j)$, together with the prior value 0 of weight $1/P_0$, they give"))
+    r.math(r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R(t_i)}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)\,[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = \frac{P(t_i^-)\,R(t_i)}{P(t_i^-) + R(t_i)}")
+    r.says("**The same estimate by least squares.** Every $(-1)^jz(t_j)$ is a measurement of the one number $x(t_0)$. Weighted with $1/R(t_j)$, together with the prior value 0 of weight $1/P_0$, they give")
     r.math(r"\hat x_i(t_0) = P(t_i^+)\sum_{j=1}^{i}\frac{(-1)^jz(t_j)}{R(t_j)}, \qquad \hat x(t_i^+) = (-1)^i\,\hat x_i(t_0)")
     schedule = covariances(system, len(p.R))
-    r.value("gain", schedule.K[1:, 0, 0], at=range(1, len(p.R) + 1), agrees=answer, routes=(_("recursion"), _("share of the information")))
+    r.value("gain", schedule.K[1:, 0, 0], at=range(1, len(p.R) + 1), agrees=answer, routes=("recursion", "share of the information"))
     some = experiment.histories(system, steps=len(p.R))
-    r.check(_("estimates of 25 records"), some.x_plus[1:, 0], least_squares(some.z[1:, 0], p.P0, p.R),
-            (_("filter"), _("least squares over all measurements")), SOLVER, scale=float(np.abs(some.truth[1:]).max()) or 1.0)  # fmt: skip
+    r.check("estimates of 25 records", some.x_plus[1:, 0], by_hand.least_squares(some.z[1:, 0], p.P0, p.R),
+            ("filter", "least squares over all measurements"), SOLVER, scale=float(np.abs(some.truth[1:]).max()) or 1.0)
 
 
 def part_b(r, p, answer, system):
     """The three proofs, and the given list."""
-    r.section("b", _("What a measurement adds: three proofs"))
-    r.says(_("**1. The variance decreases.** Let $P_0 > 0$ and $0 < R(t_i) < \\infty$. Then $P(t_i^-) = P(t_{i-1}^+) > 0$ and $P(t_i^+) > 0$, and the reciprocal of the update is"))
+    r.section("b", "What a measurement adds: three proofs")
+    r.says("**1. The variance decreases.** Let $P_0 > 0$ and $0 < R(t_i) < \\infty$. Then $P(t_i^-) = P(t_{i-1}^+) > 0$ and $P(t_i^+) > 0$, and the reciprocal of the update is")
     r.math(r"\frac1{P(t_i^+)} = \frac{P(t_i^-) + R(t_i)}{P(t_i^-)\,R(t_i)} = \frac1{P(t_{i-1}^+)} + \frac1{R(t_i)} \quad\Rightarrow\quad \frac1{P(t_i^+)} = \frac1{P_0} + \sum_{j=1}^{i}\frac1{R(t_j)}")
-    r.says(_("by induction. Each measurement adds the positive number $1/R(t_i)$, so $1/P(t_i^+)$ increases and $P(t_i^+)$ decreases strictly. ∎ It tends to zero exactly when $\\sum 1/R(t_j)$ diverges; for a constant $R$ it falls like $R/i$, too slowly to settle within any fraction of its limit."))
-    r.says(_("**2. $R(t_i) \\to \\infty$ drops the measurement.** Then $K(t_i) \\to 0$ and $P(t_i^+) = P(t_i^-)/[1 + P(t_i^-)/R(t_i)] \\to P(t_i^-)$. A small gain alone would not do, as the innovation grows without bound with $R$; but the variance of the correction,"))
+    r.says("by induction. Each measurement adds the positive number $1/R(t_i)$, so $1/P(t_i^+)$ increases and $P(t_i^+)$ decreases strictly. ∎ It tends to zero exactly when $\\sum 1/R(t_j)$ diverges; for a constant $R$ it falls like $R/i$, too slowly to settle within any fraction of its limit.")
+    r.says("**2. $R(t_i) \\to \\infty$ drops the measurement.** Then $K(t_i) \\to 0$ and $P(t_i^+) = P(t_i^-)/[1 + P(t_i^-)/R(t_i)] \\to P(t_i^-)$. A small gain alone would not do, as the innovation grows without bound with $R$; but the variance of the correction,")
     r.math(r"E\{K^2(t_i)\,[z(t_i) - \hat x(t_i^-)]^2\} = K^2(t_i)\,[P(t_i^-) + R(t_i)] = \frac{P^2(t_i^-)}{P(t_i^-) + R(t_i)} \to 0,")
-    r.says(_("tends to zero too: in the mean square $\\hat{x}(t_i^+) \\to \\hat{x}(t_i^-)$. In the sum of proof 1 the term $1/R(t_i)$ is missing. ∎"))
-    r.says(_("**3. $R(t_i) = 0$ ends the filtering.** If $P(t_i^-) > 0$, then $K(t_i) = 1$, $\\hat{x}(t_i^+) = z(t_i) = x(t_i)$ and $P(t_i^+) = 0$. From there $P(t_j^-) = 0$ for all $j > i$, hence $K(t_j) = 0/[0 + R(t_j)] = 0$ and"))
+    r.says("tends to zero too: in the mean square $\\hat{x}(t_i^+) \\to \\hat{x}(t_i^-)$. In the sum of proof 1 the term $1/R(t_i)$ is missing. ∎")
+    r.says("**3. $R(t_i) = 0$ ends the filtering.** If $P(t_i^-) > 0$, then $K(t_i) = 1$, $\\hat{x}(t_i^+) = z(t_i) = x(t_i)$ and $P(t_i^+) = 0$. From there $P(t_j^-) = 0$ for all $j > i$, hence $K(t_j) = 0/[0 + R(t_j)] = 0$ and")
     r.math(r"\hat x(t_j^+) = -\hat x(t_{j-1}^+) = x(t_j), \qquad P(t_j^+) = 0, \qquad j > i:")
-    r.says(_("only the sign is still to be changed. A second perfect measurement, $R(t_j) = 0$, has the gain 0/0; its innovation is zero whatever the gain, and the filter takes $K = 0$. ∎"))
+    r.says("only the sign is still to be changed. A second perfect measurement, $R(t_j) = 0$, has the gain 0/0; its innovation is zero whatever the gain, and the filter takes $K = 0$. ∎")
     schedule, at = covariances(system, len(p.R)), list(range(1, len(p.R) + 1))
-    P, routes = schedule.P_plus[:, 0, 0], (_("recursion"), _("sum of information"))
-    r.says(_("**The given measurements.**"))
-    r.table("given", ["i", "R, m²", "P⁻, m²", "K", "P⁺, m²", "1/P⁺, 1/m²", _("the measurement")],
-            [(i, p.R[i - 1], schedule.P_minus[i, 0, 0], schedule.K[i, 0, 0], P[i], reciprocal(P[i]), role(schedule, p.R, i)) for i in at],
-            _("The filter along the given variances."))  # fmt: skip
+    P, routes = schedule.P_plus[:, 0, 0], ("recursion", "sum of information")
+    r.says("**The given measurements.**")
+    r.table("given", ["i", "R, m²", "P⁻, m²", "K", "P⁺, m²", "1/P⁺, 1/m²", "the measurement"],
+            [(i, p.R[i - 1], schedule.P_minus[i, 0, 0], schedule.K[i, 0, 0], P[i], by_hand.reciprocal(P[i]), role(schedule, p.R, i)) for i in at],
+            "The filter along the given variances.")
     r.value("posterior_variance", P[1:], "m²", at=at, agrees=answer, routes=routes, kind=EXACT)
-    r.value("posterior_information", [reciprocal(x) for x in P[1:]], "1/m²", at=at, agrees=answer, routes=routes, kind=EXACT)
-    r.holds(_("P⁺ never increases"), -np.diff(P), (_("recursion"), _("proof 1")), size=p.P0 or 1.0)
+    r.value("posterior_information", [by_hand.reciprocal(x) for x in P[1:]], "1/m²", at=at, agrees=answer, routes=routes, kind=EXACT)
+    r.holds("P⁺ never increases", -np.diff(P), ("recursion", "proof 1"), size=p.P0 or 1.0)
     if p.P0 > 0:
-        r.check(_("share of the initial error left, Π(1 − K) = P⁺/P0"), np.cumprod(1 - schedule.K[1:, 0, 0]), [P_ / p.P0 for P_ in answer["posterior_variance"]],
-                (_("product of the gains' complements"), _("sum of information")), EXACT, scale=1.0)  # fmt: skip
+        r.check("share of the initial error left, Π(1 − K) = P⁺/P0", np.cumprod(1 - schedule.K[1:, 0, 0]), [P_ / p.P0 for P_ in answer["posterior_variance"]],
+                ("product of the gains' complements", "sum of information"), EXACT, scale=1.0)
     decreasing = bool((schedule.K[1:] > 0).all())
     r.value("verdict_b", decreasing)
     settled = settling_step(schedule.P_plus[:, 0], [0.0])
-    r.value("settling_step", None if settled is None else max(settled, 1), agrees=answer, routes=(_("recursion"), _("first perfect measurement")),
-            reason="" if settled is not None else _("the variance is positive to the end of the list, and one that falls towards zero never stays within 1 % of it"))  # fmt: skip
+    r.value("settling_step", None if settled is None else max(settled, 1), agrees=answer, routes=("recursion", "first perfect measurement"),
+            reason="" if settled is not None else "the variance is positive to the end of the list, and one that falls towards zero never stays within 1 % of it")
     if decreasing:
-        r.says(_("Here every gain is positive, so $P(t_i^+)$ decreases strictly from {start} to {end} m²."), start=p.P0, end=P[-1])
+        r.says("Here every gain is positive, so $P(t_i^+)$ decreases strictly from {start} to {end} m².", start=p.P0, end=P[-1])
     else:
         still = [i for i in at if schedule.K[i, 0, 0] == 0]
-        r.says(_("The variance decreases strictly where the gain is positive; here it stays as it is at i = {still}. At i = 0 it is {start} m², at the end {end} m²."),
-               still=", ".join(map(str, still)), start=p.P0, end=P[-1])  # fmt: skip
+        r.says("The variance decreases strictly where the gain is positive; here it stays as it is at i = {still}. At i = 0 it is {start} m², at the end {end} m².",
+               still=", ".join(map(str, still)), start=p.P0, end=P[-1])
 
 
 def role(schedule, R, i):
     """In words, what a measurement does."""
     if R[i - 1] == math.inf:
-        return _("dropped")
+        return "dropped"
     if schedule.P_minus[i, 0, 0] == 0:
-        return _("useless: x is known")
-    return _("perfect") if R[i - 1] == 0 else _("used")
+        return "useless: x is known"
+    return "perfect" if R[i - 1] == 0 else "used"
 
 
 def shown(r, experiment, start, both, without):
     """The limits R → ∞ and R → 0, and both extremes bit for bit."""
-    r.says(_("**The limits**, from the variance $P = {P}$ m²: with $R = 1000P$ doubled again and again $P - P^+$ halves, as $P^2/(P+R)$ does; with $R = P/1000$ halved again and again $P^+$ halves, as $PR/(P+R)$ does."), P=start)
+    r.says("**The limits**, from the variance $P = {P}$ m²: with $R = 1000P$ doubled again and again $P - P^+$ halves, as $P^2/(P+R)$ does; with $R = P/1000$ halved again and again $P^+$ halves, as $PR/(P+R)$ does.", P=start)
     far = [covariances(model(start, (1e3 * start * 2**j,)), 1).P_plus[1, 0, 0] for j in range(4)]
     near = [covariances(model(start, (1e-3 * start / 2**j,)), 1).P_plus[1, 0, 0] for j in range(4)]
-    r.order(_("P⁻ − P⁺ as R → ∞"), [start - P for P in far], 1, (_("recursion"), _("proof 2")))
-    r.order(_("P⁺ as R → 0"), near, 1, (_("recursion"), _("proof 3")))
-    r.says(_("**Both extremes** in one list, $R(t_i)$ = {R} m²: here they hold bit for bit. Without the lost measurement the other variances are the same. In 25 simulated records the estimate at the lost measurement is the prediction, whatever the instrument shows (here {nonsense} m), and after the perfect one it only changes its sign."),
-           R=both, nonsense=NONSENSE)  # fmt: skip
+    r.order("P⁻ − P⁺ as R → ∞", [start - P for P in far], 1, ("recursion", "proof 2"))
+    r.order("P⁺ as R → 0", near, 1, ("recursion", "proof 3"))
+    r.says("**Both extremes** in one list, $R(t_i)$ = {R} m²: here they hold bit for bit. Without the lost measurement the other variances are the same. In 25 simulated records the estimate at the lost measurement is the prediction, whatever the instrument shows (here {nonsense} m), and after the perfect one it only changes its sign.",
+           R=both, nonsense=NONSENSE)
     lost, perfect = both.index(math.inf) + 1, both.index(0) + 1
     system = model(start, both)
     full, short = covariances(system, len(both)), covariances(model(start, without), len(without))
     kept = [i for i in range(1, len(both) + 1) if both[i - 1] < math.inf]
     bits = {"kind": EXACT, "scale": 0.0}
-    r.check(_("variances of the others, bit for bit"), full.P_plus[kept, 0, 0], short.P_plus[1:, 0, 0], (_("with R = ∞ in the list"), _("list without it")), **bits)
+    r.check("variances of the others, bit for bit", full.P_plus[kept, 0, 0], short.P_plus[1:, 0, 0], ("with R = ∞ in the list", "list without it"), **bits)
     some = experiment.histories(system, steps=len(both), stream=1)
     shown_anyway = np.where(np.isnan(some.z), NONSENSE, some.z)
     again = filtered(system, shown_anyway[1:])
-    r.check(_("estimates, bit for bit"), some.x_plus, again.x_plus, (_("no measurement"), _("any measurement with R = ∞")), **bits)
-    r.check(_("estimate at the lost measurement, bit for bit"), some.x_plus[lost], some.x_minus[lost], (_("after"), _("before")), **bits)
+    r.check("estimates, bit for bit", some.x_plus, again.x_plus, ("no measurement", "any measurement with R = ∞"), **bits)
+    r.check("estimate at the lost measurement, bit for bit", some.x_plus[lost], some.x_minus[lost], ("after", "before"), **bits)
     after = some.x_plus[perfect:, 0]
-    r.check(_("estimate after the perfect one, bit for bit"), after[1:], -after[:-1], (_("filter"), _("change of sign")), **bits)
-    r.check(_("estimate from the perfect one on"), after, some.truth[perfect:, 0], (_("filter"), _("truth")), EXACT)
+    r.check("estimate after the perfect one, bit for bit", after[1:], -after[:-1], ("filter", "change of sign"), **bits)
+    r.check("estimate from the perfect one on", after, some.truth[perfect:, 0], ("filter", "truth"), EXACT)
     plain = tuple(x for x in without if x > 0)
-    figure = plots.lines(
-        range(len(both) + 1),
-        {
-            _("neither"): covariances(model(start, tuple(x if 0 < x < math.inf else plain[0] for x in both)), len(both)).P_plus[:, 0, 0],
-            _("one lost"): covariances(model(start, tuple(x or plain[0] for x in both)), len(both)).P_plus[:, 0, 0],
-            _("one lost, one perfect"): full.P_plus[:, 0, 0],
-        },
-        xlabel=STEP, ylabel=_("filtering variance $P(t_i^+)$, m²"), marker=".", steps=True,
-    )  # fmt: skip
-    r.figure("extremes", figure, _("Filtering variance with a lost measurement (i = {lost}: flat) and a perfect one (i = {perfect}: zero for good), against ordinary measurements of R = {plain} m² in their places."),
-             lost=lost, perfect=perfect, plain=plain[0])  # fmt: skip
+    figure = plots.lines(range(len(both) + 1),
+                         {"neither": covariances(model(start, tuple(x if 0 < x < math.inf else plain[0] for x in both)),
+                                                 len(both)).P_plus[:, 0, 0],
+                          "one lost": covariances(model(start, tuple(x or plain[0] for x in both)),
+                                                  len(both)).P_plus[:, 0, 0],
+                          "one lost, one perfect": full.P_plus[:, 0, 0]}, xlabel=STEP,
+                         ylabel="filtering variance $P(t_i^+)$, m²", marker=".", steps=True)
+    r.figure("extremes", figure, "Filtering variance with a lost measurement (i = {lost}: flat) and a perfect one (i = {perfect}: zero for good), against ordinary measurements of R = {plain} m² in their places.",
+             lost=lost, perfect=perfect, plain=plain[0])
 
 
 def plan(r, p, experiment, start, both):
     """Every number chosen."""
     rows = [
-        [_("measurements"), len(p.R), _("the entries of R")],
-        [_("P0, m²"), p.P0, _("the sheet leaves it open; so are the variances R")],
-        [_("runs"), experiment.runs, fill(_("a standard error of the variance of {percent} %"), percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
-        [_("seed"), experiment.seed, _("another stream of random numbers for each system")],
-    ]  # fmt: skip
+        ["measurements", len(p.R), "the entries of R"],
+        ["P0, m²", p.P0, "the sheet leaves it open; so are the variances R"],
+        ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
+        ["seed", experiment.seed, "another stream of random numbers for each system"],
+    ]
     if (start, both) != (p.P0, p.R):
-        rows.insert(2, [_("second system: R, m²"), list(both), fill(_("one lost and one perfect measurement, from P0 = {P0} m²"), P0=start)])
-    r.says(_("The ensemble is compared with the variances of (b): mean error, RMS, NEES, NIS. Where the variance is zero in theory, the error must be rounding.") + " "
-           + (_("The given list has a lost and a perfect measurement, so one system is enough.") if (start, both) == (p.P0, p.R)
-              else _("A second system has a lost and a perfect measurement among the given ones.")))  # fmt: skip
-    r.table("plan", [_("quantity"), _("value"), _("why")], rows, _("Plan of the experiment."))
+        rows.insert(2, ["second system: R, m²", list(both), text("one lost and one perfect measurement, from P0 = {P0} m²", P0=start)])
+    r.says("The ensemble is compared with the variances of (b): mean error, RMS, NEES, NIS. Where the variance is zero in theory, the error must be rounding.",
+           " The given list has a lost and a perfect measurement, so one system is enough." if (start, both) == (p.P0, p.R)
+           else " A second system has a lost and a perfect measurement among the given ones.")
+    r.table("plan", ["quantity", "value", "why"], rows, "Plan of the experiment.")
 
 
 def part_c(r, p, answer, system, experiment, start, both):
     """Ensembles against theory."""
-    r.section("c", _("Ensemble against theory"))
+    r.section("c", "Ensemble against theory")
     stats = portrait(r, experiment, system, len(p.R))
     r.value("rms_error", stats.rms[1:, 0], "m", at=range(1, len(p.R) + 1))
-    r.table("ensemble", ["i", "R, m²", _("σ of theory, m"), _("RMS, m"), _("mean error, m"), "NEES", "NIS"],
+    r.table("ensemble", ["i", "R, m²", "σ of theory, m", "RMS, m", "mean error, m", "NEES", "NIS"],
             [(i, p.R[i - 1], math.sqrt(answer["posterior_variance"][i - 1]), stats.rms[i, 0], stats.bias[i, 0], known(stats.nees[i]), known(stats.nis[i])) for i in range(1, len(p.R) + 1)],
-            _("The ensemble at every measurement; NEES and NIS are averages over the runs, 1 in theory; they do not exist where the variance is zero or nothing is measured."))  # fmt: skip
+            "The ensemble at every measurement; NEES and NIS are averages over the runs, 1 in theory; they do not exist where the variance is zero or nothing is measured.")
     if (start, both) == (p.P0, p.R):
-        r.says(_("The lost measurement leaves the error as it was; after the perfect one it is zero and stays so."))
+        r.says("The lost measurement leaves the error as it was; after the perfect one it is zero and stays so.")
         return
-    r.says(_("**With a lost and a perfect measurement**, R = {R} m², from P0 = {P0} m²:"), R=both, P0=start)
+    r.says("**With a lost and a perfect measurement**, R = {R} m², from P0 = {P0} m²:", R=both, P0=start)
     portrait(r, experiment, model(start, both), len(both), prefix="extremes_", stream=1)
 
 
@@ -272,23 +206,39 @@ def conclusions(r, p, answer):
     useful = [x for x in p.R if x < math.inf]
     lost, perfect = len(p.R) - len(useful), p.R.index(0) + 1 if 0 in p.R else None
     if p.P0 == 0:
-        lines.append(_("With P0 = 0 the sequence is known from the start: all gains are 0 and measurements change nothing."))
+        lines.append("With P0 = 0 the sequence is known from the start: all gains are 0 and measurements change nothing.")
     elif not useful:
-        lines.append(fill(_("All measurements are lost: the gain is 0 and the variance stays at P0 = {P0} m² to the end."), P0=p.P0))
+        lines.append(text("All measurements are lost: the gain is 0 and the variance stays at P0 = {P0} m² to the end.", P0=p.P0))
     elif perfect:
-        lines.append(fill(_("The measurement at i = {perfect} is perfect: from it on the variance is 0, the estimate is the truth and only changes its sign; measurements after it ({later}) are not needed."),
-                          perfect=perfect, later=len(p.R) - perfect))  # fmt: skip
+        lines.append(text("The measurement at i = {perfect} is perfect: from it on the variance is 0, the estimate is the truth and only changes its sign; measurements after it ({later}) are not needed.",
+                          perfect=perfect, later=len(p.R) - perfect))
         before = posterior[perfect - 2] if perfect > 1 else p.P0
-        lines.append(fill(_("Just before it the variance was {before} m², down from P0 = {P0} m²."), before=before, P0=p.P0))
+        lines.append(text("Just before it the variance was {before} m², down from P0 = {P0} m².", before=before, P0=p.P0))
     else:
-        lines.append(fill(_("Each useful measurement (there are {useful}) adds 1/R(t_i) to the information 1/P, from {start} to {end} 1/m². The variance falls from {P0} to {last} m², and the error is remembered with the factor {left}."),
-                          useful=len(useful), start=1 / p.P0, end=answer["posterior_information"][-1], P0=p.P0, last=posterior[-1], left=posterior[-1] / p.P0))  # fmt: skip
-        lines.append(_("The filter has no steady state other than zero variance: with measurements of a constant R it approaches it like R/i."))
+        lines.append(text("Each useful measurement (there are {useful}) adds 1/R(t_i) to the information 1/P, from {start} to {end} 1/m². The variance falls from {P0} to {last} m², and the error is remembered with the factor {left}.",
+                          useful=len(useful), start=1 / p.P0, end=answer["posterior_information"][-1], P0=p.P0, last=posterior[-1], left=posterior[-1] / p.P0))
+        lines.append("The filter has no steady state other than zero variance: with measurements of a constant R it approaches it like R/i.")
     if p.P0 > 0 and lost and useful:
-        lines.append(fill(_("Lost measurements (R = ∞): {lost} of {all}; the filter drops them by itself, bit for bit."), lost=lost, all=len(p.R)))
-    lines.append(_("The alternating sign costs nothing: Φ² = 1, so the variances are those of a constant."))
+        lines.append(text("Lost measurements (R = ∞): {lost} of {all}; the filter drops them by itself, bit for bit.", lost=lost, all=len(p.R)))
+    lines.append("The alternating sign costs nothing: Φ² = 1, so the variances are those of a constant.")
     lines.append(largest(r))
     r.items(lines)
+
+
+PARTS = Skeleton(
+    analysis=(part_a, part_b, shown),
+    plan=plan,
+    experiment=(part_c,),
+    conclusions=conclusions,
+)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    answer, system = by_hand.analytic(p), model(p.P0, p.R)
+    start = p.P0 or 1.0
+    both, without = with_both(p.P0, p.R)
+    return PARTS.report(META, p, experiment, answer=answer, system=system, start=start, both=both, without=without)
 
 
 if __name__ == "__main__":

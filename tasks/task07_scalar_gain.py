@@ -12,16 +12,19 @@ its minimum is at K* = K̄ and equals K̄; for Q = 0 the limit is 0 for |Φ| ≤
 import math
 
 import numpy as np
+from ctlabs.tasks.answers import task07 as by_hand
+from ctlabs.tasks.answers.task07 import TABLE3
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import settling, steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import Count, Fraction, LabParameters, Positive, Real, Variance, Variances, given
 from ctlabs.reporting.report import EXACT, SOLVER, Report
-from ctlabs.text import _, fill
+from ctlabs.text import text
 
 META = {
     "name": "task07",
@@ -30,16 +33,7 @@ META = {
     "parts": ["a", "b", "c", "d", "e", "f", "g"],
 }
 
-#: Table 3 of the sheet: Φ, Q, R, P0.
-TABLE3 = (
-    (0.78, 0.39, 0.5, 1.0),
-    (0.78, 0.78, 0.5, 1.0),
-    (0.78, 0.39, 1.0, 1.0),
-    (0.78, 0.78, 1.0, 1.0),
-    (0.78, 0.39, 5.0, 1.0),
-    (1.0, 25.0, 32.0, 1.0),
-)
-STEP = _("measurement number i")
+STEP = "measurement number i"
 
 
 class Parameters(LabParameters):
@@ -55,134 +49,43 @@ class Parameters(LabParameters):
     steps: Count = given(5, unit="1", meaning="measurements in the lists and in table 3")
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    gain = optimal_gain(p.Phi**2, p.Q / p.R)
-    posterior = variances(p.Phi, p.Q, p.R, p.P0, p.steps)
-    table3 = [variances(*row, p.steps) for row in TABLE3]
-    return {
-        "gain_optimal_by_lambda": [optimal_gain(p.Phi2, ratio) for ratio in p.lambdas],
-        "gain_steady": gain,
-        "posterior_variance_steady": gain * p.R,
-        "prior_variance_steady": p.Phi**2 * gain * p.R + p.Q,
-        "settling_step": settling_by_hand(p.Phi, p.Q, p.R, p.P0, gain * p.R),
-        "suboptimal_variance_ratio": variance_ratio(p.K_star, p.Phi**2, p.Q / p.R),
-        "noiseless_limit": max(p.Phi**2 - 1, 0) * p.R / p.Phi**2 if p.Phi else 0.0,
-        "prior_variance": predicted(p.Phi, p.Q, posterior),
-        "posterior_variance": posterior[1:],
-        "gain": [P / p.R for P in posterior[1:]],
-        "table3_prior_variance": [predicted(row[0], row[1], P) for row, P in zip(TABLE3, table3, strict=True)],
-        "table3_posterior_variance": [P[1:] for P in table3],
-        "table3_gain": [[x / row[2] for x in P[1:]] for row, P in zip(TABLE3, table3, strict=True)],
-    }
-
-
-def optimal_gain(Phi2, ratio):
-    """K̄ of part (c), the positive root of Φ²K² + (λ + 1 − Φ²)K − λ = 0, written so that nothing cancels."""
-    b = ratio + 1 - Phi2
-    root = math.sqrt(b * b + 4 * Phi2 * ratio)
-    if b <= 0:
-        return (root - b) / (2 * Phi2)
-    return 2 * ratio / (b + root)
-
-
-def variance_ratio(K, Phi2, ratio):
-    """P̄/R of part (b) for a constant gain; None where it diverges."""
-    left = 1 - (1 - K) ** 2 * Phi2
-    return ((1 - K) ** 2 * ratio + K**2) / left if left > 0 else None
-
-
-def variances(Phi, Q, R, P0, steps):
-    """P⁺ at t0…: each step is the fraction R(Φ²P + Q)/(Φ²P + Q + R), so i steps are the i-th power of its matrix."""
-    step = np.array([[R * Phi**2, R * Q], [Phi**2, Q + R]])
-    step /= np.abs(np.linalg.eigvals(step)).max()
-    powers = [np.linalg.matrix_power(step, i) @ [P0, 1.0] for i in range(steps + 1)]
-    return [float(above / below) for above, below in powers]
-
-
-def settling_by_hand(Phi, Q, R, P0, limit):
-    """The first measurement from which P⁺ stays within 1 % of its limit: the step is increasing in P, so P⁺ is monotone."""
-    P, i = P0, 0
-    while i == 0 or abs(P - limit) > 0.01 * limit:
-        before, i = Phi**2 * P + Q, i + 1
-        P = R * before / (before + R)
-        if P == 0 != limit or (limit == 0 < P):
-            return None
-    return i
-
-
-def predicted(Phi, Q, posterior):
-    """P⁻ at t1… from P⁺ one step before."""
-    return [Phi**2 * P + Q for P in posterior[:-1]]
-
-
-def noiseless(Phi, R, P0, steps):
-    """P⁺ for Q = 0 by the information: 1/P(i) = Φ⁻²ⁱ/P0 + (1 + Φ⁻² + … + Φ⁻²⁽ⁱ⁻¹⁾)/R; for |Φ| ≤ 1 multiplied by Φ²ⁱ."""
-    if abs(Phi) > 1:
-        return [1 / (Phi ** (-2 * i) / P0 + sum(Phi ** (-2 * j) for j in range(i)) / R) for i in range(steps + 1)]
-    return [P0 * Phi ** (2 * i) / (1 + P0 / R * sum(Phi ** (2 * j) for j in range(1, i + 1))) for i in range(steps + 1)]
-
-
 def model(Phi, Q, R, P0):
     """x(i+1) = Φx(i) + w(i), z(i) = x(i) + v(i)."""
-    return DiscreteModel(
-        Phi=[[Phi]], Qd=[[Q]], H=[[1]], R=[[R]], x0=[0], P0=[[P0]], dt=1, states=["x"], measurements=["z"], units=["m"]
-    )
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, system = analytic(p), model(p.Phi, p.Q, p.R, p.P0)
-    r.heading(_("Part I. Analysis"))
-    part_a(r, p, system)
-    part_b(r, p, answer, system)
-    part_c(r, p, answer, system)
-    part_d(r, p, answer)
-    part_e(r, p, answer)
-    r.heading(_("Plan of the experiment"))
-    steps = plan(r, p, experiment)
-    r.heading(_("Part II. Experiment"))
-    part_f(r, p, answer, system)
-    part_g(r, p, system, experiment, steps)
-    r.heading(_("Conclusions"))
-    conclusions(r, p, answer)
-    return r
+    return DiscreteModel(Phi=[[Phi]], Qd=[[Q]], H=[[1]], R=[[R]], x0=[0], P0=[[P0]], dt=1, states=["x"],
+                         measurements=["z"], units=["m"])
 
 
 def part_a(r, p, system):
     """Equations of the filter, written for scalars, run over `steps` measurements."""
-    r.section("a", _("Equations of the optimal filter"))
-    r.says(_("The system and its measurement are scalar:"))
+    r.section("a", "Equations of the optimal filter")
+    r.says("The system and its measurement are scalar:")
     r.math(r"x(t_{i+1}) = \Phi x(t_i) + w(t_i), \qquad z(t_i) = x(t_i) + v(t_i)")
     r.model(system)
-    r.says(_("From $\\hat{x}(t_0^+) = 0$ and $P(t_0^+) = P_0$ the filter predicts and then updates with each measurement, $i = 1, 2, \\dots$:"))
+    r.says("From $\\hat{x}(t_0^+) = 0$ and $P(t_0^+) = P_0$ the filter predicts and then updates with each measurement, $i = 1, 2, \\dots$:")
     r.math(r"\hat x(t_i^-) = \Phi\,\hat x(t_{i-1}^+), \qquad P(t_i^-) = \Phi^2P(t_{i-1}^+) + Q")
-    r.math(
-        r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)\,[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = [1 - K(t_i)]\,P(t_i^-)"
-    )
-    r.says(_("The variances and the gain do not depend on the measurements, so they are computed before any data come."))
+    r.math(r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)\,[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = [1 - K(t_i)]\,P(t_i^-)")
+    r.says("The variances and the gain do not depend on the measurements, so they are computed before any data come.")
     schedule = covariances(system, p.steps)
     K = schedule.K[1:, 0, 0]
     short = (1 - K) * schedule.P_minus[1:, 0, 0]
-    r.check(_("P⁺ = (1 − K)P⁻"), schedule.P_plus[1:, 0, 0], short, (_("Joseph form"), _("short form")), EXACT, scale=schedule.P_minus.max())
+    r.check("P⁺ = (1 − K)P⁻", schedule.P_plus[1:, 0, 0], short, ("Joseph form", "short form"), EXACT, scale=schedule.P_minus.max())
 
 
 def part_b(r, p, answer, system):
     """Bounds, with proofs, and the variance under a constant gain."""
-    r.section("b", _("Bounds, and the price of a constant gain"))
-    r.says(_("**Prediction.** $P(t_i^-) = \\Phi^2P(t_{i-1}^+) + Q \\ge Q$, because $\\Phi^2P(t_{i-1}^+) \\ge 0$: nothing known at $t_{i-1}$ tells of $w(t_{i-1})$."))
-    r.says(_("**Filtering.** Put the gain into the update:"))
+    r.section("b", "Bounds, and the price of a constant gain")
+    r.says("**Prediction.** $P(t_i^-) = \\Phi^2P(t_{i-1}^+) + Q \\ge Q$, because $\\Phi^2P(t_{i-1}^+) \\ge 0$: nothing known at $t_{i-1}$ tells of $w(t_{i-1})$.")
+    r.says("**Filtering.** Put the gain into the update:")
     r.math(r"P(t_i^+) = \frac{P(t_i^-)\,R}{P(t_i^-) + R} = K(t_i)\,R, \qquad K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R}")
-    r.says(_("Since $P(t_i^-) \\ge 0$ and $R > 0$, the fraction lies in $[0, 1]$. Hence $0 \\le K(t_i) \\le 1$ and $0 \\le P(t_i^+) \\le R$: the filter is never worse than the last measurement alone. ∎"))
-    r.says(_("**A constant gain** $K_* \\in [0, 1]$. The error $e = \\hat{x} - x$ obeys"))
+    r.says("Since $P(t_i^-) \\ge 0$ and $R > 0$, the fraction lies in $[0, 1]$. Hence $0 \\le K(t_i) \\le 1$ and $0 \\le P(t_i^+) \\le R$: the filter is never worse than the last measurement alone. ∎")
+    r.says("**A constant gain** $K_* \\in [0, 1]$. The error $e = \\hat{x} - x$ obeys")
     r.math(r"e(t_i^+) = (1 - K_*)\,[\Phi\,e(t_{i-1}^+) - w(t_{i-1})] + K_*v(t_i)")
-    r.says(_("and its three terms are independent, so that $P(t_i^+) = (1-K_*)^2[\\Phi^2P(t_{i-1}^+) + Q] + K_*^2R$. Where $|(1-K_*)\\Phi| < 1$ this linear recursion has the limit"))
+    r.says("and its three terms are independent, so that $P(t_i^+) = (1-K_*)^2[\\Phi^2P(t_{i-1}^+) + Q] + K_*^2R$. Where $|(1-K_*)\\Phi| < 1$ this linear recursion has the limit")
     r.math(r"\frac{\bar P}{R} = \frac{(1-K_*)^2\lambda + K_*^2}{1 - (1-K_*)^2\Phi^2}, \qquad \lambda = \frac QR")
-    r.says(_("For $|\\Phi| \\ge 1$ the condition is narrower than $K_* \\in [0, 1]$, which the sheet allows: a gain below $1 - 1/|\\Phi|$ lets the error grow without bound."))
+    r.says("For $|\\Phi| \\ge 1$ the condition is narrower than $K_* \\in [0, 1]$, which the sheet allows: a gain below $1 - 1/|\\Phi|$ lets the error grow without bound.")
     schedule = covariances(system, p.steps)
     P_minus, P_plus, K = schedule.P_minus[1:, 0, 0], schedule.P_plus[1:, 0, 0], schedule.K[1:, 0, 0]
-    routes = (_("recursion"), _("bound proved"))
+    routes = ("recursion", "bound proved")
     r.holds("P⁻ ≥ Q", P_minus - p.Q, routes, size=P_minus.max())
     r.holds("0 ≤ P⁺ ≤ R", np.minimum(P_plus, p.R - P_plus), routes, size=p.R)
     r.holds("0 ≤ K ≤ 1", np.minimum(K, 1 - K), routes, size=1.0)
@@ -190,140 +93,107 @@ def part_b(r, p, answer, system):
     converges = multiplier < 1
     r.value("verdict_b", converges)
     ratio = float(sensitivity.steady(system, system, K=[[p.K_star]]).P_plus[0, 0]) / p.R if converges else None
-    reason = "" if converges else _("the error variance grows without bound")
-    r.value("suboptimal_variance_ratio", ratio, reason=reason, agrees=answer, routes=(_("Lyapunov equation"), _("closed form")))
+    reason = "" if converges else "the error variance grows without bound"
+    r.value("suboptimal_variance_ratio", ratio, reason=reason, agrees=answer, routes=("Lyapunov equation", "closed form"))
     if converges:
-        r.says(_("Here $K_* = {gain}$ and $|(1-K_*)\\Phi| = {multiplier} < 1$, so the formula holds: $\\bar{P}/R = {ratio}$, where the optimal filter has $\\bar{K} = {best}$."),
-               gain=p.K_star, multiplier=multiplier, ratio=ratio, best=answer["gain_steady"])  # fmt: skip
+        r.says("Here $K_* = {gain}$ and $|(1-K_*)\\Phi| = {multiplier} < 1$, so the formula holds: $\\bar{P}/R = {ratio}$, where the optimal filter has $\\bar{K} = {best}$.",
+               gain=p.K_star, multiplier=multiplier, ratio=ratio, best=answer["gain_steady"])
     else:
-        r.says(_("Here $K_* = {gain}$ and $|(1-K_*)\\Phi| = {multiplier} \\ge 1$: the error grows without bound and the formula does not apply (it would give a negative or infinite value). The least constant gain that keeps the error bounded is above $1 - 1/|\\Phi| = {least}$."),
-               gain=p.K_star, multiplier=multiplier, least=1 - 1 / abs(p.Phi))  # fmt: skip
+        r.says("Here $K_* = {gain}$ and $|(1-K_*)\\Phi| = {multiplier} \\ge 1$: the error grows without bound and the formula does not apply (it would give a negative or infinite value). The least constant gain that keeps the error bounded is above $1 - 1/|\\Phi| = {least}$.",
+               gain=p.K_star, multiplier=multiplier, least=1 - 1 / abs(p.Phi))
 
 
 def part_c(r, p, answer, system):
     """The optimal constant gain."""
-    r.section("c", _("The optimal constant gain"))
-    r.says(_("Setting the derivative of $\\bar{P}/R$ with respect to $K_*$ to zero gives, after a common factor is cancelled, $\\Phi^2K^2 + (\\lambda + 1 - \\Phi^2)K - \\lambda = 0$. Its root in $[0, 1]$ is"))
-    r.math(
-        r"\bar K = \frac{-(\lambda + 1 - \Phi^2) + \sqrt{(\lambda + 1 - \Phi^2)^2 + 4\Phi^2\lambda}}{2\Phi^2}, \qquad \bar K = \frac{\lambda}{1 + \lambda} \; \text{at} \; \Phi = 0"
-    )
-    r.says(_("The same quadratic follows from the steady state of the optimal filter, $\\bar{P} = \\bar{K}R$ and $\\bar{P}^- = \\Phi^2\\bar{P} + Q$: the best constant gain is the limit of the optimal gain, and the least value of $\\bar{P}/R$ is $\\bar{K}$ itself."))
+    r.section("c", "The optimal constant gain")
+    r.says("Setting the derivative of $\\bar{P}/R$ with respect to $K_*$ to zero gives, after a common factor is cancelled, $\\Phi^2K^2 + (\\lambda + 1 - \\Phi^2)K - \\lambda = 0$. Its root in $[0, 1]$ is")
+    r.math(r"\bar K = \frac{-(\lambda + 1 - \Phi^2) + \sqrt{(\lambda + 1 - \Phi^2)^2 + 4\Phi^2\lambda}}{2\Phi^2}, \qquad \bar K = \frac{\lambda}{1 + \lambda} \; \text{at} \; \Phi = 0")
+    r.says("The same quadratic follows from the steady state of the optimal filter, $\\bar{P} = \\bar{K}R$ and $\\bar{P}^- = \\Phi^2\\bar{P} + Q$: the best constant gain is the limit of the optimal gain, and the least value of $\\bar{P}/R$ is $\\bar{K}$ itself.")
     limit = steady.solve(system)
-    routes = (_("Riccati equation"), _("closed form"))
+    routes = ("Riccati equation", "closed form")
     r.value("gain_steady", limit.K[0, 0], agrees=answer, routes=routes)
     r.value("prior_variance_steady", limit.P_minus[0, 0], "m²", agrees=answer, routes=routes)
     r.value("posterior_variance_steady", limit.P_plus[0, 0], "m²", agrees=answer, routes=routes)
     if abs((1 - answer["gain_steady"]) * p.Phi) < 1:
-        least = variance_ratio(answer["gain_steady"], p.Phi**2, p.Q / p.R)
-        r.check(
-            _("least P̄/R equals K̄"), least, answer["gain_steady"], (_("formula of (b)"), _("formula of (c)")), SOLVER
-        )
-    r.says(_("For the given numbers λ = {ratio}, $\\bar{K} = {gain}$, $\\bar{P} = {posterior}$ m² after and $\\bar{P}^- = {prior}$ m² before an update; the steady filter's pole is $(1-\\bar{K})\\Phi = {pole}$."),
-           ratio=p.Q / p.R, gain=limit.K[0, 0], posterior=limit.P_plus[0, 0], prior=limit.P_minus[0, 0], pole=float(limit.poles[0].real))  # fmt: skip
+        least = by_hand.variance_ratio(answer["gain_steady"], p.Phi**2, p.Q / p.R)
+        r.check("least P̄/R equals K̄", least, answer["gain_steady"], ("formula of (b)", "formula of (c)"), SOLVER)
+    r.says("For the given numbers λ = {ratio}, $\\bar{K} = {gain}$, $\\bar{P} = {posterior}$ m² after and $\\bar{P}^- = {prior}$ m² before an update; the steady filter's pole is $(1-\\bar{K})\\Phi = {pole}$.",
+           ratio=p.Q / p.R, gain=limit.K[0, 0], posterior=limit.P_plus[0, 0], prior=limit.P_minus[0, 0], pole=float(limit.poles[0].real))
 
 
 def part_d(r, p, answer):
     """The family of curves."""
-    r.section("d", _("The family of curves"))
+    r.section("d", "The family of curves")
     K = np.linspace(0.0, 1.0, 401)
     bounded = (1 - K) ** 2 * p.Phi2 < 1 - 1e-9
     curves = {
         f"λ = {ratio:g}": [
-            variance_ratio(k, p.Phi2, ratio) if good else math.nan for k, good in zip(K, bounded, strict=True)
+            by_hand.variance_ratio(k, p.Phi2, ratio) if good else math.nan for k, good in zip(K, bounded, strict=True)
         ]
         for ratio in p.lambdas
     }
     gains = answer["gain_optimal_by_lambda"]
-    figure = plots.lines(
-        K, curves, xlabel=_("constant gain $K_*$"), ylabel=_("steady $\\bar{P}/R$"), ordered=True,
-        points={_("minima"): (gains, gains)}, straight={"$\\bar{P}/R = K_*$": ([0, 1], [0, 1])}, ylim=(0.0, 1.6),
-    )  # fmt: skip
-    r.figure(
-        "family",
-        figure,
-        _("Steady error variance against a constant gain for Φ² = {square}. Every curve has its minimum on the line $\\bar{P}/R = K_*$, at the gain of part (c), and all meet at $K_* = 1$, where only the last measurement counts."),
-        square=p.Phi2,
-    )
+    figure = plots.lines(K, curves, xlabel="constant gain $K_*$", ylabel="steady $\\bar{P}/R$", ordered=True,
+                         points={"minima": (gains, gains)}, straight={"$\\bar{P}/R = K_*$": ([0, 1], [0, 1])},
+                         ylim=(0.0, 1.6))
+    r.figure("family", figure,
+             "Steady error variance against a constant gain for Φ² = {square}. Every curve has its minimum on the line $\\bar{P}/R = K_*$, at the gain of part (c), and all meet at $K_* = 1$, where only the last measurement counts.",
+             square=p.Phi2)
     solved = [float(steady.solve(model(math.sqrt(p.Phi2), ratio, 1.0, 1.0)).K[0, 0]) for ratio in p.lambdas]
-    r.value("gain_optimal_by_lambda", solved, agrees=answer, routes=(_("Riccati equation"), _("closed form")))
-    r.table("family", ["λ", "K̄", "P̄/R"], [(ratio, k, variance_ratio(k, p.Phi2, ratio)) for ratio, k in zip(p.lambdas, solved, strict=True)],
-            _("The minima of the curves: the least P̄/R equals K̄."))  # fmt: skip
+    r.value("gain_optimal_by_lambda", solved, agrees=answer, routes=("Riccati equation", "closed form"))
+    r.table("family", ["λ", "K̄", "P̄/R"], [(ratio, k, by_hand.variance_ratio(k, p.Phi2, ratio)) for ratio, k in zip(p.lambdas, solved, strict=True)],
+            "The minima of the curves: the least P̄/R equals K̄.")
     if p.Phi2 >= 1:
-        r.says(
-            _("With Φ² = {square} the curves begin at $K_* = {least}$: a smaller gain does not hold the unstable system."),
-            square=p.Phi2,
-            least=1 - 1 / math.sqrt(p.Phi2),
-        )
+        r.says("With Φ² = {square} the curves begin at $K_* = {least}$: a smaller gain does not hold the unstable system.",
+               square=p.Phi2, least=1 - 1 / math.sqrt(p.Phi2))
 
 
 def part_e(r, p, answer):
     """No process noise."""
-    r.section("e", _("Without process noise"))
-    r.says(_("For $Q = 0$ and $P_0 > 0$ the update adds information, $1/P(t_i^+) = 1/P(t_i^-) + 1/R$, and the prediction scales it, $P(t_i^-) = \\Phi^2P(t_{i-1}^+)$. Hence"))
+    r.section("e", "Without process noise")
+    r.says("For $Q = 0$ and $P_0 > 0$ the update adds information, $1/P(t_i^+) = 1/P(t_i^-) + 1/R$, and the prediction scales it, $P(t_i^-) = \\Phi^2P(t_{i-1}^+)$. Hence")
     r.math(r"\frac1{P(t_i^+)} = \frac{\Phi^{-2i}}{P_0} + \frac1R\sum_{j=0}^{i-1}\Phi^{-2j}")
-    r.items([
-        _("$|\\Phi| < 1$: the right side grows like $\\Phi^{-2i}$, so $P(t_i^+) \\to 0$ geometrically: the state becomes known exactly."),
-        _("$|\\Phi| = 1$ (missing from the sheet): $1/P(t_i^+) = 1/P_0 + i/R$, so $P(t_i^+) \\to 0$ only like $R/i$."),
-        _("$|\\Phi| > 1$: the first term vanishes and the sum tends to $\\Phi^2/(\\Phi^2-1)$, so $P(t_i^+) \\to (\\Phi^2-1)R/\\Phi^2 < R$: no number of measurements does better. ∎"),
-        _("$P_0 = 0$: the variance stays 0, whatever Φ; the unstable filter is then of no use, as its gain is 0."),
-    ])  # fmt: skip
+    r.items(["$|\\Phi| < 1$: the right side grows like $\\Phi^{-2i}$, so $P(t_i^+) \\to 0$ geometrically: the state becomes known exactly.",
+             "$|\\Phi| = 1$ (missing from the sheet): $1/P(t_i^+) = 1/P_0 + i/R$, so $P(t_i^+) \\to 0$ only like $R/i$.",
+             "$|\\Phi| > 1$: the first term vanishes and the sum tends to $\\Phi^2/(\\Phi^2-1)$, so $P(t_i^+) \\to (\\Phi^2-1)R/\\Phi^2 < R$: no number of measurements does better. ∎",
+             "$P_0 = 0$: the variance stays 0, whatever Φ; the unstable filter is then of no use, as its gain is 0."])
     start, length = p.P0 or p.R, 40
     shown = sorted({0.6, 0.9, 1.0, 1.1, 1.5, round(abs(p.Phi), 6)})
     curves, limits = {}, {}
     for Phi in shown:
         recursion = covariances(model(Phi, 0.0, p.R, start), length).P_plus[:, 0, 0]
-        r.check(
-            fill(_("P⁺ for Q = 0, |Φ| = {factor}"), factor=Phi),
-            recursion,
-            noiseless(Phi, p.R, start, length),
-            (_("recursion"), _("sum of information")),
-            SOLVER,
-        )
+        r.check(text("P⁺ for Q = 0, |Φ| = {factor}", factor=Phi), recursion, by_hand.noiseless(Phi, p.R, start, length),
+                ("recursion", "sum of information"), SOLVER)
         curves[f"|Φ| = {Phi:g}"] = np.where(recursion > 1e-9 * p.R, recursion / p.R, np.nan)
         if Phi > 1:
             level = (Phi**2 - 1) / Phi**2
-            limits[_("limits $(\\Phi^2-1)/\\Phi^2$") if not limits else f"_{Phi}"] = ([0, length], [level, level])
-    figure = plots.lines(
-        range(length + 1),
-        curves,
-        xlabel=STEP,
-        ylabel=_("$P(t_i^+)/R$ for Q = 0"),
-        straight=limits,
-        log="y",
-        ordered=True,
-        steps=True,
-    )
-    r.figure(
-        "noiseless",
-        figure,
-        _("Filtering variance without process noise: geometric decay for |Φ| < 1, R/i for |Φ| = 1, a floor for |Φ| > 1 (dashed)."),
-    )
+            limits["limits $(\\Phi^2-1)/\\Phi^2$" if not limits else f"_{Phi}"] = ([0, length], [level, level])
+    figure = plots.lines(range(length + 1), curves, xlabel=STEP, ylabel="$P(t_i^+)/R$ for Q = 0", straight=limits,
+                         log="y", ordered=True, steps=True)
+    r.figure("noiseless", figure,
+             "Filtering variance without process noise: geometric decay for |Φ| < 1, R/i for |Φ| = 1, a floor for |Φ| > 1 (dashed).")
     limit = steady.solve(model(p.Phi, 0.0, p.R, 1.0)).P_plus[0, 0]
-    r.value("noiseless_limit", limit, "m²", agrees=answer, routes=(_("Riccati equation"), _("closed form")))
+    r.value("noiseless_limit", limit, "m²", agrees=answer, routes=("Riccati equation", "closed form"))
     known = bool(limit == 0)
     r.value("verdict_e", known)
-    r.says(
-        _("For Φ = {Phi} the limit is {limit} m²: the state {can} be found exactly by filtering long enough."),
-        Phi=p.Phi,
-        limit=limit,
-        can=_("can") if known else _("cannot"),
-    )
+    r.says("For Φ = {Phi} the limit is {limit} m²: the state {can} be found exactly by filtering long enough.",
+           Phi=p.Phi, limit=limit, can="can" if known else "cannot")
     if p.P0 == 0:
-        r.says(_("(The limit is that from any P0 > 0. With the given P0 = 0 and Q = 0 the variance would stay 0.)"))
+        r.says("(The limit is that from any P0 > 0. With the given P0 = 0 and Q = 0 the variance would stay 0.)")
 
 
 def plan(r, p, experiment):
     """Every number chosen."""
     steps = length(model(p.Phi, p.Q, p.R, p.P0))
-    r.says(_("Part (f) needs no random numbers. Part (g) simulates the given parameters and the six variants of table 3, and compares the ensemble with the variances of (f) and, for the constant gain $K_*$, of (b)."))
-    r.table("plan", [_("quantity"), _("value"), _("why")], [
-        [_("measurements, part (f)"), p.steps, _("the sheet's four or five")],
-        [_("measurements, part (g)"), steps, _("several settling times; fewer where an unstable x outgrows the rounding of its error")],
-        [_("runs"), experiment.runs, fill(_("a standard error of the variance of {percent} %"), percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
-        [_("seed"), experiment.seed, _("another stream of random numbers for each system, the same for both filters of a system")],
-        [_("initial mean"), 0, _("the sheet's")],
-    ], _("Plan of the experiment."))  # fmt: skip
-    return steps
+    r.says("Part (f) needs no random numbers. Part (g) simulates the given parameters and the six variants of table 3, and compares the ensemble with the variances of (f) and, for the constant gain $K_*$, of (b).")
+    r.table("plan", ["quantity", "value", "why"], [
+        ["measurements, part (f)", p.steps, "the sheet's four or five"],
+        ["measurements, part (g)", steps, "several settling times; fewer where an unstable x outgrows the rounding of its error"],
+        ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
+        ["seed", experiment.seed, "another stream of random numbers for each system, the same for both filters of a system"],
+        ["initial mean", 0, "the sheet's"],
+    ], "Plan of the experiment.")
+    return {"steps": steps}
 
 
 def length(system):
@@ -334,104 +204,100 @@ def length(system):
 
 def part_f(r, p, answer, system):
     """Table 3 and the given parameters."""
-    r.section("f", _("Error variances along the measurements"))
+    r.section("f", "Error variances along the measurements")
     systems = [model(*row) for row in TABLE3]
     limits = [steady.solve(s) for s in systems]
     four = {
-        fill(_("{n}: Φ = {Phi}, Q = {Q}, R = {R}"), n=i + 1, Phi=row[0], Q=row[1], R=row[2]): covariances(s, 4)
+        text("{n}: Φ = {Phi}, Q = {Q}, R = {R}", n=i + 1, Phi=row[0], Q=row[1], R=row[2]): covariances(s, 4)
         for i, (row, s) in enumerate(zip(TABLE3, systems, strict=True))
     }
-    figure = plots.sawtooth(four, xlabel=STEP, ylabel=_("variance, m²"), limits=[(s.P_minus[0, 0], s.P_plus[0, 0]) for s in limits])
-    r.figure("table3", figure, _("The six variants of table 3 from P0 over four measurements: prediction raises the variance towards or above its limit, each measurement lowers it. Dotted: steady values."))
+    figure = plots.sawtooth(four, xlabel=STEP, ylabel="variance, m²", limits=[(s.P_minus[0, 0], s.P_plus[0, 0]) for s in limits])
+    r.figure("table3", figure, "The six variants of table 3 from P0 over four measurements: prediction raises the variance towards or above its limit, each measurement lowers it. Dotted: steady values.")
     schedules = [covariances(s, p.steps) for s in systems]
     rows = [
         (variant + 1, i, s.P_minus[i, 0, 0], s.P_plus[i, 0, 0], s.K[i, 0, 0])
         for variant, s in enumerate(schedules) for i in range(1, p.steps + 1)
-    ]  # fmt: skip
-    r.table("table3", [_("variant"), "i", "P⁻, m²", "P⁺, m²", "K"], rows, _("Table 3 of the sheet, computed."))
-    own, at, routes = covariances(system, p.steps), list(range(1, p.steps + 1)), (_("recursion"), _("power of the step's matrix"))
+    ]
+    r.table("table3", ["variant", "i", "P⁻, m²", "P⁺, m²", "K"], rows, "Table 3 of the sheet, computed.")
+    own, at, routes = covariances(system, p.steps), list(range(1, p.steps + 1)), ("recursion", "power of the step's matrix")
     for name, pick, unit in (("prior_variance", "P_minus", "m²"), ("posterior_variance", "P_plus", "m²"), ("gain", "K", "1")):
         r.value(f"table3_{name}", [getattr(s, pick)[1:, 0, 0] for s in schedules], unit, agrees=answer, routes=routes)
         r.value(name, getattr(own, pick)[1:, 0, 0], unit, at=at, agrees=answer, routes=routes)
     settled = settling(system)
     if settled is not None:
-        r.check(_("settling step"), settled, answer["settling_step"], (_("recursion"), _("scalar fraction")), EXACT)
-    reason = _("the variance stays 0, away from the limit from any P0 > 0") if p.P0 == 0 and p.Q == 0 else _("the limit is 0, and a variance that decays to 0 never stays within 1 % of it")
+        r.check("settling step", settled, answer["settling_step"], ("recursion", "scalar fraction"), EXACT)
+    reason = "the variance stays 0, away from the limit from any P0 > 0" if p.P0 == 0 and p.Q == 0 else "the limit is 0, and a variance that decays to 0 never stays within 1 % of it"
     r.value("settling_step", answer["settling_step"] if settled is None else settled, reason=reason)
 
 
 def part_g(r, p, system, experiment, steps):
     """Ensemble against theory."""
-    r.section("g", _("Innovations and errors of the simulated filter"))
+    r.section("g", "Innovations and errors of the simulated filter")
     limit = steady.solve(system)
     own = portrait(r, experiment, system, steps, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]))
     rows = []
     for i, row in enumerate(TABLE3, start=1):
         variant = model(*row)
         stats, theory = experiment.statistics(variant, steps=length(variant), stream=i), covariances(variant, length(variant))
-        worst = agreement(r, fill(_("variant {n}"), n=i), stats, theory.P_plus)
+        worst = agreement(r, text("variant {n}", n=i), stats, theory.P_plus)
         rows.append((i, theory.sd_plus[-1, 0], stats.rms[-1, 0], stats.bias[-1, 0], stats.nees[-1], stats.nis[-1], worst))
-    r.table("ensemble", [_("variant"), _("σ of theory, m"), _("RMS, m"), _("mean error, m"), "NEES", "NIS", _("largest deviation, σ")], rows,
-            _("The variants of table 3 at the last measurement; NEES and NIS are averages over the runs, 1 in theory. The last column is over all measurements and tests."))  # fmt: skip
+    r.table("ensemble", ["variant", "σ of theory, m", "RMS, m", "mean error, m", "NEES", "NIS", "largest deviation, σ"], rows,
+            "The variants of table 3 at the last measurement; NEES and NIS are averages over the runs, 1 in theory. The last column is over all measurements and tests.")
     constant = sensitivity.fixed_gain(system, [[p.K_star]], steps)
     stats = experiment.statistics(system, steps=steps, gains=constant)
-    agreement(r, _("constant gain"), stats, constant.P_plus, consistent=False)
-    r.says(_("On the same data the constant gain $K_* = {gain}$ has an RMS of {constant} m at the last measurement, the optimal filter {optimal} m."),
-           gain=p.K_star, constant=stats.rms[-1, 0], optimal=own.rms[-1, 0])  # fmt: skip
+    agreement(r, "constant gain", stats, constant.P_plus, consistent=False)
+    r.says("On the same data the constant gain $K_* = {gain}$ has an RMS of {constant} m at the last measurement, the optimal filter {optimal} m.",
+           gain=p.K_star, constant=stats.rms[-1, 0], optimal=own.rms[-1, 0])
 
 
 def conclusions(r, p, answer):
     """What the numbers say."""
     gain, ratio, lines = answer["gain_steady"], answer["suboptimal_variance_ratio"], []
     if p.P0 == 0 and p.Q == 0:
-        lines.append(_("The state is known from the start and stays known: the gain is 0 and measurements change nothing."))
+        lines.append("The state is known from the start and stays known: the gain is 0 and measurements change nothing.")
     elif gain:
-        lines.append(fill(
-            _("The gain tends to {gain}: a measurement lowers the error variance from {prior} to {posterior} m², and the next prediction brings it back. After an update it is the fraction {gain} of the measurement's own variance R."),
-            gain=gain, prior=answer["prior_variance_steady"], posterior=answer["posterior_variance_steady"]))  # fmt: skip
+        lines.append(text(
+            "The gain tends to {gain}: a measurement lowers the error variance from {prior} to {posterior} m², and the next prediction brings it back. After an update it is the fraction {gain} of the measurement's own variance R.",
+            gain=gain, prior=answer["prior_variance_steady"], posterior=answer["posterior_variance_steady"]))
     else:
-        lines.append(_("The gain tends to 0 and with it the error variance: without process noise, and with |Φ| ≤ 1, the state becomes known exactly and later measurements are hardly used."))
+        lines.append("The gain tends to 0 and with it the error variance: without process noise, and with |Φ| ≤ 1, the state becomes known exactly and later measurements are hardly used.")
     if ratio is None:
-        lines.append(fill(_("The constant gain {gain} does not hold the unstable system: its error grows by the factor {growth} each step. The optimal gain, {best}, does."),
-                          gain=p.K_star, growth=abs((1 - p.K_star) * p.Phi), best=gain))  # fmt: skip
+        lines.append(text("The constant gain {gain} does not hold the unstable system: its error grows by the factor {growth} each step. The optimal gain, {best}, does.",
+                          gain=p.K_star, growth=abs((1 - p.K_star) * p.Phi), best=gain))
     elif gain and ratio <= gain * (1 + 1e-6):
-        lines.append(fill(_("The constant gain {gain} is the optimal one."), gain=p.K_star))
+        lines.append(text("The constant gain {gain} is the optimal one.", gain=p.K_star))
     elif gain:
-        lines.append(
-            fill(
-                _("The constant gain {gain} costs {factor} times the optimal error variance."),
-                gain=p.K_star,
-                factor=ratio / gain,
-            )
-        )
+        lines.append(text("The constant gain {gain} costs {factor} times the optimal error variance.", gain=p.K_star,
+                          factor=ratio / gain))
     else:
-        lines.append(
-            fill(
-                _("The constant gain {gain} holds the error variance at {variance} m², where the optimal filter's tends to 0."),
-                gain=p.K_star,
-                variance=ratio * p.R,
-            )
-        )
+        lines.append(text("The constant gain {gain} holds the error variance at {variance} m², where the optimal filter's tends to 0.",
+                          gain=p.K_star, variance=ratio * p.R))
     if answer["noiseless_limit"]:
-        lines.append(
-            fill(
-                _("Without process noise the error variance would still not fall below {limit} m²: an unstable state cannot be known better, however long one measures."),
-                limit=answer["noiseless_limit"],
-            )
-        )
+        lines.append(text("Without process noise the error variance would still not fall below {limit} m²: an unstable state cannot be known better, however long one measures.",
+                          limit=answer["noiseless_limit"]))
     else:
-        how = _("at the first step") if p.Phi == 0 else _("like R/i") if abs(p.Phi) == 1 else _("geometrically")
-        lines.append(fill(_("Without process noise the state would become known exactly, {how}."), how=how))
+        how = "at the first step" if p.Phi == 0 else "like R/i" if abs(p.Phi) == 1 else "geometrically"
+        lines.append(text("Without process noise the state would become known exactly, {how}.", how=how))
     settled = r.values["settling_step"].value
     if settled is not None:
-        lines.append(
-            fill(
-                _("The filter settles (its variance stays within 1 % of the limit) at measurement {settled}."),
-                settled=settled,
-            )
-        )
+        lines.append(text("The filter settles (its variance stays within 1 % of the limit) at measurement {settled}.",
+                          settled=settled))
     lines.append(largest(r))
     r.items(lines)
+
+
+PARTS = Skeleton(
+    analysis=(part_a, part_b, part_c, part_d, part_e),
+    plan=plan,
+    experiment=(part_f, part_g),
+    conclusions=conclusions,
+)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    answer, system = by_hand.analytic(p), model(p.Phi, p.Q, p.R, p.P0)
+    return PARTS.report(META, p, experiment, system=system, answer=answer)
 
 
 if __name__ == "__main__":

@@ -14,20 +14,22 @@ from dataclasses import replace
 
 import mpmath
 import numpy as np
-from scipy import integrate, optimize, stats
+from ctlabs.tasks.answers import task09 as by_hand
+from ctlabs.tasks.answers.task09 import DIGITS, STRENGTH
 from scipy.special import ndtr
 
 from ctlabs.filtering import settling, steady
 from ctlabs.filtering.between import between
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel, shaping
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import Count, LabParameters, Positive, VarianceOrInf, given
 from ctlabs.reporting.plots import Arrow, Node
 from ctlabs.reporting.report import EXACT, SOLVER, Report
-from ctlabs.text import _, fill
+from ctlabs.text import text
 
 META = {
     "name": "task09",
@@ -36,13 +38,8 @@ META = {
     "parts": ["a", "b"],
 }
 
-#: Q of the input, in units of b².
-STRENGTH = 2.0
 #: Parts of an interval in the plot of P(t).
 POINTS = 60
-#: Measurements that the dense check takes together.
-DENSE = 20
-DIGITS = 60
 #: Margins of the alarm rule, and limits, in standard deviations of the error and of the voltage.
 FACTORS, LIMITS = (0, 1, 2, 3), (2, 3)
 TIME = "t, s"
@@ -60,201 +57,73 @@ class Parameters(LabParameters):
     R_over_b2: VarianceOrInf = given(0.2, unit="1", meaning="variance of the measurement noise in part (b), over b²")
 
 
-def analytic(p):
-    """The sheet's answers, by hand, in units of b²."""
-    with mpmath.workdps(DIGITS):
-        F, g, h = circuit(p, "ladder")
-        Phi, Qd = sampled(F, g, p.dt)
-        perfect, noisy = (scalar_equations(F, g, h, p.dt, R, p.steps) for R in (0.0, p.R_over_b2))
-        return {
-            "Phi": floats(Phi),
-            "Qd": floats(Qd),
-            "U1_variance_unmeasured": [float(sampled(F, g, i * mpmath.mpf(p.dt))[1][0, 0]) for i in range(1, p.steps + 1)],
-            "posterior_steady_perfect": perfect_limit(Phi, Qd),
-            **{f"{name}_perfect": value for name, value in perfect.items()},
-            **{f"{name}_noisy": value for name, value in noisy.items()},
-        }
-
-
-def floats(matrix):
-    """An mpmath matrix as lists."""
-    return [[float(x) for x in row] for row in matrix.tolist()]
-
-
-def circuit(p, kind):
-    """F, the column G and the row H of the three readings of the missing figure."""
-    R1, R2, C1, C2 = (mpmath.mpf(x) for x in (p.R1, p.R2, p.C1, p.C2))
-    load = 0 if kind == "buffered" else 1 / (R2 * C1)
-    F = mpmath.matrix([[-1 / (R1 * C1) - load, load], [1 / (R2 * C2), -1 / (R2 * C2)]])
-    return F, mpmath.matrix([1 / (R1 * C1), 0]), (1, -1) if kind == "across" else (0, 1)
-
-
-def sampled(F, g, t):
-    """Φ by Newton's divided difference of e^(λt), and Q_d = P∞ − ΦP∞Φᵀ."""
-    middle, half = (F[0, 0] + F[1, 1]) / 2, mpmath.sqrt(((F[0, 0] - F[1, 1]) / 2) ** 2 + F[0, 1] * F[1, 0])
-    fast, slow = middle - half, middle + half
-    slope = (mpmath.exp(slow * t) - mpmath.exp(fast * t)) / (slow - fast) if half else t * mpmath.exp(middle * t)
-    Phi = mpmath.exp(fast * t) * mpmath.eye(2) + (F - fast * mpmath.eye(2)) * slope
-    P = stationary(F, g)
-    return Phi, P - Phi * P * Phi.T
-
-
-def stationary(F, g):
-    """P∞ from FP + PFᵀ + 2ggᵀ = 0, three linear equations."""
-    A = mpmath.matrix([[2 * F[0, 0], 2 * F[0, 1], 0], [F[1, 0], F[0, 0] + F[1, 1], F[0, 1]], [0, 2 * F[1, 0], 2 * F[1, 1]]])
-    p11, p12, p22 = mpmath.lu_solve(A, -STRENGTH * mpmath.matrix([g[0] ** 2, g[0] * g[1], g[1] ** 2]))
-    return mpmath.matrix([[p11, p12], [p12, p22]])
-
-
-def scalar_equations(F, g, h, dt, R, steps):
-    """The filter's equations element by element, from discharged capacitors."""
-    (Phi, Qd), (half, Q_half) = sampled(F, g, mpmath.mpf(dt)), sampled(F, g, mpmath.mpf(dt) / 2)
-    P, found = mpmath.zeros(2), {name: [] for name in ("U1_variance_prior", "U1_variance_posterior", "gain", "middle")}
-    for _i in range(steps):
-        found["middle"].append(float((half * P * half.T + Q_half)[0, 0]))
-        P = Phi * P * Phi.T + Qd
-        f1, f2 = P[0, 0] * h[0] + P[0, 1] * h[1], P[1, 0] * h[0] + P[1, 1] * h[1]
-        s = h[0] * f1 + h[1] * f2 + R
-        K1, K2 = (f1 / s, f2 / s) if math.isfinite(R) else (0, 0)
-        found["U1_variance_prior"].append(float(P[0, 0]))
-        P = mpmath.matrix([[P[0, 0] - K1 * f1, P[0, 1] - K1 * f2], [P[0, 1] - K1 * f2, P[1, 1] - K2 * f2]])
-        found["U1_variance_posterior"].append(float(P[0, 0]))
-        found["gain"].append([float(K1), float(K2)])
-    return found
-
-
-def fraction(Phi, Qd):
-    """(A, B, C, D): after perfect measurements P11⁺ follows p ← (Ap + B)/(Cp + D)."""
-    a, c, q, m, s = Phi[0, 0], Phi[1, 0], Qd[0, 0], Qd[0, 1], Qd[1, 1]
-    return q * c**2 + s * a**2 - 2 * m * a * c, q * s - m**2, c**2, s
-
-
-def perfect_limit(Phi, Qd):
-    """The positive root of Cp² + (D − A)p − B = 0."""
-    A, B, C, D = fraction(Phi, Qd)
-    return float(2 * B / (D - A + mpmath.sqrt((D - A) ** 2 + 4 * B * C)))
-
-
-def perfect_powers(p):
-    """P11⁺ after 1…steps perfect measurements by powers of the fraction's matrix."""
-    with mpmath.workdps(DIGITS):
-        A, B, C, D = fraction(*sampled(*circuit(p, "ladder")[:2], p.dt))
-        powers = [mpmath.matrix([[A, B], [C, D]]) ** i for i in range(1, p.steps + 1)]
-        return [float(M[0, 1] / M[1, 1]) for M in powers]
-
-
-def dense(p, R):
-    """Var(U1 | z1…zi) by conditioning the joint Gaussian distribution of all samples."""
-    if math.isinf(R):
-        return analytic(p)["U1_variance_unmeasured"][:DENSE]
-    n = min(p.steps, DENSE)
-    with mpmath.workdps(DIGITS):
-        F, g, _h = circuit(p, "ladder")
-        at = [sampled(F, g, i * mpmath.mpf(p.dt)) for i in range(1, n + 1)]
-        own = [Qd for _Phi, Qd in at]  # the covariance at t_i, from nothing
-        C, cross = mpmath.zeros(n), mpmath.zeros(n)
-        for j in range(n):
-            for i in range(j, n):
-                both = at[i - j - 1][0] * own[j] if i > j else own[j]
-                C[i, j] = C[j, i] = both[1, 1] + (R if i == j else 0)
-                cross[i, j] = both[0, 1]
-        L, left = mpmath.cholesky(C), []
-        for i in range(n):
-            y = []
-            for j in range(i + 1):
-                y.append((cross[i, j] - mpmath.fsum(L[j, k] * y[k] for k in range(j))) / L[j, j])
-            left.append(float(own[i][0, 0] - mpmath.fsum(x * x for x in y)))
-        return left
-
-
 def system(p, kind="ladder"):
     """The circuit with the state (U1, U0) and the input u, in units of b."""
     one, two = 1 / (p.R1 * p.C1), 1 / (p.R2 * p.C2)
     load = 0.0 if kind == "buffered" else 1 / (p.R2 * p.C1)
     H = [[1, -1]] if kind == "across" else [[0, 1]]
     return ContinuousModel([[-one - load, load], [two, -two]], [[one], [0]], [[STRENGTH]], H, P0=np.zeros((2, 2)),
-                           states=["U1", "U0"], measurements=["z"], units=["b", "b"])  # fmt: skip
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, box = analytic(p), system(p)
-    filters = {name: discretise(box, p.dt, R=[[R]]) for name, R in (("unmeasured", math.inf), ("perfect", 0.0), ("noisy", p.R_over_b2))}
-    r.heading(_("Part I. Analysis"))
-    part_a(r, p, answer, filters["perfect"])
-    part_b(r, p, answer, filters["noisy"])
-    r.heading(_("Plan of the experiment"))
-    steps = plan(r, p, experiment, filters)
-    r.heading(_("Part II. Experiment"))
-    plot(r, p, answer, box, filters)
-    other_circuits(r, p)
-    noises(r, p, box)
-    ensembles(r, experiment, filters, steps)
-    alarm(r, p, experiment, filters, steps)
-    r.heading(_("Conclusions"))
-    conclusions(r, p, filters)
-    return r
+                           states=["U1", "U0"], measurements=["z"], units=["b", "b"])
 
 
 def part_a(r, p, answer, perfect):
     """The model, and perfect measurements."""
-    r.section("a", _("Perfect measurements: the optimal estimate"))
-    r.says(_("The sheet's figure is missing. The most plausible circuit with these parts and a voltage $U_1$ on $C_1$ is a ladder of two RC sections with the output $U_0$ on $C_2$; it is taken here. What two other circuits would give stands in part II."))
-    r.figure("circuit", plots.ladder([("$R_1$", "$C_1$", "$U_1$"), ("$R_2$", "$C_2$", "")], source="$u$", output="$U_0$", enclosure=_("black box")), _("The circuit assumed: only $u$ and $U_0$ lead out of the box."))
-    r.says(_("The currents into the two nodes give"))
+    r.section("a", "Perfect measurements: the optimal estimate")
+    r.says("The sheet's figure is missing. The most plausible circuit with these parts and a voltage $U_1$ on $C_1$ is a ladder of two RC sections with the output $U_0$ on $C_2$; it is taken here. What two other circuits would give stands in part II.")
+    r.figure("circuit", plots.ladder([("$R_1$", "$C_1$", "$U_1$"), ("$R_2$", "$C_2$", "")], source="$u$", output="$U_0$", enclosure="black box"), "The circuit assumed: only $u$ and $U_0$ lead out of the box.")
+    r.says("The currents into the two nodes give")
     r.math(r"C_1\dot U_1 = \frac{u-U_1}{R_1} - \frac{U_1-U_0}{R_2}, \qquad C_2\dot U_0 = \frac{U_1-U_0}{R_2}")
     r.math(r"F = \begin{bmatrix} -\frac1{R_1C_1}-\frac1{R_2C_1} & \frac1{R_2C_1} \\ \frac1{R_2C_2} & -\frac1{R_2C_2} \end{bmatrix}, \quad G = \begin{bmatrix} \frac1{R_1C_1} \\ 0 \end{bmatrix}, \quad Q = 2b^2, \quad H = \begin{bmatrix} 0 & 1 \end{bmatrix}, \quad P_0 = 0")
     nodes = {
         "u": Node((0, 0), "$u$", "signal"), "1": Node((1.1, 0), "", "sum"), "a": Node((2.4, 0), r"$\frac{1/R_1C_1}{s+f_1}$"),
         "b": Node((5.0, 0), r"$\frac{f_2}{s+f_2}$"), "b2": Node((6.2, 0), "", "branch"), "s": Node((7.1, 0), r"$\Delta t$", "sampler"), "2": Node((8.0, 0), "", "sum"),
         "v": Node((8.0, 0.8), "$v$", "signal"), "z": Node((8.9, 0), "$z$", "signal"), "k": Node((3.8, -1.0), "$R_1/R_2$"),
-    }  # fmt: skip
+    }
     arrows = [Arrow("u", "1"), Arrow("1", "a"), Arrow("a", "b", "$U_1$"), Arrow("b", "b2"), Arrow("b2", "s", "$U_0$"), Arrow("s", "2"), Arrow("v", "2"),
-              Arrow("2", "z"), Arrow("b2", "k", turn="along"), Arrow("k", "1")]  # fmt: skip
-    r.figure("diagram", plots.block_diagram(nodes, arrows), _("The same as a block diagram, with $f_1 = 1/R_1C_1 + 1/R_2C_1$ and $f_2 = 1/R_2C_2$. The second section loads the first, which is the feedback; v is zero in part (a)."))
-    r.says(_("All variances below are in units of $b^2$ (V²), voltages in units of $b$. For the given parts, sampled every {dt} s:"), dt=p.dt)
+              Arrow("2", "z"), Arrow("b2", "k", turn="along"), Arrow("k", "1")]
+    r.figure("diagram", plots.block_diagram(nodes, arrows), "The same as a block diagram, with $f_1 = 1/R_1C_1 + 1/R_2C_1$ and $f_2 = 1/R_2C_2$. The second section loads the first, which is the feedback; v is zero in part (a).")
+    r.says("All variances below are in units of $b^2$ (V²), voltages in units of $b$. For the given parts, sampled every {dt} s:", dt=p.dt)
     r.model(perfect)
-    routes = (_("doubling of the short interval"), _("divided differences and Lyapunov's equation"))
+    routes = ("doubling of the short interval", "divided differences and Lyapunov's equation")
     r.value("Phi", perfect.Phi, agrees=answer, routes=routes)
     r.value("Qd", perfect.Qd, "b²", agrees=answer, routes=routes)
-    r.says(_("**After a perfect measurement** $z = U_0$. With $h = H^T$ the update is $P^+ = P^- - P^-hh^TP^-/(h^TP^-h)$, so that $P^+h = 0$: $P^+$ has rank 1, and $U_0$ is known exactly. ∎ (The information form cannot hold it: $P^+$ has no inverse.) Written out, with $p_i = P_{11}(t_i^+)$ and $p_0 = 0$:"))
+    r.says("**After a perfect measurement** $z = U_0$. With $h = H^T$ the update is $P^+ = P^- - P^-hh^TP^-/(h^TP^-h)$, so that $P^+h = 0$: $P^+$ has rank 1, and $U_0$ is known exactly. ∎ (The information form cannot hold it: $P^+$ has no inverse.) Written out, with $p_i = P_{11}(t_i^+)$ and $p_0 = 0$:")
     r.math(r"P_{11}^- = \Phi_{11}^2p_{i-1} + q_{11}, \quad P_{12}^- = \Phi_{11}\Phi_{21}p_{i-1} + q_{12}, \quad P_{22}^- = \Phi_{21}^2p_{i-1} + q_{22}, \qquad K = \begin{bmatrix} P_{12}^-/P_{22}^- \\ 1 \end{bmatrix}, \qquad P^+ = \begin{bmatrix} p_i & 0 \\ 0 & 0 \end{bmatrix}")
     r.math(r"p_i = P_{11}^- - \frac{(P_{12}^-)^2}{P_{22}^-} = \frac{(q_{11}\Phi_{21}^2 + q_{22}\Phi_{11}^2 - 2q_{12}\Phi_{11}\Phi_{21})\,p_{i-1} + q_{11}q_{22} - q_{12}^2}{\Phi_{21}^2\,p_{i-1} + q_{22}}")
-    r.says(_("and the optimal estimate, which uses the last two measurements and the estimate before ($z_0 = 0$, $\\hat{U}_1(t_0) = 0$):"))
+    r.says("and the optimal estimate, which uses the last two measurements and the estimate before ($z_0 = 0$, $\\hat{U}_1(t_0) = 0$):")
     r.math(r"\hat U_1(t_i^+) = \Phi_{11}\hat U_1(t_{i-1}^+) + \Phi_{12}z_{i-1} + \frac{P_{12}^-}{P_{22}^-}\left[z_i - \Phi_{21}\hat U_1(t_{i-1}^+) - \Phi_{22}z_{i-1}\right], \qquad \hat U_0(t_i^+) = z_i")
     schedule = covariances(perfect, p.steps)
     results(r, p, answer, schedule, "perfect")
-    r.check(_("P11⁺ after perfect measurements"), schedule.P_plus[1:, 0, 0], perfect_powers(p), (_("recursion"), _("power of the fraction's matrix")))
-    r.check(_("P12⁺, P22⁺ after perfect measurements"), schedule.P_plus[1:, 1, :], np.zeros((p.steps, 2)), (_("recursion"), _("proof of rank 1")), EXACT, scale=float(schedule.P_minus[1:].max()))
+    r.check("P11⁺ after perfect measurements", schedule.P_plus[1:, 0, 0], by_hand.perfect_powers(p), ("recursion", "power of the fraction's matrix"))
+    r.check("P12⁺, P22⁺ after perfect measurements", schedule.P_plus[1:, 1, :], np.zeros((p.steps, 2)), ("recursion", "proof of rank 1"), EXACT, scale=float(schedule.P_minus[1:].max()))
     limit = steady.solve(perfect)
-    r.value("posterior_steady_perfect", limit.P_plus[0, 0], "b²", agrees=answer, routes=(_("Riccati equation"), _("fixed point of the fraction")))
-    r.says(_("The limit is the fixed point of the fraction, $p = {limit}\\,b^2$: knowing $U_0$ exactly at the samples does not tell $U_1$ exactly, because the input between them is unknown."), limit=limit.P_plus[0, 0])
+    r.value("posterior_steady_perfect", limit.P_plus[0, 0], "b²", agrees=answer, routes=("Riccati equation", "fixed point of the fraction"))
+    r.says("The limit is the fixed point of the fraction, $p = {limit}\\,b^2$: knowing $U_0$ exactly at the samples does not tell $U_1$ exactly, because the input between them is unknown.", limit=limit.P_plus[0, 0])
 
 
 def results(r, p, answer, schedule, name):
     """The lists of one filter, each by the scalar equations as well, and the posterior by the dense route."""
-    at, routes = schedule.t[1:], (_("recursion of matrices"), _("scalar equations"))
+    at, routes = schedule.t[1:], ("recursion of matrices", "scalar equations")
     r.value(f"U1_variance_prior_{name}", schedule.P_minus[1:, 0, 0], "b²", at=at, agrees=answer, routes=routes)
     r.value(f"U1_variance_posterior_{name}", schedule.P_plus[1:, 0, 0], "b²", at=at, agrees=answer, routes=routes)
     r.value(f"gain_{name}", schedule.K[1:, :, 0], at=at, agrees=answer, routes=routes)
-    together = dense(p, 0.0 if name == "perfect" else p.R_over_b2)
-    r.check(fill(_("variance of U1, {name}"), name=name), schedule.P_plus[1 : len(together) + 1, 0, 0], together, (_("recursion"), _("joint Gaussian distribution")))
+    together = by_hand.dense(p, 0.0 if name == "perfect" else p.R_over_b2)
+    r.check(text("variance of U1, {name}", name=name), schedule.P_plus[1 : len(together) + 1, 0, 0], together, ("recursion", "joint Gaussian distribution"))
 
 
 def part_b(r, p, answer, noisy):
     """Noisy measurements."""
-    r.section("b", _("Noisy measurements"))
-    r.says(_("Now $z_i = U_0(t_i) + v_i$ with the variance $R = {R}\\,b^2$. The innovation has the variance $S = P_{22}^- + R$, and"), R=p.R_over_b2)
+    r.section("b", "Noisy measurements")
+    r.says("Now $z_i = U_0(t_i) + v_i$ with the variance $R = {R}\\,b^2$. The innovation has the variance $S = P_{22}^- + R$, and", R=p.R_over_b2)
     r.math(r"P_{11}^- = \Phi_{11}^2P_{11}^+ + 2\Phi_{11}\Phi_{12}P_{12}^+ + \Phi_{12}^2P_{22}^+ + q_{11}, \qquad P_{22}^- = \Phi_{21}^2P_{11}^+ + 2\Phi_{21}\Phi_{22}P_{12}^+ + \Phi_{22}^2P_{22}^+ + q_{22}")
     r.math(r"P_{12}^- = \Phi_{11}\Phi_{21}P_{11}^+ + (\Phi_{11}\Phi_{22}+\Phi_{12}\Phi_{21})P_{12}^+ + \Phi_{12}\Phi_{22}P_{22}^+ + q_{12}, \qquad K = \begin{bmatrix} P_{12}^-/S \\ P_{22}^-/S \end{bmatrix}")
     r.math(r"P_{11}^+ = P_{11}^- - \frac{(P_{12}^-)^2}S, \qquad P_{12}^+ = \frac RS P_{12}^-, \qquad P_{22}^+ = \frac RS P_{22}^-")
     r.math(r"\hat U_1^- = \Phi_{11}\hat U_1^+ + \Phi_{12}\hat U_0^+, \quad \hat U_0^- = \Phi_{21}\hat U_1^+ + \Phi_{22}\hat U_0^+, \qquad \hat U_1^+ = \hat U_1^- + \frac{P_{12}^-}S(z-\hat U_0^-), \quad \hat U_0^+ = \hat U_0^- + \frac{P_{22}^-}S(z-\hat U_0^-)")
-    r.says(_("With $R = 0$ these are the equations of part (a)."))
+    r.says("With $R = 0$ these are the equations of part (a).")
     if p.R_over_b2 == 0:
-        r.says(_("Here $R = 0$ is given, so part (b) repeats part (a)."))
+        r.says("Here $R = 0$ is given, so part (b) repeats part (a).")
     elif math.isinf(p.R_over_b2):
-        r.says(_("Here $R = \\infty$ is given: nothing is measured, the gain is 0, and the estimate stays 0."))
+        r.says("Here $R = \\infty$ is given: nothing is measured, the gain is 0, and the estimate stays 0.")
     results(r, p, answer, covariances(noisy, p.steps), "noisy")
 
 
@@ -262,53 +131,53 @@ def plan(r, p, experiment, filters):
     """Every number chosen."""
     settled = max(settling(filters[name]) or 1 for name in ("perfect", "noisy"))
     steps = max(p.steps, min(100, 2 * settled))
-    r.table("plan", [_("quantity"), _("value"), _("why")], [
-        [_("measurements in the plot"), p.steps, fill(_("{seconds} s, one every {dt} s"), seconds=p.steps * p.dt, dt=p.dt)],
-        [_("points of P(t) in an interval"), POINTS, _("a smooth curve")],
-        [_("measurements simulated"), steps, fill(_("at least twice the settling time ({settled} measurements), up to 100"), settled=settled)],
-        [_("runs"), experiment.runs, fill(_("a standard error of the variance of {percent} %"), percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
-        [_("seed"), experiment.seed, _("the same circuit and input for both filters")],
-        [_("start"), 0, _("discharged capacitors, both known to be 0")],
-    ], _("Plan of the experiment. b = 1 V is chosen for the simulation; all results scale with b."))  # fmt: skip
-    return steps
+    r.table("plan", ["quantity", "value", "why"], [
+        ["measurements in the plot", p.steps, text("{seconds} s, one every {dt} s", seconds=p.steps * p.dt, dt=p.dt)],
+        ["points of P(t) in an interval", POINTS, "a smooth curve"],
+        ["measurements simulated", steps, text("at least twice the settling time ({settled} measurements), up to 100", settled=settled)],
+        ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
+        ["seed", experiment.seed, "the same circuit and input for both filters"],
+        ["start", 0, "discharged capacitors, both known to be 0"],
+    ], "Plan of the experiment. b = 1 V is chosen for the simulation; all results scale with b.")
+    return {"steps": steps}
 
 
 def plot(r, p, answer, box, filters):
     """The plot of the sheet."""
     schedules = {name: covariances(model, p.steps) for name, model in filters.items()}
     curves = {name: between(box, schedule, POINTS) for name, schedule in schedules.items()}
-    labels = {"unmeasured": _("no measurements"), "noisy": fill(_("(b) R = {R} b²"), R=p.R_over_b2), "perfect": _("(a) R = 0")}
-    figure = plots.transient(curves["perfect"].t, {label: curves[name].P[:, 0, 0] for name, label in labels.items()}, ylabel=_("error variance of $U_1$, b²"))
-    r.figure("variance", figure, _("Variance of the error of $\\hat{U}_1$ over time, in units of b². Between measurements it returns towards the variance without measurements; each measurement lowers it at once."))
-    r.value("U1_variance_unmeasured", schedules["unmeasured"].P_minus[1:, 0, 0], "b²", at=schedules["noisy"].t[1:], agrees=answer, routes=(_("recursion"), _("closed form")))
+    labels = {"unmeasured": "no measurements", "noisy": text("(b) R = {R} b²", R=p.R_over_b2), "perfect": "(a) R = 0"}
+    figure = plots.transient(curves["perfect"].t, {label: curves[name].P[:, 0, 0] for name, label in labels.items()}, ylabel="error variance of $U_1$, b²")
+    r.figure("variance", figure, "Variance of the error of $\\hat{U}_1$ over time, in units of b². Between measurements it returns towards the variance without measurements; each measurement lowers it at once.")
+    r.value("U1_variance_unmeasured", schedules["unmeasured"].P_minus[1:, 0, 0], "b²", at=schedules["noisy"].t[1:], agrees=answer, routes=("recursion", "closed form"))
     for name in ("perfect", "noisy"):
         half = curves[name].P[:-1, 0, 0].reshape(p.steps, POINTS + 1)[:, POINTS // 2]
-        r.check(fill(_("variance of U1 in the middle of the intervals, {name}"), name=name), half, answer[f"middle_{name}"], (_("doubling of the short interval"), _("closed form")))
+        r.check(text("variance of U1 in the middle of the intervals, {name}", name=name), half, answer[f"middle_{name}"], ("doubling of the short interval", "closed form"))
     rows = [(schedules["noisy"].t[i], schedules["unmeasured"].P_minus[i, 0, 0], *(x for name in ("perfect", "noisy") for s in [schedules[name]] for x in (s.P_minus[i, 0, 0], s.P_plus[i, 0, 0], s.K[i, 0, 0]))) for i in range(1, p.steps + 1)]
-    r.table("variance", [TIME, _("no measurements"), _("(a) before"), _("(a) after"), "(a) K1", _("(b) before"), _("(b) after"), "(b) K1"], rows,
-            _("Error variance of U1 at the measurements, in units of b², and the gain for it."))  # fmt: skip
-    r.holds(_("a noisy measurement is worth less than a perfect one, and more than none"),
+    r.table("variance", [TIME, "no measurements", "(a) before", "(a) after", "(a) K1", "(b) before", "(b) after", "(b) K1"], rows,
+            "Error variance of U1 at the measurements, in units of b², and the gain for it.")
+    r.holds("a noisy measurement is worth less than a perfect one, and more than none",
             np.minimum(schedules["noisy"].P_plus - schedules["perfect"].P_plus, schedules["unmeasured"].P_plus - schedules["noisy"].P_plus)[:, 0, 0],
-            (_("recursion with R"), _("recursions with R = 0 and R = ∞")), size=float(schedules["unmeasured"].P_minus[-1, 0, 0]))  # fmt: skip
+            ("recursion with R", "recursions with R = 0 and R = ∞"), size=float(schedules["unmeasured"].P_minus[-1, 0, 0]))
 
 
 def other_circuits(r, p):
     """What two other readings of the missing figure would give."""
-    r.says(_("**Other circuits.** If an amplifier of unit gain stood between the sections (a buffered cascade), $F = [[-1/R_1C_1, 0], [1/R_2C_2, -1/R_2C_2]]$; if the output were taken across $R_2$, $H = [1, -1]$ with the ladder's $F$."))
-    names = {"ladder": _("ladder (assumed)"), "buffered": _("buffered cascade"), "across": _("ladder, output across R2")}
+    r.says("**Other circuits.** If an amplifier of unit gain stood between the sections (a buffered cascade), $F = [[-1/R_1C_1, 0], [1/R_2C_2, -1/R_2C_2]]$; if the output were taken across $R_2$, $H = [1, -1]$ with the ladder's $F$.")
+    names = {"ladder": "ladder (assumed)", "buffered": "buffered cascade", "across": "ladder, output across R2"}
     rows, found, wanted = [], [], []
     for kind, label in names.items():
         box = system(p, kind)
         with mpmath.workdps(DIGITS):
-            by_hand = [scalar_equations(*circuit(p, kind), p.dt, R, p.steps) for R in (0.0, p.R_over_b2)]
+            exact = [by_hand.scalar_equations(*by_hand.circuit(p, kind), p.dt, R, p.steps) for R in (0.0, p.R_over_b2)]
         own = [covariances(discretise(box, p.dt, R=[[R]]), p.steps) for R in (0.0, p.R_over_b2)]
         rows += [(label, part, s.P_minus[1, 0, 0], s.P_plus[1, 0, 0], s.P_minus[-1, 0, 0], s.P_plus[-1, 0, 0]) for part, s in zip("ab", own, strict=True)]
         found += [(s.P_minus[1:, 0, 0], s.P_plus[1:, 0, 0]) for s in own]
-        wanted += [(s["U1_variance_prior"], s["U1_variance_posterior"]) for s in by_hand]
-    r.figure("buffered", plots.ladder([("$R_1$", "$C_1$", "$U_1$"), ("$R_2$", "$C_2$", "")], source="$u$", output="$U_0$", enclosure=_("black box"), followers=True), _("The buffered cascade: the second section does not load the first."))
-    r.table("circuits", [_("circuit"), _("part"), _("before t1"), _("after t1"), _("before the last"), _("after the last")], rows,
-            _("Error variance of U1, in units of b², at the first and the last of {steps} measurements."), steps=p.steps)  # fmt: skip
-    r.check(_("variances of U1 in all circuits"), found, wanted, (_("recursion of matrices"), _("scalar equations")))
+        wanted += [(s["U1_variance_prior"], s["U1_variance_posterior"]) for s in exact]
+    r.figure("buffered", plots.ladder([("$R_1$", "$C_1$", "$U_1$"), ("$R_2$", "$C_2$", "")], source="$u$", output="$U_0$", enclosure="black box", followers=True), "The buffered cascade: the second section does not load the first.")
+    r.table("circuits", ["circuit", "part", "before t1", "after t1", "before the last", "after the last"], rows,
+            "Error variance of U1, in units of b², at the first and the last of {steps} measurements.", steps=p.steps)
+    r.check("variances of U1 in all circuits", found, wanted, ("recursion of matrices", "scalar equations"))
 
 
 def noises(r, p, box):
@@ -316,78 +185,48 @@ def noises(r, p, box):
     levels = sorted({0.0, 0.02, 0.2, 2.0, math.inf, p.R_over_b2})
     limits = [steady.solve(discretise(box, p.dt, R=[[R]])) for R in levels]
     before, after = ([getattr(s, name)[0, 0] for s in limits] for name in ("P_minus", "P_plus"))
-    r.table("noises", ["R, b²", _("before, b²"), _("after, b²")], zip(levels, before, after, strict=True),
-            _("Steady error variance of U1 before and after a measurement, against the variance of the measurement noise."))  # fmt: skip
-    r.holds(_("the steady variance grows with R"), np.diff(after), (_("Riccati equation with R"), _("with a larger R")), size=after[-1])
-    r.check(_("steady variance for R = ∞"), after[-1], shaping.stationary_covariance(box)[0, 0], (_("limit of the filter"), _("Lyapunov equation of the circuit")), SOLVER)
+    r.table("noises", ["R, b²", "before, b²", "after, b²"], zip(levels, before, after, strict=True),
+            "Steady error variance of U1 before and after a measurement, against the variance of the measurement noise.")
+    r.holds("the steady variance grows with R", np.diff(after), ("Riccati equation with R", "with a larger R"), size=after[-1])
+    r.check("steady variance for R = ∞", after[-1], shaping.stationary_covariance(box)[0, 0], ("limit of the filter", "Lyapunov equation of the circuit"), SOLVER)
 
 
 def ensembles(r, experiment, filters, steps):
     """Ensemble against theory, for both filters."""
-    r.says(_("**Simulation** of part (b), and after it of part (a). What is measured is $U_0$, which follows $U_1$ with a delay."))
+    r.says("**Simulation** of part (b), and after it of part (a). What is measured is $U_0$, which follows $U_1$ with a delay.")
     limit = steady.solve(filters["noisy"])
     portrait(r, experiment, filters["noisy"], steps, prefix="noisy_", xlabel=TIME, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]))
     some = experiment.histories(filters["perfect"], steps=steps)
-    r.figure("perfect_record", plots.record(some, xlabel=TIME, ylabel=_("$U_1$, b")), _("One run of part (a): $U_1$, its estimate, and the measurements, which are exact values of $U_0$."))
-    agreement(r, _("perfect"), experiment.statistics(filters["perfect"], steps=steps), covariances(filters["perfect"], steps).P_plus)
+    r.figure("perfect_record", plots.record(some, xlabel=TIME, ylabel="$U_1$, b"), "One run of part (a): $U_1$, its estimate, and the measurements, which are exact values of $U_0$.")
+    agreement(r, "perfect", experiment.statistics(filters["perfect"], steps=steps), covariances(filters["perfect"], steps).P_plus)
 
 
 def alarm(r, p, experiment, filters, steps):
     """The alarm rule: what a margin promises, of all moments and of the dangerous ones."""
-    r.says(_("**Alarm rule.** $C_1$ breaks down when $U_1$ exceeds a limit $U_{max}$. With a margin of $k$ standard deviations,"))
+    r.says("**Alarm rule.** $C_1$ breaks down when $U_1$ exceeds a limit $U_{max}$. With a margin of $k$ standard deviations,")
     r.math(r"\text{alarm when} \quad \hat U_1(t) + k\,\sigma(t) \ge U_{max}, \qquad \sigma^2(t) = P_{11}(t),")
-    r.says(_("the voltage can be above the limit without an alarm only if the error is below $-k\\sigma$, so in at most the share $N(-k)$ of all moments (one in 740 for $k = 3$). Since σ(t) is known beforehand, so is the margin; between measurements it grows, and it is largest just before a measurement."))
-    r.says(_("That is not the share of the *dangerous* moments that are missed. The error of an optimal estimate is orthogonal to the estimate and not to the voltage: with $V = \\mathrm{Var}\\,U_1$ the mean of $\\hat{U}_1$ at a voltage u is $(1 - \\sigma^2/V)u$, drawn towards 0, just where the voltage is large. With $\\hat{U}_1 \\sim N(0, V - \\sigma^2)$ and $U_1 \\sim N(\\hat{U}_1, \\sigma^2)$ given the estimate,"))
+    r.says("the voltage can be above the limit without an alarm only if the error is below $-k\\sigma$, so in at most the share $N(-k)$ of all moments (one in 740 for $k = 3$). Since σ(t) is known beforehand, so is the margin; between measurements it grows, and it is largest just before a measurement.")
+    r.says("That is not the share of the *dangerous* moments that are missed. The error of an optimal estimate is orthogonal to the estimate and not to the voltage: with $V = \\mathrm{Var}\\,U_1$ the mean of $\\hat{U}_1$ at a voltage u is $(1 - \\sigma^2/V)u$, drawn towards 0, just where the voltage is large. With $\\hat{U}_1 \\sim N(0, V - \\sigma^2)$ and $U_1 \\sim N(\\hat{U}_1, \\sigma^2)$ given the estimate,")
     r.math(r"P(\text{dangerous, no alarm}) = \int_{U_{max}}^\infty p(u)\,N\!\left(\frac{U_{max} - k\sigma - (1-\sigma^2/V)u}{\sigma\sqrt{1-\sigma^2/V}}\right)du = \int_{-\infty}^{U_{max}-k\sigma} p(\hat u)\,N\!\left(\frac{\hat u - U_{max}}\sigma\right)d\hat u")
     V = covariances(filters["unmeasured"], p.steps).P_plus[-1, 0, 0]
     left = {name: covariances(filters[name], p.steps).P_plus[-1, 0, 0] / V for name in ("perfect", "noisy")}
     cases = [(name, limit, k) for name in left for limit in LIMITS for k in FACTORS]
-    joint = [unannounced(left[name], limit, k) for name, limit, k in cases]
-    again = [by_estimate(left[name], limit, k) for name, limit, k in cases]
+    joint = [by_hand.unannounced(left[name], limit, k) for name, limit, k in cases]
+    again = [by_hand.by_estimate(left[name], limit, k) for name, limit, k in cases]
     shape = (len(left), len(LIMITS), len(FACTORS))
     missed = [x / ndtr(-limit) for x, (_name, limit, _k) in zip(joint, cases, strict=True)]
     r.value("alarm_joint", np.reshape(joint, shape).tolist())
     r.value("alarm_missed_of_dangerous", np.reshape(missed, shape).tolist())
-    r.check(_("dangerous and unannounced"), joint, again, (_("integral over the voltage"), _("integral over the estimate")), SOLVER, scale=np.maximum(again, 1e-12))
+    r.check("dangerous and unannounced", joint, again, ("integral over the voltage", "integral over the estimate"), SOLVER, scale=np.maximum(again, 1e-12))
     seen = {name: simulated(experiment, filters[name], steps) for name in left}
     rows = []
     for (name, limit, k), x, share in zip(cases, joint, missed, strict=True):
         if k == FACTORS[0]:
-            needed = margin(left[name], limit)
+            needed = by_hand.margin(left[name], limit)
         counted = f"{seen[name][k][0]} / {seen[name][k][1]}" if limit == LIMITS[0] else "—"
         rows.append(("(a)" if name == "perfect" else "(b)", limit, k, x, share, counted, needed if k == FACTORS[-1] else "—"))
-    columns = [_("filter"), _("limit, σ of U1"), _("margin k"), _("dangerous and unannounced"), _("share of the dangerous moments missed"), _("simulated"), _("k for a share of 1 %")]
-    r.table("alarm", columns, rows, _("The alarm rule after the last measurement of the plot, U1 having the standard deviation {sd} b. Simulated: moments missed of those dangerous, all runs and measurements together; the standard deviations are those of each moment."), sd=math.sqrt(V))
-
-
-def unannounced(left, limit, k):
-    """P(U1 ≥ limit, no alarm) by the voltage; U1 in its own standard deviations, ``left`` = P/V, margin k√left."""
-    if left <= 0:
-        return 0.0
-    if left >= 1:  # the estimate is 0
-        return float(ndtr(-limit)) if k < limit else 0.0
-    sd = math.sqrt(left * (1 - left))
-    density = stats.norm.pdf
-    return integrate.quad(lambda u: density(u) * ndtr((limit - k * math.sqrt(left) - (1 - left) * u) / sd), limit, limit + 12, epsabs=0, epsrel=1e-11, limit=500)[0]
-
-
-def by_estimate(left, limit, k):
-    """The same by the estimate, which has the variance 1 − left."""
-    if left <= 0:
-        return 0.0
-    if left >= 1:
-        return 0.5 * math.erfc(limit / math.sqrt(2)) if k < limit else 0.0
-    sd, end = math.sqrt(1 - left), limit - k * math.sqrt(left)
-    return integrate.quad(lambda e: math.exp(-0.5 * e * e) * ndtr((sd * e - limit) / math.sqrt(left)), -12.0, end / sd, epsabs=0, epsrel=1e-11, limit=500)[0] / math.sqrt(2 * math.pi)
-
-
-def margin(left, limit, share=0.01):
-    """The k with which at most ``share`` of the dangerous moments is missed."""
-    if left <= 0:
-        return 0.0
-    if left >= 1:
-        return limit
-    return optimize.brentq(lambda k: unannounced(left, limit, k) - share * ndtr(-limit), 0.0, 10 + limit / math.sqrt(left))
+    columns = ["filter", "limit, σ of U1", "margin k", "dangerous and unannounced", "share of the dangerous moments missed", "simulated", "k for a share of 1 %"]
+    r.table("alarm", columns, rows, "The alarm rule after the last measurement of the plot, U1 having the standard deviation {sd} b. Simulated: moments missed of those dangerous, all runs and measurements together; the standard deviations are those of each moment.", sd=math.sqrt(V))
 
 
 def simulated(experiment, system, steps):
@@ -403,23 +242,38 @@ def conclusions(r, p, filters):
     """What the numbers say."""
     last = {name: covariances(model, p.steps) for name, model in filters.items()}
     open_, perfect, noisy = (last[name].P_plus[-1, 0, 0] for name in ("unmeasured", "perfect", "noisy"))
-    lines = [fill(_("At t = {t} s the variance of U1 is {open} b² without measurements; perfect measurements of U0 leave {perfect} b² after the last one, {percent} % of it."),
-                  t=p.steps * p.dt, open=open_, perfect=perfect, percent=round(100 * perfect / open_, 1))]  # fmt: skip
+    lines = [text("At t = {t} s the variance of U1 is {open} b² without measurements; perfect measurements of U0 leave {perfect} b² after the last one, {percent} % of it.",
+                  t=p.steps * p.dt, open=open_, perfect=perfect, percent=round(100 * perfect / open_, 1))]
     if p.R_over_b2 == 0:
-        lines.append(_("The measurements of part (b) are given without noise, so it is part (a) again."))
+        lines.append("The measurements of part (b) are given without noise, so it is part (a) again.")
     elif math.isinf(p.R_over_b2):
-        lines.append(_("In part (b) nothing is measured: its variance is that without measurements."))
+        lines.append("In part (b) nothing is measured: its variance is that without measurements.")
     else:
-        lines.append(fill(_("Noise of variance {R} b² raises this to {noisy} b², {factor} times as much."), R=p.R_over_b2, noisy=noisy, factor=noisy / perfect))
+        lines.append(text("Noise of variance {R} b² raises this to {noisy} b², {factor} times as much.", R=p.R_over_b2, noisy=noisy, factor=noisy / perfect))
     before = last["perfect"].P_minus[-1, 0, 0]
     if before >= noisy:
-        lines.append(fill(_("However exact the voltmeter, the variance returns from {after} to {before} b² before the next measurement: the margin of an alarm is set by the period, {dt} s, more than by the voltmeter."), after=perfect, before=before, dt=p.dt))
+        lines.append(text("However exact the voltmeter, the variance returns from {after} to {before} b² before the next measurement: the margin of an alarm is set by the period, {dt} s, more than by the voltmeter.", after=perfect, before=before, dt=p.dt))
     elif not math.isinf(p.R_over_b2):
-        lines.append(fill(_("The noise of the voltmeter costs more than the wait between measurements: between two perfect ones the variance rises from {after} to {before} b² only."), after=perfect, before=before))
+        lines.append(text("The noise of the voltmeter costs more than the wait between measurements: between two perfect ones the variance rises from {after} to {before} b² only.", after=perfect, before=before))
     most = max(limit[-1] for limit in r.values["alarm_missed_of_dangerous"].value[1])
-    lines.append(fill(_("With three standard deviations as a margin the voltage is dangerous and unannounced in at most one moment in 740. Of the dangerous moments themselves part (b) misses up to {percent} %: an estimate is drawn towards 0 just where the voltage is large."), percent=round(100 * most, 2)))
+    lines.append(text("With three standard deviations as a margin the voltage is dangerous and unannounced in at most one moment in 740. Of the dangerous moments themselves part (b) misses up to {percent} %: an estimate is drawn towards 0 just where the voltage is large.", percent=round(100 * most, 2)))
     lines.append(largest(r))
     r.items(lines)
+
+
+PARTS = Skeleton(
+    analysis=(part_a, part_b),
+    plan=plan,
+    experiment=(plot, other_circuits, noises, ensembles, alarm),
+    conclusions=conclusions,
+)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    answer, box = by_hand.analytic(p), system(p)
+    filters = {name: discretise(box, p.dt, R=[[R]]) for name, R in (("unmeasured", math.inf), ("perfect", 0.0), ("noisy", p.R_over_b2))}
+    return PARTS.report(META, p, experiment, answer=answer, perfect=filters["perfect"], noisy=filters["noisy"], filters=filters, box=box)
 
 
 if __name__ == "__main__":

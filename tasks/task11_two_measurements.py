@@ -9,20 +9,21 @@ adds 1/R = 4. In general P⁻¹ grows by R⁻¹ at a measurement, and P⁻ → [
 """
 
 import math
-from fractions import Fraction
 
 import numpy as np
-import scipy.linalg
+from ctlabs.tasks.answers import task11 as by_hand
+from ctlabs.tasks.answers.task11 import WITHIN
 from pydantic import field_validator
 
 from ctlabs.filtering import settling, steady
 from ctlabs.labs.experiment import Experiment, covariances, filtered
 from ctlabs.labs.portrait import largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import Count, LabParameters, Real, Variance, given
 from ctlabs.reporting.report import EXACT, SOLVER, Report
-from ctlabs.text import _, fill, latex_number
+from ctlabs.text import latex_number, text
 
 META = {
     "name": "task11",
@@ -37,11 +38,9 @@ SIMULATED = 30
 LISTED = 40
 #: A settling step beyond this is not searched for by recursion too.
 SEARCHED = 20_000
-#: The band of the settling time, as a fraction of the limit.
-WITHIN = 0.01
 #: Shapes of P(t1⁻), Q and R in the example with vectors, multiplied by the scalar values.
 SHAPES = (((1, 0.5), (0.5, 1)), ((1, 0), (0, 0.25)), ((1, 0.2), (0.2, 2)))
-SINCE = _("time since t1, steps (i − 1)")
+SINCE = "time since t1, steps (i − 1)"
 
 
 class Parameters(LabParameters):
@@ -58,81 +57,16 @@ class Parameters(LabParameters):
     def _possible(cls, value, info):
         """The mean of a square is not less than the square of the mean."""
         mean = info.data.get("x1_mean", 0.0)
-        if decimal(value) < decimal(mean) ** 2:
+        if by_hand.decimal(value) < by_hand.decimal(mean) ** 2:
             raise ValueError(f"expected at least the square of x1_mean = {mean:.15g}, received {value:.15g}")
         return value
 
 
-def decimal(x):
-    """The fraction that a number is as it was written: 0.1 is 1/10."""
-    return Fraction(repr(float(x)))
-
-
-def analytic(p):
-    """The sheet's answers, by hand."""
-    exact = two_measurements(p)
-    P1 = start(p)
-    prior = predictions(P1, p.Q, p.R, p.steps)
-    above = 0.5 * (p.Q + math.sqrt(p.Q**2 + 4 * p.Q * p.R))
-    return {
-        "prior_variance": prior,
-        "gain": [gain(P, p.R) for P in prior],
-        "posterior_variance": [gain(P, p.R) * p.R for P in prior],
-        "information_increment": [1 / p.R if p.R else math.inf] * 2,
-        "posterior_estimate_coefficients_1": [float(c) for c in exact["coefficients"][0]],
-        "posterior_estimate_coefficients_2": [float(c) for c in exact["coefficients"][1]],
-        "prior_variance_steady": above,
-        "posterior_variance_steady": p.Q * p.R / above if above else 0.0,
-        "gain_steady": p.Q / above if above else 0.0,
-        "settling_step": settling_step(P1, p.Q, p.R),
-    }
-
-
-def start(p):
-    """Var x(t1) = E x² − (E x)², without cancellation."""
-    return float(decimal(p.x1_second_moment) - decimal(p.x1_mean) ** 2)
-
-
-def gain(P, R):
-    """K = P⁻/(P⁻ + R); 0 where a perfect measurement meets what is known."""
-    return P / (P + R) if P + R else 0.0
-
-
-def two_measurements(p):
-    """Exact P⁻, K, P⁺ at t1, t2 (sympy fractions), and x̂⁺ as the coefficients of 1, z1(, z2)."""
-    import sympy
-
-    z = sympy.symbols("z1 z2")
-    mean, second, Q, R = (sympy.Rational(*decimal(x).as_integer_ratio()) for x in (p.x1_mean, p.x1_second_moment, p.Q, p.R))
-    found = {"prior": [], "gain": [], "posterior": [], "coefficients": []}
-    P, x = second - mean**2, mean
-    for i in range(2):
-        K = P / (P + R) if P + R else sympy.Integer(0)
-        x = sympy.expand(x + K * (z[i] - x))
-        found["prior"].append(P)
-        found["gain"].append(K)
-        found["posterior"].append(K * R)
-        found["coefficients"].append([x.subs({z[0]: 0, z[1]: 0}), *(x.coeff(z[j]) for j in range(i + 1))])
-        P = K * R + Q
-    return found
-
-
-def steady_exact(p):
-    """P̄⁻ with its root, by sympy."""
-    import sympy
-
-    Q, R = (sympy.Rational(*decimal(x).as_integer_ratio()) for x in (p.Q, p.R))
-    return (Q + sympy.sqrt(Q**2 + 4 * Q * R)) / 2
-
-
-def predictions(P1, Q, R, steps):
-    """P⁻ at t1, t2, …: a step is the fraction [(R + Q)P + QR]/(P + R), so i steps are the i-th power of its matrix."""
-    if not R:
-        return [P1] + [Q] * (steps - 1)
-    step = np.array([[R + Q, Q * R], [1.0, R]])
-    step /= np.abs(np.linalg.eigvals(step)).max()
-    powers = [np.linalg.matrix_power(step, i) @ [P1, 1.0] for i in range(steps)]
-    return [float(above / below) for above, below in powers]
+def model(mean, P1, Q, R):
+    """x(t_{i+1}) = x(t_i) + w(t_i), z(t_i) = x(t_i) + v(t_i), from t1 on; scalars or matrices."""
+    n = len(mean)
+    return DiscreteModel(Phi=np.eye(n), Qd=Q, H=np.eye(n), R=R, x0=mean, P0=P1, dt=1, states=["x"] if n == 1 else None,
+                         measurements=["z"] if n == 1 else None, units=["m"] * n)
 
 
 def conditioned(P1, Q, R, N):
@@ -146,63 +80,12 @@ def conditioned(P1, Q, R, N):
     return weights
 
 
-def settling_step(P1, Q, R):
-    """The first i from which P⁺ is within 1 % of its limit: (P⁺ − P̄⁺)/(P⁺ + P̄⁻) shrinks by (P̄⁺/P̄⁻)² with each step."""
-    if not R or not (Q or P1):
-        return 1
-    if not Q:
-        return None
-    prior = 0.5 * (Q + math.sqrt(Q**2 + 4 * Q * R))
-    posterior = Q * R / prior
-    first = gain(P1, R) * R
-    ratio = (first - posterior) / (first + prior)
-    edge = math.copysign(WITHIN, ratio) * posterior
-    far = abs(ratio) * (posterior + edge + prior) / abs(edge)
-    return 1 + max(0, math.ceil(math.log(far) / (2 * math.log(prior / posterior)))) if far else 1
-
-
-def vector_limit(Q, R):
-    """P̄⁻ for H = I: in the coordinates in which R = I and Q is diagonal every one is the scalar problem."""
-    q, V = scipy.linalg.eigh(Q, R)
-    back = R @ V
-    q = q.clip(0)
-    return back @ np.diag(0.5 * (q + np.sqrt(q**2 + 4 * q))) @ back.T
-
-
-def model(mean, P1, Q, R):
-    """x(t_{i+1}) = x(t_i) + w(t_i), z(t_i) = x(t_i) + v(t_i), from t1 on; scalars or matrices."""
-    n = len(mean)
-    return DiscreteModel(
-        Phi=np.eye(n), Qd=Q, H=np.eye(n), R=R, x0=mean, P0=P1, dt=1,
-        states=["x"] if n == 1 else None, measurements=["z"] if n == 1 else None, units=["m"] * n,
-    )  # fmt: skip
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, system = analytic(p), model([p.x1_mean], [[start(p)]], [[p.Q]], [[p.R]])
-    count = max(p.steps, SIMULATED)
-    r.heading(_("Part I. Analysis"))
-    part_a(r, p, answer, system)
-    part_b(r, p, answer, system)
-    weights(r, p, answer, system, min(count, LISTED))
-    vectors(r, p)
-    r.heading(_("Plan of the experiment"))
-    plan(r, p, experiment, count)
-    r.heading(_("Part II. Experiment"))
-    part_c(r, p, answer, system, experiment, count)
-    r.heading(_("Conclusions"))
-    conclusions(r, p, answer)
-    return r
-
-
 def shown(x):
     """A sympy number in LaTeX: as it is where that is short, as a decimal number elsewhere."""
     import sympy
 
-    text = sympy.latex(x)
-    return text if len(text) < 40 else latex_number(float(x))
+    exact = sympy.latex(x)
+    return exact if len(exact) < 40 else latex_number(float(x))
 
 
 def affine(coefficients):
@@ -213,56 +96,56 @@ def affine(coefficients):
 
 def part_a(r, p, answer, system):
     """Two measurements, in exact fractions."""
-    r.section("a", _("Two measurements"))
-    r.says(_("The given moments are those of $x(t_1)$, before any measurement; the filter starts there, without a prediction:"))
-    exact = two_measurements(p)
+    r.section("a", "Two measurements")
+    r.says("The given moments are those of $x(t_1)$, before any measurement; the filter starts there, without a prediction:")
+    exact = by_hand.two_measurements(p)
     r.math(r"\hat x(t_1^-) = E\,x(t_1) = {mean}, \qquad P(t_1^-) = E\,x^2(t_1) - [E\,x(t_1)]^2 = {second} - ({mean})^2 = {P}",
-           mean=p.x1_mean, second=p.x1_second_moment, P=shown(exact["prior"][0]))  # fmt: skip
+           mean=p.x1_mean, second=p.x1_second_moment, P=shown(exact["prior"][0]))
     r.math(r"\Phi = 1, \qquad Q_d = {Q} \; \text{m}^2, \qquad H = 1, \qquad R = {R} \; \text{m}^2", Q=p.Q, R=p.R)
-    r.says(_("A measurement and the prediction that follows it do"))
+    r.says("A measurement and the prediction that follows it do")
     r.math(r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R}, \qquad \hat x(t_i^+) = [1 - K(t_i)]\,\hat x(t_i^-) + K(t_i)z_i, \qquad P(t_i^+) = K(t_i)R")
     r.math(r"\hat x(t_{i+1}^-) = \hat x(t_i^+), \qquad P(t_{i+1}^-) = P(t_i^+) + Q")
-    r.says(_("With the given numbers, exactly:"))
+    r.says("With the given numbers, exactly:")
     for i in (0, 1):
         r.math(r"P(t_{n}^-) = {prior}, \qquad K(t_{n}) = {gain}, \qquad P(t_{n}^+) = {posterior}".replace("{n}", str(i + 1)),
-               prior=shown(exact["prior"][i]), gain=shown(exact["gain"][i]), posterior=shown(exact["posterior"][i]))  # fmt: skip
+               prior=shown(exact["prior"][i]), gain=shown(exact["gain"][i]), posterior=shown(exact["posterior"][i]))
     r.math(r"\hat x(t_1^-) = {mean}, \qquad \hat x(t_1^+) = \hat x(t_2^-) = {one}", mean=shown(_rational(p.x1_mean)), one=affine(exact["coefficients"][0]))
     r.math(r"\hat x(t_2^+) = {two}", two=affine(exact["coefficients"][1]))
-    r.says(_("**Information.** The reciprocal of the update is $1/P(t_i^+) = 1/P(t_i^-) + 1/R$: each measurement adds $1/R$ = {added} 1/m², the same at $t_1$ and $t_2$ whatever was known before. The prediction between them takes information away:"), added=answer["information_increment"][0])
+    r.says("**Information.** The reciprocal of the update is $1/P(t_i^+) = 1/P(t_i^-) + 1/R$: each measurement adds $1/R$ = {added} 1/m², the same at $t_1$ and $t_2$ whatever was known before. The prediction between them takes information away:", added=answer["information_increment"][0])
     rows = [(f"t{i + 1}", _inverse(exact["prior"][i]), answer["information_increment"][i], _inverse(exact["posterior"][i])) for i in (0, 1)]
-    r.table("information", ["", "1/P⁻, 1/m²", _("added, 1/m²"), "1/P⁺, 1/m²"], rows, _("Information before and after the two measurements."))
+    r.table("information", ["", "1/P⁻, 1/m²", "added, 1/m²", "1/P⁺, 1/m²"], rows, "Information before and after the two measurements.")
     schedule = covariances(system, 1, first=0)
     P_minus, P_plus, K = (stack[:, 0, 0] for stack in (schedule.P_minus, schedule.P_plus, schedule.K))
-    routes = (_("recursion"), _("exact fractions"))
-    r.check(_("P⁻ at t1, t2"), P_minus, [float(x) for x in exact["prior"]], routes, EXACT)
-    r.check(_("K at t1, t2"), K, [float(x) for x in exact["gain"]], routes, EXACT)
-    r.check(_("P⁺ at t1, t2"), P_plus, [float(x) for x in exact["posterior"]], routes, EXACT)
+    routes = ("recursion", "exact fractions")
+    r.check("P⁻ at t1, t2", P_minus, [float(x) for x in exact["prior"]], routes, EXACT)
+    r.check("K at t1, t2", K, [float(x) for x in exact["gain"]], routes, EXACT)
+    r.check("P⁺ at t1, t2", P_plus, [float(x) for x in exact["posterior"]], routes, EXACT)
     added = [k / after if after else answer["information_increment"][i] for i, (k, after) in enumerate(zip(K, P_plus, strict=True))]
     r.value("information_increment", answer["information_increment"], "1/m²", at=[1, 2])
-    r.check(_("information increment"), added, answer["information_increment"], (_("K/P⁺ of the recursion"), "1/R"), EXACT)
+    r.check("information increment", added, answer["information_increment"], ("K/P⁺ of the recursion", "1/R"), EXACT)
     if P_plus.all():
-        r.check("1/P⁺ − 1/P⁻", 1 / P_plus - 1 / P_minus, answer["information_increment"], (_("recursion"), "1/R"), EXACT, scale=(1 / P_plus).max())
+        r.check("1/P⁺ − 1/P⁻", 1 / P_plus - 1 / P_minus, answer["information_increment"], ("recursion", "1/R"), EXACT, scale=(1 / P_plus).max())
     table = responses(system, 2)
     for i in (0, 1):
         name = f"posterior_estimate_coefficients_{i + 1}"
         r.value(name, answer[name])
-        r.check(name.replace("_", " "), table[i, : i + 2], answer[name], (_("filter's answer to unit measurements"), _("exact fractions")), EXACT)
-    r.says(_("The coefficients are those of 1, z1 and z2. The constant is what is left of the initial mean; all weights (of the mean, z1, z2) add up to one, so that the estimate is unbiased."))
+        r.check(name.replace("_", " "), table[i, : i + 2], answer[name], ("filter's answer to unit measurements", "exact fractions"), EXACT)
+    r.says("The coefficients are those of 1, z1 and z2. The constant is what is left of the initial mean; all weights (of the mean, z1, z2) add up to one, so that the estimate is unbiased.")
 
 
 def _rational(x):
     """A number as a sympy fraction."""
     import sympy
 
-    return sympy.Rational(*decimal(x).as_integer_ratio())
+    return sympy.Rational(*by_hand.decimal(x).as_integer_ratio())
 
 
 def _inverse(x):
     """1/x for the table: a fraction in words, or infinity."""
     if x == 0:
         return math.inf
-    text = str(1 / x)
-    return text if len(text) < 20 else float(1 / x)
+    exact = str(1 / x)
+    return exact if len(exact) < 20 else float(1 / x)
 
 
 def responses(system, N):
@@ -275,37 +158,37 @@ def responses(system, N):
 
 def part_b(r, p, answer, system):
     """Any number of measurements; the steady state."""
-    r.section("b", _("Any number of measurements, and vectors"))
-    r.says(_("**Any number.** The same two steps repeat. For $i = 1, 2, \\dots$"))
+    r.section("b", "Any number of measurements, and vectors")
+    r.says("**Any number.** The same two steps repeat. For $i = 1, 2, \\dots$")
     r.math(r"\frac1{P(t_i^+)} = \frac1{P(t_i^-)} + \frac1R, \qquad P(t_{i+1}^-) = P(t_i^+) + Q, \qquad K(t_i) = \frac{P(t_i^+)}R")
     r.math(r"\hat x(t_N^+) = E\,x(t_1)\prod_{j=1}^{N}[1 - K(t_j)] + \sum_{j=1}^{N}K(t_j)z_j\prod_{l=j+1}^{N}[1 - K(t_l)]")
-    N, at, routes = max(p.steps, 2), list(range(1, p.steps + 1)), (_("recursion"), _("power of the step's matrix"))
+    N, at, routes = max(p.steps, 2), list(range(1, p.steps + 1)), ("recursion", "power of the step's matrix")
     schedule = covariances(system, N - 1, first=0)
     for name, stack, unit in (("prior_variance", schedule.P_minus, "m²"), ("gain", schedule.K, "1"), ("posterior_variance", schedule.P_plus, "m²")):
         r.value(name, stack[: p.steps, 0, 0], unit, at=at, agrees=answer, routes=routes, kind=SOLVER)
     r.table("sequence", ["i", "P⁻, m²", "K", "P⁺, m²", "1/P⁺, 1/m²"], [(i + 1, schedule.P_minus[i, 0, 0], schedule.K[i, 0, 0], schedule.P_plus[i, 0, 0], 1 / schedule.P_plus[i, 0, 0] if schedule.P_plus[i, 0, 0] else math.inf) for i in range(p.steps)],
-            _("The filter along the measurements."))  # fmt: skip
-    r.says(_("**Steady state.** With $P(t_{i+1}^-) = P(t_i^-)$ what a measurement removes is what the noise adds, $\\bar{P}^{-2}/(\\bar{P}^- + R) = Q$, so"))
-    exact, number = shown(steady_exact(p)), latex_number(answer["prior_variance_steady"])
+            "The filter along the measurements.")
+    r.says("**Steady state.** With $P(t_{i+1}^-) = P(t_i^-)$ what a measurement removes is what the noise adds, $\\bar{P}^{-2}/(\\bar{P}^- + R) = Q$, so")
+    exact, number = shown(by_hand.steady_exact(p)), latex_number(answer["prior_variance_steady"])
     r.math(r"\bar P^- = \frac{Q + \sqrt{Q^2 + 4QR}}2 = {root}, \qquad \bar P^+ = \bar P^- - Q = {posterior}, \qquad \bar K = \frac Q{\bar P^-} = {gain}",
-           root=exact if exact == number else rf"{exact} \approx {number}", posterior=answer["posterior_variance_steady"], gain=answer["gain_steady"])  # fmt: skip
+           root=exact if exact == number else rf"{exact} \approx {number}", posterior=answer["posterior_variance_steady"], gain=answer["gain_steady"])
     limit = steady.solve(system)
-    both = (_("Riccati equation"), _("closed form"))
+    both = ("Riccati equation", "closed form")
     r.value("prior_variance_steady", limit.P_minus[0, 0], "m²", agrees=answer, routes=both)
     r.value("posterior_variance_steady", limit.P_plus[0, 0], "m²", agrees=answer, routes=both)
     r.value("gain_steady", limit.K[0, 0], agrees=answer, routes=both)
     settled = answer["settling_step"]
-    r.value("settling_step", settled, reason="" if settled else _("without process noise the variance falls like R/i and never stays within 1 % of its limit 0"))
+    r.value("settling_step", settled, reason="" if settled else "without process noise the variance falls like R/i and never stays within 1 % of its limit 0")
     if settled is None or settled < SEARCHED:
         found = settling(system, within=WITHIN, first=0)
-        r.check(_("settling step"), None if found is None else found + 1, settled, (_("recursion"), _("closed form")))
+        r.check("settling step", None if found is None else found + 1, settled, ("recursion", "closed form"))
     if p.Q and p.R:
-        r.says(_("Each measurement multiplies an old error by $1 - \\bar{K} = {left}$, and the distance of the variance from its limit by about $(1-\\bar{K})^2 = {square}$: $P^+$ is within 1 % of the limit from measurement {settled} on."),
-               left=1 - answer["gain_steady"], square=(1 - answer["gain_steady"]) ** 2, settled=answer["settling_step"])  # fmt: skip
+        r.says("Each measurement multiplies an old error by $1 - \\bar{K} = {left}$, and the distance of the variance from its limit by about $(1-\\bar{K})^2 = {square}$: $P^+$ is within 1 % of the limit from measurement {settled} on.",
+               left=1 - answer["gain_steady"], square=(1 - answer["gain_steady"]) ** 2, settled=answer["settling_step"])
     elif p.R:
-        r.says(_("With $Q = 0$ the information only grows, $1/P(t_i^+) = 1/P(t_1^-) + i/R$: the limits are zero, approached like $R/i$, and the estimate tends to the mean of all measurements."))
+        r.says("With $Q = 0$ the information only grows, $1/P(t_i^+) = 1/P(t_1^-) + i/R$: the limits are zero, approached like $R/i$, and the estimate tends to the mean of all measurements.")
     else:
-        r.says(_("With $R = 0$ every measurement is the state: $P^+ = 0$ from the first one on, $P^- = Q$ from the second."))
+        r.says("With $R = 0$ every measurement is the state: $P^+ = 0$ from the first one on, $P^- = Q$ from the second.")
 
 
 def weights(r, p, answer, system, N):
@@ -313,67 +196,67 @@ def weights(r, p, answer, system, N):
     own = responses(system, N)
     last, share = own[-1, 1:], answer["gain_steady"]
     still = model([1.0], system.P0, system.Qd, system.R)
-    r.check(_("sum of all weights"), responses(still, N).sum(axis=1), np.ones(N), (_("filter's answer to unit measurements"), _("unbiasedness")), EXACT)
-    C = start(p) + p.Q * np.minimum(np.arange(N)[:, None], np.arange(N)) + p.R * np.eye(N)
+    r.check("sum of all weights", responses(still, N).sum(axis=1), np.ones(N), ("filter's answer to unit measurements", "unbiasedness"), EXACT)
+    C = by_hand.start(p) + p.Q * np.minimum(np.arange(N)[:, None], np.arange(N)) + p.R * np.eye(N)
     if p.R and np.linalg.cond(C) < 1e6:
-        whole = conditioned(start(p), p.Q, p.R, N)
+        whole = conditioned(by_hand.start(p), p.Q, p.R, N)
         whole[:, 0] *= p.x1_mean
-        r.check(fill(_("coefficients of all estimates up to {n} measurements"), n=N), own, whole, (_("filter's answer to unit measurements"), _("conditioning on all measurements at once")), SOLVER, scale=max(1.0, abs(p.x1_mean)))
+        r.check(text("coefficients of all estimates up to {n} measurements", n=N), own, whole, ("filter's answer to unit measurements", "conditioning on all measurements at once"), SOLVER, scale=max(1.0, abs(p.x1_mean)))
     recent = np.arange(max(1, N - 11), N + 1)
     figure = plots.lines(
-        recent, {fill(_("weight of measurement j in the estimate after measurement {n}"), n=N): last[recent - 1]}, xlabel=_("measurement number j"), ylabel=_("weight (gain K times later 1 − K)"), marker=".", steps=True,
-        straight={_("steady: $\\bar{K}(1-\\bar{K})^{N-j}$"): (recent, share * (1 - share) ** (N - recent))} if share else None,
-    )  # fmt: skip
-    r.figure("weights", figure, _("Weights of the last 12 of {n} measurements in the estimate after all of them: the filter forgets old measurements because the state has moved since.") if p.Q else
-             _("Weights of the last 12 of {n} measurements in the estimate after all of them: the state does not move, so none is forgotten."), n=N)  # fmt: skip
+        recent, {text("weight of measurement j in the estimate after measurement {n}", n=N): last[recent - 1]}, xlabel="measurement number j", ylabel="weight (gain K times later 1 − K)", marker=".", steps=True,
+        straight={"steady: $\\bar{K}(1-\\bar{K})^{N-j}$": (recent, share * (1 - share) ** (N - recent))} if share else None,
+    )
+    r.figure("weights", figure, "Weights of the last 12 of {n} measurements in the estimate after all of them: the filter forgets old measurements because the state has moved since." if p.Q else
+             "Weights of the last 12 of {n} measurements in the estimate after all of them: the state does not move, so none is forgotten.", n=N)
 
 
 def vectors(r, p):
     """H = I with matrices."""
-    r.says(_("**Vectors.** If $x$ and $z$ have the same dimension and $H = I$, the formulas keep their form with matrices (for regular ones):"))
+    r.says("**Vectors.** If $x$ and $z$ have the same dimension and $H = I$, the formulas keep their form with matrices (for regular ones):")
     r.math(r"P^{-1}(t_i^+) = P^{-1}(t_i^-) + R^{-1}, \qquad K(t_i) = P(t_i^-)[P(t_i^-) + R]^{-1} = P(t_i^+)R^{-1}, \qquad P(t_{i+1}^-) = P(t_i^+) + Q")
     r.math(r"\hat x(t_i^+) = [I - K(t_i)]\,\hat x(t_i^-) + K(t_i)z_i, \qquad I - K(t_i) = P(t_i^+)P^{-1}(t_i^-)")
-    r.says(_("(With $\\Phi \\ne I$ and a regular square $H$ the measurement adds $H^TR^{-1}H$, and $P(t_{i+1}^-) = \\Phi P(t_i^+)\\Phi^T + Q$.) Each measurement adds $R^{-1}$. In the steady state $\\bar{P}^-(\\bar{P}^- + R)^{-1}\\bar{P}^- = Q$; choosing coordinates in which $R = I$ and $Q = \\text{diag}(q_j)$ makes it scalar, $\\bar{P}^-_{jj} = [q_j + \\sqrt{q_j^2 + 4q_j}]/2$."))
-    P1, Q, R = (scale * np.array(shape) for scale, shape in zip((start(p), p.Q, p.R), SHAPES, strict=True))
+    r.says("(With $\\Phi \\ne I$ and a regular square $H$ the measurement adds $H^TR^{-1}H$, and $P(t_{i+1}^-) = \\Phi P(t_i^+)\\Phi^T + Q$.) Each measurement adds $R^{-1}$. In the steady state $\\bar{P}^-(\\bar{P}^- + R)^{-1}\\bar{P}^- = Q$; choosing coordinates in which $R = I$ and $Q = \\text{diag}(q_j)$ makes it scalar, $\\bar{P}^-_{jj} = [q_j + \\sqrt{q_j^2 + 4q_j}]/2$.")
+    P1, Q, R = (scale * np.array(shape) for scale, shape in zip((by_hand.start(p), p.Q, p.R), SHAPES, strict=True))
     system = model([p.x1_mean] * 2, P1, Q, R)
-    r.says(_("Example in two dimensions, with the scalar values on the scale:"))
+    r.says("Example in two dimensions, with the scalar values on the scale:")
     r.math(r"P(t_1^-) = {P1}, \qquad Q = {Q}, \qquad R = {R}", P1=P1, Q=Q, R=R)
     schedule = covariances(system, max(p.steps, 2) - 1, first=0)
-    if p.R and start(p) and 1e-6 < start(p) / p.R < 1e6:
-        routes = (_("recursion"), _("inverse covariances"))
+    if p.R and by_hand.start(p) and 1e-6 < by_hand.start(p) / p.R < 1e6:
+        routes = ("recursion", "inverse covariances")
         inverse = np.linalg.inv
-        r.check(_("P⁻¹ added by each measurement"), inverse(schedule.P_plus) - inverse(schedule.P_minus), np.broadcast_to(inverse(R), schedule.P_plus.shape), routes, SOLVER, scale=np.abs(inverse(schedule.P_plus)).max())
-        r.check(_("gain matrices"), schedule.K, schedule.P_plus @ inverse(R), (_("recursion"), "P⁺R⁻¹"))
+        r.check("P⁻¹ added by each measurement", inverse(schedule.P_plus) - inverse(schedule.P_minus), np.broadcast_to(inverse(R), schedule.P_plus.shape), routes, SOLVER, scale=np.abs(inverse(schedule.P_plus)).max())
+        r.check("gain matrices", schedule.K, schedule.P_plus @ inverse(R), ("recursion", "P⁺R⁻¹"))
         r.math(r"P(t_1^+) = {one}, \quad P(t_2^+) = {two}, \quad K(t_2) = {K}, \quad P^{-1}(t_2^+) - P^{-1}(t_2^-) = R^{-1} = {added}",
-               one=schedule.P_plus[0], two=schedule.P_plus[1], K=schedule.K[1], added=inverse(R))  # fmt: skip
+               one=schedule.P_plus[0], two=schedule.P_plus[1], K=schedule.K[1], added=inverse(R))
     limit = steady.solve(system).P_minus
     r.value("vector_prior_covariance_steady", limit, "m²")
-    r.check(_("steady covariance of the vectors"), limit, vector_limit(Q, R) if p.R else Q, (_("Riccati equation"), _("scalar problems in common coordinates")))
+    r.check("steady covariance of the vectors", limit, by_hand.vector_limit(Q, R) if p.R else Q, ("Riccati equation", "scalar problems in common coordinates"))
     r.math(r"\bar P^- = {limit}", limit=limit)
 
 
 def plan(r, p, experiment, count):
     """Every number chosen."""
-    r.says(_("The ensemble is compared with the variances of (b), over enough measurements to see the steady state. Index 0 is $t_1$: the first measurement is made at the start, without a prediction."))
-    r.table("plan", [_("quantity"), _("value"), _("why")], [
-        [_("measurements"), count, _("several settling times, unless Q is small")],
-        [_("mean and variance of x(t1)"), [p.x1_mean, start(p)], _("from the given moments")],
-        [_("runs"), experiment.runs, fill(_("a standard error of the variance of {percent} %"), percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
-        [_("seed"), experiment.seed, _("any: the checks hold for all")],
-    ], _("Plan of the experiment."))  # fmt: skip
+    r.says("The ensemble is compared with the variances of (b), over enough measurements to see the steady state. Index 0 is $t_1$: the first measurement is made at the start, without a prediction.")
+    r.table("plan", ["quantity", "value", "why"], [
+        ["measurements", count, "several settling times, unless Q is small"],
+        ["mean and variance of x(t1)", [p.x1_mean, by_hand.start(p)], "from the given moments"],
+        ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
+        ["seed", experiment.seed, "any: the checks hold for all"],
+    ], "Plan of the experiment.")
 
 
 def part_c(r, p, answer, system, experiment, count):
     """Ensemble against theory."""
-    r.section("c", _("Ensemble against theory"))
+    r.section("c", "Ensemble against theory")
     limits = (answer["prior_variance_steady"], answer["posterior_variance_steady"])
     stats = portrait(r, experiment, system, count - 1, first=0, limits=limits, xlabel=SINCE)
     theory = covariances(system, count - 1, first=0)
     rows = [(i + 1, theory.sd_minus[i, 0], stats.rms_minus[i, 0], theory.sd_plus[i, 0], stats.rms[i, 0], stats.bias[i, 0], known(stats.nees[i]), known(stats.nis[i])) for i in (*range(min(p.steps, 6)), count - 1)]
-    r.table("ensemble", ["i", _("σ⁻ of theory, m"), _("RMS⁻, m"), _("σ⁺ of theory, m"), _("RMS⁺, m"), _("mean error⁺, m"), "NEES", "NIS"], rows,
-            _("The ensemble before (−) and after (+) the first measurements and the last one; NEES and NIS are averages over the runs, 1 in theory (— where the variance is zero)."))  # fmt: skip
+    r.table("ensemble", ["i", "σ⁻ of theory, m", "RMS⁻, m", "σ⁺ of theory, m", "RMS⁺, m", "mean error⁺, m", "NEES", "NIS"], rows,
+            "The ensemble before (−) and after (+) the first measurements and the last one; NEES and NIS are averages over the runs, 1 in theory (— where the variance is zero).")
     r.value("rms_error", stats.rms[:2, 0], "m", at=[1, 2])
-    r.says(_("The RMS errors after the first two measurements are {one} and {two} m; theory has √P⁺ = {first} and {second} m."), one=stats.rms[0, 0], two=stats.rms[1, 0], first=theory.sd_plus[0, 0], second=theory.sd_plus[1, 0])
+    r.says("The RMS errors after the first two measurements are {one} and {two} m; theory has √P⁺ = {first} and {second} m.", one=stats.rms[0, 0], two=stats.rms[1, 0], first=theory.sd_plus[0, 0], second=theory.sd_plus[1, 0])
 
 
 def known(x):
@@ -383,24 +266,39 @@ def known(x):
 
 def conclusions(r, p, answer):
     """What the numbers say."""
-    K, lines = two_measurements(p)["gain"], []
+    K, lines = by_hand.two_measurements(p)["gain"], []
     first, second = float(K[0]), float(K[1])
     if p.R == 0:
-        lines.append(_("The measurements are perfect: the estimate is the last measurement, and what was known before is of no use.") if second else _("The first measurement is perfect and the state does not move: the others add nothing.") if first else _("The state is known from the start and does not move; even perfect measurements add nothing to that."))
+        lines.append("The measurements are perfect: the estimate is the last measurement, and what was known before is of no use." if second else "The first measurement is perfect and the state does not move: the others add nothing." if first else "The state is known from the start and does not move; even perfect measurements add nothing to that.")
     else:
-        lines.append(fill(_("The first measurement has the weight {first} against the prior mean, the second {second} against the estimate before it."), first=first, second=second))
-        lines.append(fill(_("Each adds the information 1/R = {added} 1/m²; how much of the variance this removes depends on what was known: {one} % at t1, {two} % at t2."), added=1 / p.R, one=100 * first, two=100 * second))
-    if start(p) == 0 and p.R:
-        lines.append(_("x(t1) is known (its second moment is the square of its mean), so the first measurement changes nothing."))
+        lines.append(text("The first measurement has the weight {first} against the prior mean, the second {second} against the estimate before it.", first=first, second=second))
+        lines.append(text("Each adds the information 1/R = {added} 1/m²; how much of the variance this removes depends on what was known: {one} % at t1, {two} % at t2.", added=1 / p.R, one=100 * first, two=100 * second))
+    if by_hand.start(p) == 0 and p.R:
+        lines.append("x(t1) is known (its second moment is the square of its mean), so the first measurement changes nothing.")
     if p.Q and p.R:
-        lines.append(fill(_("The filter settles at measurement {settled}: P⁻ = {prior}, P⁺ = {posterior} m², K = {gain}."), settled=answer["settling_step"], prior=answer["prior_variance_steady"], posterior=answer["posterior_variance_steady"], gain=answer["gain_steady"]))
-    elif p.R and start(p):
-        lines.append(_("Without process noise the state is a constant: its variance falls like R/i and the gain tends to 0."))
+        lines.append(text("The filter settles at measurement {settled}: P⁻ = {prior}, P⁺ = {posterior} m², K = {gain}.", settled=answer["settling_step"], prior=answer["prior_variance_steady"], posterior=answer["posterior_variance_steady"], gain=answer["gain_steady"]))
+    elif p.R and by_hand.start(p):
+        lines.append("Without process noise the state is a constant: its variance falls like R/i and the gain tends to 0.")
     elif p.R:
-        lines.append(_("Without process noise it stays known for ever."))
-    lines.append(_("With vectors and H = I everything holds with matrices; in suitable coordinates the steady state splits into scalar ones."))
+        lines.append("Without process noise it stays known for ever.")
+    lines.append("With vectors and H = I everything holds with matrices; in suitable coordinates the steady state splits into scalar ones.")
     lines.append(largest(r))
     r.items(lines)
+
+
+PARTS = Skeleton(
+    analysis=(part_a, part_b, weights, vectors),
+    plan=plan,
+    experiment=(part_c,),
+    conclusions=conclusions,
+)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    answer, system = by_hand.analytic(p), model([p.x1_mean], [[by_hand.start(p)]], [[p.Q]], [[p.R]])
+    count = max(p.steps, SIMULATED)
+    return PARTS.report(META, p, experiment, answer=answer, system=system, N=min(count, LISTED), count=count)
 
 
 if __name__ == "__main__":

@@ -18,19 +18,21 @@ from dataclasses import replace
 import control
 import mpmath
 import numpy as np
-import scipy.integrate
-import sympy
+from ctlabs.tasks._task13_coefficients import TIME, coefficients, constants, scalar, transient
+from ctlabs.tasks._task13_experiment import ensembles, plan
+from ctlabs.tasks.answers import task13 as by_hand
+from ctlabs.tasks.answers.task13 import A0, A1, B0, B1
 
 from ctlabs.filtering import bucy, steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import largest
-from ctlabs.models import ContinuousModel, interop, observability, shaping, symbolic
+from ctlabs.labs.skeleton import Skeleton
+from ctlabs.models import interop, observability, shaping
 from ctlabs.models.discretisation import discretise
-from ctlabs.montecarlo import chance
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import Count, LabParameters, Positive, Real, Variance, given
 from ctlabs.reporting.report import EXACT, SOLVER, Report
-from ctlabs.text import _, fill, latex_number
+from ctlabs.text import latex_number, text
 
 META = {
     "name": "task13",
@@ -39,14 +41,9 @@ META = {
     "parts": ["a", "b", "c"],
 }
 
-#: The transfer function h(s)/h_c(s) = (b1 s + b0)/(s² + a1 s + a0) of the sheet.
-B1, B0, A1, A0 = 0.3, 0.003, 0.006, 0.003
-#: Times at which variances are given, s.
-TIMES = (1.0, 10.0, 60.0, 300.0)
 #: The data as printed, and as they read if "²" is a unit that lost its letter: N_c, N_m, variance of h_c0.
 PRINTED = (36.0**2, 81.0**2, 22500.0**2)
 UNITS = (36.0, 81.0, 22500.0)
-TIME = "t, s"
 
 
 class Parameters(LabParameters):
@@ -60,165 +57,10 @@ class Parameters(LabParameters):
     steps: Count = given(300, unit="1", meaning="sampled measurements in the experiment")
 
 
-def analytic(p):
-    """The sheet's answers, by hand: spectral factorisation for limits, closed forms for what leads to them."""
-    with mpmath.workdps(60):
-        d1, d0, P = two_state_limit(p.N_c, p.N_m)
-        roots = filter_roots(d1, d0)
-        far = float(30 / min(abs(root.real) for root in roots))
-        *at, last = covariance(p.N_c, p.N_m, p.var_hc0, (*TIMES, far))
-        prior, posterior, gain = sampled_limit(p.N_c, p.N_m, p.dt)
-        return {
-            "altitude_variance_steady_continuous": float(P[0, 0]),
-            "altitude_gain_steady_continuous": float(P[0, 0] / p.N_m),
-            "steady_covariance": np.array(P.tolist(), dtype=float)[:2, :2],
-            "filter_polynomial": [1.0, float(d1), float(d0)],
-            "filter_poles_continuous": sorted([float(z.real), float(z.imag)] for z in roots),
-            "altitude_variance_prior_steady": prior,
-            "altitude_variance_posterior_steady": posterior,
-            "altitude_gain_steady": gain,
-            "altitude_variance_continuous": [float(C[0, 0]) for C in at],
-            "command_variance_continuous": [float(C[2, 2]) for C in at],
-            "covariance_continuous": [np.array(C.tolist(), dtype=float) for C in at],
-            "far": far,
-            "far_covariance": np.array(last.tolist(), dtype=float),
-            "command_time_origin": float(far - (p.N_c + p.N_m) / last[2, 2]) if p.var_hc0 else None,
-        }
-
-
-def two_state_limit(N_c, N_m):
-    """d1, d0 of the filter's polynomial d(s)d(−s) = a(s)a(−s) + (N_c/N_m) b(s)b(−s), and the covariance (of 3 states)."""
-    a1, a0, b1, b0, ratio = *map(mpmath.mpf, (A1, A0, B1, B0)), mpmath.mpf(N_c) / N_m
-    d0 = mpmath.sqrt(a0**2 + ratio * b0**2)
-    d1 = mpmath.sqrt(a1**2 - 2 * a0 + ratio * b1**2 + 2 * d0)
-    P11, P12 = N_m * (d1 - a1), N_m * (d0 - a0)
-    # The equation of dP12/dt = 0 gives P22.
-    P22 = a1 * P12 + a0 * P11 - b1 * b0 * N_c + P11 * P12 / N_m
-    return d1, d0, mpmath.matrix([[P11, P12, 0], [P12, P22, 0], [0, 0, 0]])
-
-
-def filter_roots(d1, d0):
-    """The filter's poles; equal ones are set apart by less than any double shows."""
-    apart = mpmath.sqrt(d1**2 - 4 * d0 or d0 * mpmath.mpf(10) ** -40)
-    return [mpmath.mpc(-d1 - apart) / 2, mpmath.mpc(-d1 + apart) / 2]
-
-
-def covariance(N_c, N_m, var, times):
-    """P(t) of the three states: with X = P − P∞, A = F − KH and Γ = ∫e^{Aᵀs}HᵀHe^{As}ds/N_m, X = e^{At}X0(I + ΓX0)⁻¹e^{Aᵀt}."""
-    d1, d0, limit = two_state_limit(N_c, N_m)
-    a1, b1, b0 = map(mpmath.mpf, (A1, B1, B0))
-    q = mpmath.matrix([1, a1 - b1, 1])  # settled flight at the commanded altitude, as b0 = a0
-    X0, identity = var * q * q.T - limit, mpmath.eye(3)
-    roots = [*filter_roots(d1, d0), mpmath.mpc(0)]
-    # Eigenvectors of A = [[−d1, 1, b1], [−d0, 0, b0], [0, 0, 0]] by columns: (1, λ + d1, 0) and, for the constant command, its equilibrium.
-    V = mpmath.matrix([[1, 1, b0 / d0], [roots[0] + d1, roots[1] + d1, d1 * b0 / d0 - b1], [0, 0, 1]])
-    inverse, found = V**-1, []
-    for t in times:
-        M, grown = mpmath.zeros(3), mpmath.zeros(3)
-        for i in range(3):
-            grown[i, i] = mpmath.exp(roots[i] * t)
-            for j in range(3):
-                rate = roots[i] + roots[j]
-                M[i, j] = V[0, i] * V[0, j] * (mpmath.expm1(rate * t) / rate if rate else t) / N_m
-        Gamma, move = inverse.T * M * inverse, V * grown * inverse
-        P = limit + move * X0 * (identity + Gamma * X0) ** -1 * move.T
-        found.append(P.apply(mpmath.re))
-    return found
-
-
-def scalar_equations(N_c, N_m, start, times):
-    """P11, P12, P13, P22, P23, P33 at the times after the first, by integrating the six scalar equations from there."""
-
-    def rates(_t, P):
-        P11, P12, P13, P22, P23, P33 = P
-        return [
-            2 * (-A1 * P11 + P12 + B1 * P13) + B1**2 * N_c - P11**2 / N_m,
-            -A1 * P12 + P22 + B1 * P23 - A0 * P11 + B0 * P13 + B1 * B0 * N_c - P11 * P12 / N_m,
-            -A1 * P13 + P23 + B1 * P33 - P11 * P13 / N_m,
-            2 * (-A0 * P12 + B0 * P23) + B0**2 * N_c - P12**2 / N_m,
-            -A0 * P13 + B0 * P33 - P12 * P13 / N_m,
-            -(P13**2) / N_m,
-        ]
-
-    solution = scipy.integrate.solve_ivp(
-        rates, (times[0], times[-1]), start[np.triu_indices(3)], method="LSODA", t_eval=times[1:], rtol=1e-12,
-        atol=1e-13 * max(float(start[0, 0]), 1e-300),
-    )  # fmt: skip
-    return solution.y.T
-
-
-def transition(N_c, dt):
-    """Φ and Q_d of the three states, by Van Loan's block exponential with as many digits as it loses."""
-    F = mpmath.matrix([[-mpmath.mpf(A1), 1, B1], [-mpmath.mpf(A0), 0, B0], [0, 0, 0]])
-    G = mpmath.matrix([B1, B0, 0])
-    block = mpmath.zeros(6)
-    block[:3, :3], block[:3, 3:], block[3:, 3:] = -F * dt, G * G.T * mpmath.mpf(N_c) * dt, F.T * dt
-    whole = mpmath.expm(block)
-    Phi = whole[3:, 3:].T
-    return Phi, Phi * whole[:3, 3:]
-
-
-def sampled_limit(N_c, N_m, dt):
-    """P⁻, P⁺ and K of the altitude: R_d φ(z)φ(1/z) + n(z)Q_d n(1/z)ᵀ = S d(z)d(1/z), S = P⁻ + R_d."""
-    if not N_c:
-        return 0.0, 0.0, 0.0
-    with mpmath.workdps(60 + int(0.05 * dt)):
-        Phi, Qd = transition(N_c, dt)
-        R, trace, det = mpmath.mpf(N_m) / dt, Phi[0, 0] + Phi[1, 1], Phi[0, 0] * Phi[1, 1] - Phi[0, 1] * Phi[1, 0]
-        low = mpmath.matrix([[-Phi[1, 1], Phi[0, 1]]])
-        r2 = R * det
-        r1 = -R * trace * (1 + det) + (Qd[0, :2] * low.T)[0]
-        r0 = R * (1 + trace**2 + det**2) + Qd[0, 0] + (low * Qd[:2, :2] * low.T)[0]
-        # With u = z + 1/z the polynomial is r2(u² − 2) + r1 u + r0; of each pair z, 1/z the stable root.
-        apart = mpmath.sqrt(mpmath.mpc(r1**2 - 4 * r2 * (r0 - 2 * r2)))
-        inside = []
-        for u in ((-r1 + apart) / (2 * r2), (-r1 - apart) / (2 * r2)):
-            split = mpmath.sqrt(u**2 - 4)
-            inside.append(min((u + split) / 2, (u - split) / 2, key=abs))
-        S = mpmath.re(r2 / (inside[0] * inside[1]))
-        prior = S - R
-        return float(prior), float(prior * R / S), float(prior / S)
-
-
-def digits(p, k):
-    """Digits that the power of the linear map takes: over k periods its elements spread like e^(2·(sum of the poles)·k dt)."""
-    return 80 + int(k * p.dt * (0.2 + 0.3 * math.sqrt(p.N_c / p.N_m)))
-
-
-def sampled_covariance(p, k):
-    """P⁺ of the three states after k measurements: the k-th power of the linear map of (Y, X), P = Y X⁻¹."""
-    with mpmath.workdps(digits(p, k)):
-        Phi, Qd = transition(p.N_c, p.dt)
-        back, J = (Phi**-1).T, mpmath.zeros(3)
-        J[0, 0] = p.dt / mpmath.mpf(p.N_m)
-        step = mpmath.zeros(6)
-        step[:3, :3], step[:3, 3:] = Phi, Qd * back
-        step[3:, :3], step[3:, 3:] = J * Phi, back + J * Qd * back
-        q = mpmath.matrix([1, mpmath.mpf(A1) - mpmath.mpf(B1), 1])
-        start = mpmath.zeros(6, 3)
-        start[:3, :], start[3:, :] = p.var_hc0 * q * q.T, mpmath.eye(3)
-        both = step**k * start
-        P = both[:3, :] * both[3:, :] ** -1
-        return np.array(P.tolist(), dtype=float)
-
-
-def zero_roots():
-    """How often λ = 0 is a root of the characteristic polynomial of the three states' Hamiltonian matrix."""
-    b1, b0, a1, a0 = map(sympy.Rational, map(str, (B1, B0, A1, A0)))
-    F = sympy.Matrix([[-a1, 1, b1], [-a0, 0, b0], [0, 0, 0]])
-    N_c, N_m = sympy.symbols("N_c N_m", positive=True)
-    G, H, s = sympy.Matrix([b1, b0, 0]), sympy.Matrix([[1, 0, 0]]), sympy.Symbol("s")
-    hamiltonian = sympy.Matrix(sympy.BlockMatrix([[F, G * G.T * N_c], [H.T * H / N_m, -F.T]]))
-    polynomial = hamiltonian.charpoly(s)
-    return min(power for (power,), _coefficient in polynomial.terms())
-
-
 def plant(N_c, N_m):
     """Altitude and the second state of the observable form, the command without its noise's mean."""
-    return interop.from_control(
-        control.tf([B1, B0], [1, A1, A0]), Q=[[N_c]], Rc=[[N_m]], P0=np.zeros((2, 2)), realisation="observable",
-        states=["h", "x2"], units=["m", "m/s"], measurements=["h_m"],
-    )  # fmt: skip
+    return interop.from_control(control.tf([B1, B0], [1, A1, A0]), Q=[[N_c]], Rc=[[N_m]], P0=np.zeros((2, 2)),
+                                realisation="observable", states=["h", "x2"], units=["m", "m/s"], measurements=["h_m"])
 
 
 def model(N_c, N_m, var, mean):
@@ -229,350 +71,29 @@ def model(N_c, N_m, var, mean):
     return replace(shaping.augment(two, command), P0=var * np.outer(q, q), x0=mean * q)
 
 
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer = analytic(p)
-    two, three = plant(p.N_c, p.N_m), model(p.N_c, p.N_m, p.var_hc0, p.mean_hc0)
-    sampled = discretise(three, p.dt)
-    r.heading(_("Part I. Analysis"))
-    part_a(r, p, answer, two, three)
-    part_b(r, p, answer, discretise(two, p.dt), sampled)
-    data_sets(r, p)
-    r.heading(_("Plan of the experiment"))
-    fine, length, ratio = plan(r, p, experiment, two, three)
-    r.heading(_("Part II. Experiment"))
-    part_c(r, p, answer, three, sampled)
-    ensembles(r, p, answer, experiment, three, sampled, fine, length, ratio)
-    explanation(r, p, answer)
-    r.heading(_("Conclusions"))
-    conclusions(r, p, answer)
-    return r
-
-
 def part_a(r, p, answer, two, three):
     """The equations, and how their coefficients are found."""
-    r.section("a", _("Continuous measurements: the equations of the estimate and their coefficients"))
-    r.says(
-        _(
-            "**The model.** The transfer function becomes a state space in observable form, whose first state is the altitude itself:"
-        )
-    )
-    r.math(
-        r"\dot h = -a_1h + x_2 + b_1h_c, \quad \dot x_2 = -a_0h + b_0h_c, \qquad \frac{h(s)}{h_c(s)} = \frac{b_1s + b_0}{s^2 + a_1s + a_0}"
-    )
-    r.says(
-        _(
-            "with $b_1 = {b1}$, $b_0 = {b0}$, $a_1 = {a1}$, $a_0 = {a0}$. The transfer function is strictly proper, so the noise of the command enters the states and not the output, and the results for the altitude do not depend on the choice of states. The command $h_c = h_{c0} + \\delta h_c$ adds a third state, $\\dot{h}_{c0} = 0$:"
-        ),
-        b1=B1,
-        b0=B0,
-        a1=A1,
-        a0=A0,
-    )
+    r.section("a", "Continuous measurements: the equations of the estimate and their coefficients")
+    r.says("**The model.** The transfer function becomes a state space in observable form, whose first state is the altitude itself:")
+    r.math(r"\dot h = -a_1h + x_2 + b_1h_c, \quad \dot x_2 = -a_0h + b_0h_c, \qquad \frac{h(s)}{h_c(s)} = \frac{b_1s + b_0}{s^2 + a_1s + a_0}")
+    r.says("with $b_1 = {b1}$, $b_0 = {b0}$, $a_1 = {a1}$, $a_0 = {a0}$. The transfer function is strictly proper, so the noise of the command enters the states and not the output, and the results for the altitude do not depend on the choice of states. The command $h_c = h_{c0} + \\delta h_c$ adds a third state, $\\dot{h}_{c0} = 0$:",
+           b1=B1, b0=B0, a1=A1, a0=A0)
     r.model(three)
-    r.says(
-        _(
-            "(The second column of G belongs to the constant, which nothing drives.) The sheet gives no statistics of h and $x_2$ at t = 0. Settled flight at the commanded altitude is assumed: $(h, x_2, h_{c0}) = q\\,h_{c0}$ with the equilibrium $q = (1, {q2}, 1)$, hence $P_0 = \\mathrm{var}(h_{c0})\\,qq^T$, a singular matrix, and the mean $\\bar{h}_{c0}\\,q$."
-        ),
-        q2=float(three.P0[1, 2] / three.P0[2, 2]) if p.var_hc0 else A1 - B1,
-    )
+    r.says("(The second column of G belongs to the constant, which nothing drives.) The sheet gives no statistics of h and $x_2$ at t = 0. Settled flight at the commanded altitude is assumed: $(h, x_2, h_{c0}) = q\\,h_{c0}$ with the equilibrium $q = (1, {q2}, 1)$, hence $P_0 = \\mathrm{var}(h_{c0})\\,qq^T$, a singular matrix, and the mean $\\bar{h}_{c0}\\,q$.",
+           q2=float(three.P0[1, 2] / three.P0[2, 2]) if p.var_hc0 else A1 - B1)
     scalar(r)
     coefficients(r, p, answer, two, three)
     transient(r, p, answer, three)
 
 
-def scalar(r):
-    """Three estimate equations, three gains, six Riccati equations."""
-    letters = sympy.symbols("a_1 a_0 b_1 b_0 N_c N_m", positive=True)
-    a1, a0, b1, b0, N_c, N_m = letters
-    equations = symbolic.scalar_equations(
-        symbolic.SymbolicModel(
-            [[-a1, 1, b1], [-a0, 0, b0], [0, 0, 0]],
-            [[b1], [b0], [0]],
-            [[N_c]],
-            [[1, 0, 0]],
-            [[N_m]],
-            states=("h", "x_2", "h_c0"),
-        )
-    ).latex()
-    r.says(_("**The estimate** in scalar form (z is the measured altitude $h_m$):"))
-    for line in equations["estimate"]:
-        r.math(line)
-    r.says(_("**The gains** and the **six scalar Riccati equations** of their covariance:"))
-    r.math(r", \qquad ".join(equations["gain"]))
-    for line in equations["riccati"]:
-        r.math(line)
-
-
-def coefficients(r, p, answer, two, three):
-    """Why the gains come from integration, and what they tend to."""
-    r.says(
-        _(
-            "**The coefficients.** $a$, $b$ come from the transfer function. The gains need P(t), and P(t) needs $N_c$, $N_m$ and $P_0$, but no measurement: the six equations are integrated beforehand, from $P_0$, and $K_i(t) = P_{1i}(t)/N_m$. It is tempting to take the constant gains of the algebraic Riccati equation instead. It does not give them:"
-        )
-    )
-    dual = ContinuousModel(
-        F=three.F.T, G=np.eye(3), Q=np.zeros((3, 3)), H=(three.G @ three.Q).T, P0=np.zeros((3, 3)), states=three.states
-    )
-    undriven = observability.analyse(dual).undetectable_modes
-    limit = bucy.steady(three)
-    r.items([
-        _("No noise drives the mode with the {mode}: it neither decays nor is disturbed."),
-        _("So the Hamiltonian matrix of the equation has {zeros} eigenvalues on the imaginary axis (at 0) where a stabilising solution needs none."),
-        _("The covariance does have a limit, $P_{33} \\to 0$ and with it $K_3 \\to 0$, but with the limit gains the filter has the poles {poles} 1/s: the one at 0 means that an error of $\\hat{h}_{c0}$ would never be corrected. The constant gain is optimal only when nothing is left to estimate."),
-    ], mode=undriven[0], zeros=2 * len(undriven), poles=", ".join(latex_number(float(z.real)) if not z.imag else f"{latex_number(float(z.real))} ± {latex_number(abs(float(z.imag)))}i" for z in limit.poles if z.imag >= 0))  # fmt: skip
-    stabilising = bool((limit.poles.real < -observability.MARGIN * np.abs(limit.poles).max()).all())
-    r.value("verdict_a", stabilising)
-    r.says(
-        _(
-            "(The value `verdict_a` says whether the algebraic equation of the three states has a stabilising solution; the criterion is that every pole of the filter with the limit gains has a negative real part.)"
-        )
-    )
-    r.check(
-        _("eigenvalues at 0 of the Hamiltonian matrix"),
-        2 * len(undriven),
-        zero_roots(),
-        (_("undriven modes that do not decay, twice"), _("characteristic polynomial by sympy")),
-        EXACT,
-    )
-    r.says(
-        _(
-            "**The limit** is that of the two states which the noise drives, with a command that is known. Its Riccati equation has a stabilising solution; by hand it comes from spectral factorisation, where $d(s) = s^2 + d_1s + d_0$ is the polynomial of the filter:"
-        )
-    )
-    r.math(
-        r"d(s)d(-s) = a(s)a(-s) + \frac{N_c}{N_m}b(s)b(-s) \;\Rightarrow\; d_0 = \sqrt{a_0^2 + \frac{N_c}{N_m}b_0^2}, \quad d_1 = \sqrt{a_1^2 - 2a_0 + \frac{N_c}{N_m}b_1^2 + 2d_0}"
-    )
-    r.math(r"K_1 = d_1 - a_1, \qquad K_2 = d_0 - a_0, \qquad P_{11} = N_mK_1")
-    found, routes = bucy.steady(two), (_("Riccati equation"), _("spectral factorisation"))
-    r.value("altitude_variance_steady_continuous", found.P[0, 0], "m²", agrees=answer, routes=routes)
-    r.value("altitude_gain_steady_continuous", found.K[0, 0], "1/s", agrees=answer, routes=routes)
-    r.value("filter_polynomial", bucy.transfer_function(two)[1], "1", agrees=answer, routes=routes)
-    poles = [[float(z.real), float(z.imag)] for z in np.sort_complex(found.poles)]
-    r.value("filter_poles_continuous", poles, "1/s", agrees=answer, routes=routes)
-    r.check(
-        _("limit of the three-state covariance"),
-        limit.P[:2, :2],
-        answer["steady_covariance"],
-        (_("Riccati equation without the undriven mode"), _("spectral factorisation")),
-    )
-    r.check(
-        _("limit of P33"), limit.P[2, 2], 0.0, (_("Riccati equation without the undriven mode"), _("proved")), EXACT
-    )
-    r.says(_("Here $P_{11} \\to {P}$ m², $K_1 \\to {K1}$ 1/s, $K_2 \\to {K2}$ 1/s², and the filter has {poles}."),
-           P=found.P[0, 0], K1=found.K[0, 0], K2=found.K[1, 0], poles=constants(answer))  # fmt: skip
-    omega = np.geomspace(1e-4, 10 * max(1.0, float(np.abs(found.poles).max())), 500)
-    own = control.tf([B1, B0], [1, A1, A0])
-    if p.N_c:
-        figure = plots.bode(
-            {_("filter, $\\hat{h}/h_m$"): bucy.transfer_function(two), _("autopilot, $h/h_c$"): own}, omega
-        )
-        r.figure(
-            "bode",
-            figure,
-            _(
-                "Bode plot of the steady filter from the measured to the estimated altitude, and of the autopilot from the commanded altitude to the altitude."
-            ),
-        )
-    else:
-        r.says(
-            _(
-                "Without noise in the command the altitude becomes known from the model alone: the steady filter is zero, and there is nothing to plot."
-            )
-        )
-    figure = plots.poles({_("filter"): found.poles, _("autopilot"): own})
-    r.figure(
-        "poles", figure, _("Poles of the steady filter, and the lightly damped poles and the zero of the autopilot.")
-    )
-
-
-def constants(answer):
-    """The time constants of the filter in words."""
-    first, second = answer["filter_poles_continuous"]
-    if first[1]:
-        return fill(
-            _("an oscillation of {rate} rad/s that decays with the time constant {tau} s"),
-            rate=abs(first[1]),
-            tau=-1 / first[0],
-        )
-    return fill(_("the time constants {fast} s and {slow} s"), fast=-1 / first[0], slow=-1 / second[0])
-
-
-def transient(r, p, answer, three):
-    """P(t) and its approach to the limit."""
-    found = bucy.transient(three, (*TIMES, answer["far"]))
-    P, routes = found.P, (_("Riccati equation, integrated"), _("closed form, 60 digits"))
-    r.value("altitude_variance_continuous", P[:4, 0, 0], "m²", at=TIMES, agrees=answer, routes=routes)
-    r.value("command_variance_continuous", P[:4, 2, 2], "m²", at=TIMES, agrees=answer, routes=routes)
-    r.check(_("whole covariance at these times"), P[:4], answer["covariance_continuous"], routes)
-    six = scalar_equations(p.N_c, p.N_m, answer["covariance_continuous"][0], TIMES)
-    upper = [covariance[np.triu_indices(3)] for covariance in P[1:4]]
-    r.check(
-        _("the six scalar equations from 1 s on"),
-        upper,
-        six,
-        (_("Riccati equation, integrated"), _("scalar equations by LSODA")),
-    )
-    origin = None
-    if p.var_hc0:
-        r.says(
-            _(
-                "**The command.** If $h_{c0}$ were known, two states would be left, whose filter starts from P = 0 and settles. An error of $h_{c0}$ by 1 m shifts its innovations by S(t), which tends to $a_0/d_0$. So the measurements inform on $h_{c0}$ at the rate $S^2/N_m$:"
-            )
-        )
-        r.math(
-            r"\frac1{P_{33}(t)} = \frac1{\mathrm{var}(h_{c0})} + \int_0^t\frac{S^2(\tau)}{N_m}d\tau, \qquad \frac{S^2}{N_m} \to \frac{a_0^2}{d_0^2N_m} = \frac1{N_c + N_m}"
-        )
-        r.says(
-            _(
-                "(here $b_0 = a_0$: the autopilot holds a constant command without error.) A constant can be told from slow noise only through noise of both kinds, $N_c + N_m$, and its variance falls like one over time, from an origin t* that the beginning decides:"
-            )
-        )
-        r.math(
-            r"P_{33} \to \frac{N_c + N_m}{t - t^*}, \qquad P_{11} \to P_{11}(\infty) + \frac{N_m}{t - t^*}, \qquad K_3 \to \frac{\sqrt{1 + N_c/N_m}}{t - t^*} \to 0"
-        )
-        r.says(
-            _(
-                "The second follows since the altitude's error is that with the command known plus S times that of the command. ∎"
-            )
-        )
-        origin, far = answer["far"] - (p.N_c + p.N_m) / P[4, 2, 2], answer["far"]
-        r.value("command_time_origin", origin, "s")
-        # t* is what is left of the late time t when (N_c + N_m)/P33 is taken from it.
-        r.check(
-            _("command time origin"), origin, answer["command_time_origin"], routes, SOLVER, scale=far + abs(origin)
-        )
-        late, after = far - origin, fill(_("at {t} s"), t=far)
-        excess = P[4, 0, 0] - answer["altitude_variance_steady_continuous"]
-        r.check(
-            _("P11 − P11(∞) ") + after,
-            excess,
-            p.N_m / late,
-            (_("Riccati equation, integrated"), _("asymptote")),
-            SOLVER,
-            scale=float(P[4, 0, 0]),
-        )
-        r.check(
-            _("K3(t − t*) ") + after,
-            found.K[4, 2, 0] * late,
-            math.sqrt(1 + p.N_c / p.N_m),
-            (_("Riccati equation, integrated"), _("asymptote")),
-        )
-    else:
-        r.value("command_time_origin", None, "s", reason=_("the command is known from the start"))
-        r.says(
-            _(
-                "**The command** is known from the start (its variance is 0), so $P_{33} = 0$ and $K_3 = 0$ all the time, and only two states are estimated."
-            )
-        )
-    asymptote = [(p.N_c + p.N_m) / (t - origin) if origin is not None and t > origin else None for t in found.t]
-    above = [100 * (C[0, 0] / answer["altitude_variance_steady_continuous"] - 1) if p.N_c else None for C in P]
-    rows = [
-        (t, C[0, 0], a, C[2, 2], s, *K[:, 0])
-        for t, C, a, s, K in zip(found.t, P, above, asymptote, found.K, strict=True)
-    ]
-    r.table("transient", [_("t, s"), _("P11, m²"), _("above its limit, %"), _("P33, m²"), _("(N_c + N_m)/(t − t*), m²"), _("K1, 1/s"), _("K2, 1/s²"), _("K3, 1/s")], rows,
-            _("Variances and gains of the continuous filter; the last row is at 30 times its longest time constant."))  # fmt: skip
-    if P[2, 0, 0] > P[1, 0, 0] and p.var_hc0:
-        r.says(
-            _(
-                "P11 need not fall all the time: it is the sum of the variance with the command known, which rises from 0 to the limit, and of $S^2P_{33}$, which falls. Here it rises from {early} m² at 10 s to {late} m² at 60 s."
-            ),
-            early=P[1, 0, 0],
-            late=P[2, 0, 0],
-        )
-    settled(r, p, answer, above[3], origin)
-    figures(r, p, answer, three, origin)
-
-
-def settled(r, p, answer, above, origin):
-    """Whether the filter has settled at 300 s."""
-    if above is None:
-        r.value("altitude_excess_300s", None, "%", reason=_("the limit is 0"))
-        r.says(
-            _(
-                "Without noise in the command $P_{11}$ tends to 0 and never stays within a fraction of its limit: there is no settling."
-            )
-        )
-        return
-    r.value("altitude_excess_300s", above, "%")
-    hand = 100 * (answer["altitude_variance_continuous"][3] / answer["altitude_variance_steady_continuous"] - 1)
-    r.check(
-        _("excess of P11 at 300 s"),
-        above,
-        hand,
-        (_("Riccati equation, integrated"), _("closed form, 60 digits")),
-        SOLVER,
-        scale=100.0,
-    )
-    if abs(above) <= 1:
-        r.says(
-            _(
-                "At 300 s $P_{11}$ is {above} % from its limit: by the 1 % criterion the altitude has settled, while $P_{33}$ goes on falling."
-            ),
-            above=above,
-        )
-    else:
-        words = (
-            fill(
-                _("By the asymptote the 1 % band is reached at about {t} s."),
-                t=origin + 100 * p.N_m / answer["altitude_variance_steady_continuous"],
-            )
-            if origin is not None
-            else ""
-        )
-        r.says(
-            _(
-                "At 300 s $P_{11}$ is still {above} % from its limit: by the 1 % criterion it has **not settled**, for what is left of the command's error is in it. {words}"
-            ),
-            above=above,
-            words=words,
-        )
-
-
-def figures(r, p, answer, three, origin):
-    """P11(t), P33(t)."""
-    t = np.geomspace(0.1, max(1000.0, p.steps * p.dt), 121)
-    curve = bucy.transient(three, t).P
-    variances = {"$P_{11}$, altitude": curve[:, 0, 0], "$P_{33}$, command": curve[:, 2, 2]}
-    limits = {"$P_{11}$, altitude": answer["altitude_variance_steady_continuous"]} if p.N_c else {}
-    if origin is not None:
-        late = t > max(1.2 * origin, origin + 10)
-        variances["$(N_c + N_m)/(t - t^*)$"] = np.where(late, (p.N_c + p.N_m) / np.where(late, t - origin, 1.0), np.nan)
-    shown = {name: np.where(values > 0, values, np.nan) for name, values in variances.items() if (values > 0).any()}
-    if shown:
-        figure = plots.transient(
-            t,
-            shown,
-            xlabel=TIME,
-            ylabel=_("variance, m²"),
-            log="xy",
-            limits={name: value for name, value in limits.items() if name in shown},
-        )
-        r.figure(
-            "variances",
-            figure,
-            _(
-                "Variances of the continuous filter: the altitude tends to a limit, the command falls for ever along its asymptote."
-            ),
-        )
-    else:
-        r.says(_("All variances are zero: nothing is unknown, and there is nothing to plot."))
-
-
-def part_b(r, p, answer, two, three):
+def part_b(r, p, answer, pair, sampled):
     """Sampled measurements."""
-    r.section("b", _("Measurements once per period"))
-    r.says(
-        _(
-            'A measurement with the white noise of strength $N_m$ once per dt is taken as one with the variance $R_d = N_m/dt = {R}$ m² (the sheet\'s "intensity", at dt = 1 s the same number). The states are those of (a); over a period'
-        ),
-        R=float(three.R[0, 0]),
-    )
-    r.model(three)
-    f, c = three.Phi, three.offset
-    r.says(_("**Prediction** in scalar form:"))
+    r.section("b", "Measurements once per period")
+    r.says('A measurement with the white noise of strength $N_m$ once per dt is taken as one with the variance $R_d = N_m/dt = {R}$ m² (the sheet\'s "intensity", at dt = 1 s the same number). The states are those of (a); over a period',
+           R=float(sampled.R[0, 0]))
+    r.model(sampled)
+    f, c = sampled.Phi, sampled.offset
+    r.says("**Prediction** in scalar form:")
     for i, name in enumerate((r"\hat h", r"\hat x_2", r"\hat h_{c0}")):
         terms = " ".join(
             f"{signed(f[i, j])}\\,{other}^+(t_k)"
@@ -580,69 +101,42 @@ def part_b(r, p, answer, two, three):
             if f[i, j]
         ).lstrip("+ ")
         r.math(f"{name}^-(t_{{k+1}}) = " + terms)
-    r.says(
-        _(
-            "**Update** with the innovation $\\nu = h_m - \\hat{h}^-$, and the covariance in six scalars, $i \\le j$, with $\\Phi$ and $Q_d$ of above:"
-        )
-    )
-    r.math(
-        r"\hat h^+ = \hat h^- + K_1\nu, \quad \hat x_2^+ = \hat x_2^- + K_2\nu, \quad \hat h_{c0}^+ = \hat h_{c0}^- + K_3\nu, \qquad K_i = \frac{P_{1i}^-}{P_{11}^- + R_d}"
-    )
-    r.math(
-        r"P_{ij}^-(t_{k+1}) = \sum_{l,m}\varphi_{il}\varphi_{jm}P_{lm}^+(t_k) + q_{ij}, \qquad P_{ij}^+ = P_{ij}^- - K_iP_{1j}^-"
-    )
-    r.says(
-        _(
-            "The gains come from this recursion, run beforehand from $P_0$. For the same reason as in (a) the three-state equation has no stabilising solution, and the limits are those of the two driven states."
-        )
-    )
+    r.says("**Update** with the innovation $\\nu = h_m - \\hat{h}^-$, and the covariance in six scalars, $i \\le j$, with $\\Phi$ and $Q_d$ of above:")
+    r.math(r"\hat h^+ = \hat h^- + K_1\nu, \quad \hat x_2^+ = \hat x_2^- + K_2\nu, \quad \hat h_{c0}^+ = \hat h_{c0}^- + K_3\nu, \qquad K_i = \frac{P_{1i}^-}{P_{11}^- + R_d}")
+    r.math(r"P_{ij}^-(t_{k+1}) = \sum_{l,m}\varphi_{il}\varphi_{jm}P_{lm}^+(t_k) + q_{ij}, \qquad P_{ij}^+ = P_{ij}^- - K_iP_{1j}^-")
+    r.says("The gains come from this recursion, run beforehand from $P_0$. For the same reason as in (a) the three-state equation has no stabilising solution, and the limits are those of the two driven states.")
     if c is not None:
         r.math(r"c = {c}", c=c)
-    limit, routes = steady.solve(two), (_("Riccati equation"), _("spectral factorisation"))
+    sampled_limit(r, p, answer, pair, sampled)
+
+
+def sampled_limit(r, p, answer, pair, sampled):
+    """The limit of the sampled filter, and its way there."""
+    limit, routes = steady.solve(pair), ("Riccati equation", "spectral factorisation")
     r.value("altitude_variance_prior_steady", limit.P_minus[0, 0], "m²", agrees=answer, routes=routes)
     r.value("altitude_variance_posterior_steady", limit.P_plus[0, 0], "m²", agrees=answer, routes=routes)
     r.value("altitude_gain_steady", limit.K[0, 0], "1", agrees=answer, routes=routes)
-    whole = steady.solve(three)
-    r.check(
-        _("limit of the three-state filter"),
-        whole.P_plus[:2, :2],
-        limit.P_plus,
-        (_("three states without the undriven mode"), _("two states")),
-    )
-    shown = covariances(three, p.steps)
+    whole = steady.solve(sampled)
+    r.check("limit of the three-state filter", whole.P_plus[:2, :2], limit.P_plus,
+            ("three states without the undriven mode", "two states"))
+    shown = covariances(sampled, p.steps)
     entered = np.maximum.accumulate(np.abs(shown.P_minus).max(axis=(1, 2)))
-    routes = (_("recursion"), _("power of the linear map, with many digits"))
+    routes = ("recursion", "power of the linear map, with many digits")
     for k in sorted({1, math.ceil(p.steps / 10), p.steps}):
-        if digits(p, k) <= 2000:
+        if by_hand.digits(p, k) <= 2000:
             # The recursion rounds relative to the largest covariance that has gone through it.
-            r.check(
-                fill(_("P⁺ at measurement {k}"), k=k),
-                shown.P_plus[k],
-                sampled_covariance(p, k),
-                routes,
-                EXACT,
-                scale=float(entered[k]) or 1.0,
-            )
+            r.check(text("P⁺ at measurement {k}", k=k), shown.P_plus[k], by_hand.sampled_covariance(p, k), routes, EXACT,
+                    scale=float(entered[k]) or 1.0)
     P = shown.P_minus[-1]
-    r.check(
-        _("gains at the last measurement"),
-        shown.K[-1, :, 0],
-        P[:, 0] / (P[0, 0] + p.N_m / p.dt),
-        (_("filter"), _("scalar form")),
-        EXACT,
-    )
+    r.check("gains at the last measurement", shown.K[-1, :, 0], P[:, 0] / (P[0, 0] + p.N_m / p.dt),
+            ("filter", "scalar form"), EXACT)
     first, second = np.abs(limit.poles)
-    r.says(_("In the limit $P_{11}^- = {prior}$ m² before and $P_{11}^+ = {posterior}$ m² after a measurement, $K_1 = {gain}$; the poles of the two-state filter have the moduli {first} and {second}."),
-           prior=limit.P_minus[0, 0], posterior=limit.P_plus[0, 0], gain=limit.K[0, 0], first=float(max(first, second)), second=float(min(first, second)))  # fmt: skip
+    r.says("In the limit $P_{11}^- = {prior}$ m² before and $P_{11}^+ = {posterior}$ m² after a measurement, $K_1 = {gain}$; the poles of the two-state filter have the moduli {first} and {second}.",
+           prior=limit.P_minus[0, 0], posterior=limit.P_plus[0, 0], gain=limit.K[0, 0], first=float(max(first, second)), second=float(min(first, second)))
     loss = observability.loss_by_sampling(plant(p.N_c, p.N_m), p.dt)
     if loss.lost:
-        r.says(
-            _(
-                "With this period the samples see only {rank} of the two states: the period is a multiple of half the autopilot's own period, {lost} s."
-            ),
-            rank=loss.rank,
-            lost=loss.losing_periods[0],
-        )
+        r.says("With this period the samples see only {rank} of the two states: the period is a multiple of half the autopilot's own period, {lost} s.",
+               rank=loss.rank, lost=loss.losing_periods[0])
 
 
 def signed(value):
@@ -653,15 +147,11 @@ def signed(value):
 
 def data_sets(r, p):
     """The data as printed, and without the squares, beside the given ones."""
-    r.says(
-        _(
-            '**The data.** The sheet prints 22500², 36² and 81². They are taken as they stand, yet such numbers are more likely units that lost their letter, "22500 m²" and so on; both readings are computed:'
-        )
-    )
+    r.says('**The data.** The sheet prints 22500², 36² and 81². They are taken as they stand, yet such numbers are more likely units that lost their letter, "22500 m²" and so on; both readings are computed:')
     own = (p.N_c, p.N_m, p.var_hc0)
-    sets = {_("as printed"): PRINTED, _("without the squares"): UNITS}
+    sets = {"as printed": PRINTED, "without the squares": UNITS}
     if own not in sets.values():
-        sets = {_("given parameters"): own} | sets
+        sets = {"given parameters": own} | sets
     rows = []
     for name, (N_c, N_m, var) in sets.items():
         two, three = plant(N_c, N_m), model(N_c, N_m, var, p.mean_hc0)
@@ -669,53 +159,22 @@ def data_sets(r, p):
         last = bucy.transient(three, [300.0]).P[0]
         mark = own == (N_c, N_m, var)
         with mpmath.workdps(60):
-            hand = two_state_limit(N_c, N_m)[2]
-        r.check(
-            fill(_("P11 in the limit, {name}"), name=name),
-            limit.P[0, 0],
-            float(hand[0, 0]),
-            (_("Riccati equation"), _("spectral factorisation")),
-        )
-        r.check(
-            fill(_("P⁻, P⁺, K in the limit, {name}"), name=name),
-            [discrete.P_minus[0, 0], discrete.P_plus[0, 0], discrete.K[0, 0]],
-            sampled_limit(N_c, N_m, p.dt),
-            (_("Riccati equation"), _("spectral factorisation")),
-        )
-        rows.append((
-            name + (_(" (the given ones)") if mark else ""), N_c, N_m, var, limit.P[0, 0], limit.K[0, 0], discrete.P_minus[0, 0], discrete.P_plus[0, 0], discrete.K[0, 0],
-            last[0, 0], 100 * (last[0, 0] / limit.P[0, 0] - 1) if N_c else None, last[2, 2],
-        ))  # fmt: skip
-    r.table("data", [_("data"), "N_c", "N_m", _("var h_c0, m²"), _("P11(∞), m²"), _("K1(∞), 1/s"), _("P⁻(∞), m²"), _("P⁺(∞), m²"), _("K(∞)"), _("P11(300 s), m²"), _("above its limit, %"), _("P33(300 s), m²")], rows,
-            _("Two readings of the data."))  # fmt: skip
-
-
-def plan(r, p, experiment, two, three):
-    """Every number chosen; returns the fine model, its steps, and how many of them make a period."""
-    fastest = float(np.abs(bucy.steady(two).poles).max())
-    ratio = max(1, math.ceil(100 * p.dt * fastest))
-    length = min(ratio * p.steps, 4000)
-    fine = discretise(three, p.dt / ratio)
-    r.says(
-        _(
-            "White noise has no values, so the continuous filter is simulated by the discrete one with a period δ much shorter than the filter's time constants and measurements of the variance $N_m/\\delta$. The states move by the exact transition over δ; only the measurements are replaced, and the filter's variance differs from P(t) by O(δ), as stated with the results. In the pictures of single runs both filters watch the same flight."
-        )
-    )
-    r.table("plan", [_("quantity"), _("value"), _("why")], [
-        [_("period of the sampled measurements dt, s"), p.dt, _("given")],
-        [_("sampled measurements"), p.steps, _("given")],
-        [_("period δ in place of continuous time, s"), p.dt / ratio, fill(_("a hundredth of 1/|fastest pole| = {tau} s or dt if that is shorter; a whole number in dt"), tau=1 / fastest)],
-        [_("steps of length δ"), length, _("the same horizon, 4000 steps at most")],
-        [_("initial state"), _("settled flight"), _("the sheet gives none: $P_0$ of (a), by which the first innovations are of the order of 10⁴ m with the printed data") if p.var_hc0 > 1e8 else _("the sheet gives none: $P_0$ of (a)")],
-        [_("runs"), experiment.runs, fill(_("a standard error of the variance of {percent} %"), percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
-        [_("seed"), experiment.seed, _("another stream of random numbers for each ensemble")],
-    ], _("Plan of the experiment."))  # fmt: skip
-    return fine, length, ratio
+            hand = by_hand.two_state_limit(N_c, N_m)[2]
+        r.check(text("P11 in the limit, {name}", name=name), limit.P[0, 0], float(hand[0, 0]),
+                ("Riccati equation", "spectral factorisation"))
+        r.check(text("P⁻, P⁺, K in the limit, {name}", name=name),
+                [discrete.P_minus[0, 0], discrete.P_plus[0, 0], discrete.K[0, 0]], by_hand.sampled_limit(N_c, N_m, p.dt),
+                ("Riccati equation", "spectral factorisation"))
+        rows.append((text("{name} (the given ones)" if mark else "{name}", name=name), N_c, N_m, var, limit.P[0, 0], limit.K[0, 0],
+                     discrete.P_minus[0, 0], discrete.P_plus[0, 0], discrete.K[0, 0], last[0, 0],
+                     100 * (last[0, 0] / limit.P[0, 0] - 1) if N_c else None, last[2, 2]))
+    r.table("data", ["data", "N_c", "N_m", "var h_c0, m²", "P11(∞), m²", "K1(∞), 1/s", "P⁻(∞), m²", "P⁺(∞), m²", "K(∞)", "P11(300 s), m²", "above its limit, %", "P33(300 s), m²"], rows,
+            "Two readings of the data.")
 
 
 def part_c(r, p, answer, three, sampled):
     """Variances and gains of both filters."""
-    r.section("c", _("Comparison of both filters"))
+    r.section("c", "Comparison of both filters")
     plan_b = covariances(sampled, p.steps)
     end = float(plan_b.t[-1])
     # Half of the instants for the logarithmic axes, half for the linear ones.
@@ -723,48 +182,31 @@ def part_c(r, p, answer, three, sampled):
     t = np.unique(np.concatenate([np.geomspace(start, end, 80), np.linspace(end / 80, end, 80)]))
     continuous = bucy.transient(three, t)
     top = max(plan_b.P_minus[-1, 0, 0], continuous.P[-1, 0, 0])
-    label = fill(_("dt = {dt} s"), dt=p.dt)
+    label = text("dt = {dt} s", dt=p.dt)
     if top > 0:
         figure = plots.sampled({label: plan_b}, t, continuous.P[:, 0, 0], xlabel=TIME, ylabel="$P_{11}$, m²", log="xy")
-        r.figure(
-            "sawtooth",
-            figure,
-            _(
-                "Variance of the altitude from the start, both axes logarithmic: the continuous P(t) and the sawtooth of the sampled filter."
-            ),
-        )
-        figure = plots.sampled(
-            {label: plan_b},
-            t,
-            continuous.P[:, 0, 0],
-            xlabel=TIME,
-            ylabel="$P_{11}$, m²",
-            limit=answer["altitude_variance_steady_continuous"],
-            ylim=(0.0, 2 * top),
-        )
+        r.figure("sawtooth", figure,
+                 "Variance of the altitude from the start, both axes logarithmic: the continuous P(t) and the sawtooth of the sampled filter.")
+        figure = plots.sampled({label: plan_b}, t, continuous.P[:, 0, 0], xlabel=TIME, ylabel="$P_{11}$, m²",
+                               limit=answer["altitude_variance_steady_continuous"], ylim=(0.0, 2 * top))
         r.figure(
             "sawtooth_late",
             figure,
-            _(
-                "The same on a linear scale: P(t) runs between the teeth, both towards limits that they have not reached while the command is still being learnt."
-            )
+            "The same on a linear scale: P(t) runs between the teeth, both towards limits that they have not reached while the command is still being learnt."
             if p.var_hc0
-            else _("The same on a linear scale: P(t) runs between the teeth."),
+            else "The same on a linear scale: P(t) runs between the teeth.",
         )
     shown = continuous.P[:, 0, 0] > 0
     log = "xy" if shown.any() and p.var_hc0 else "x"
-    figure = plots.gains(
-        t,
-        continuous.K,
-        plan_b,
-        names=["|$K_1$|", "|$K_2$|", "|$K_3$|"] if log == "xy" else ["$K_1$", "$K_2$", "$K_3$"],
-        units=["1/s", "1/s²", "1/s"],
-        xlabel=TIME,
-        log=log,
-    )
-    r.figure(
-        "gains", figure, _("Gains of the continuous filter, and those of the sampled filter divided by its period.")
-    )
+    figure = plots.gains(t, continuous.K, plan_b,
+                         names=["|$K_1$|", "|$K_2$|", "|$K_3$|"] if log == "xy" else ["$K_1$", "$K_2$", "$K_3$"],
+                         units=["1/s", "1/s²", "1/s"], xlabel=TIME, log=log)
+    r.figure("gains", figure, "Gains of the continuous filter, and those of the sampled filter divided by its period.")
+    compared(r, p, three, plan_b)
+
+
+def compared(r, p, three, plan_b):
+    """Both filters at some instants."""
     rows = [
         (
             k,
@@ -776,111 +218,14 @@ def part_c(r, p, answer, three, sampled):
         )
         for k in sorted({1, math.ceil(p.steps / 30), math.ceil(p.steps / 5), p.steps})
     ]
-    r.table(
-        "compare",
-        [_("measurement"), _("t, s"), _("P11⁻, m²"), _("P11⁺, m²"), _("P11(t), m²"), _("√P33⁺, m")],
-        rows,
-        _("Both filters at the same times."),
-    )
+    r.table("compare", ["measurement", "t, s", "P11⁻, m²", "P11⁺, m²", "P11(t), m²", "√P33⁺, m"], rows,
+            "Both filters at the same times.")
     span = 1 / float(np.abs(bucy.steady(plant(p.N_c, p.N_m)).poles).max())
     target, counts = float(bucy.transient(three, [span]).P[0, 0, 0]), (40, 80, 160)
     ends = [float(covariances(discretise(three, span / n), n).P_plus[-1, 0, 0]) for n in counts]
     if p.N_c:
-        r.order(
-            _("P11⁺ at the shortest time constant, towards P11(t) as dt → 0"),
-            [target - P for P in ends],
-            1.0,
-            (_("recursion"), _("Riccati equation, integrated")),
-        )
-
-
-def ensembles(r, p, answer, experiment, three, sampled, fine, length, ratio):
-    """Both filters on simulated data."""
-    watched = replace(fine, R=np.where(np.arange(length + 1) % ratio == 0, p.N_m / p.dt, np.inf)[:, None, None])
-    runs = {_("continuous filter"): (experiment.histories(fine, steps=length, runs=1), 1)}
-    if ratio <= length:
-        runs[_("sampled filter")] = (experiment.histories(watched, steps=length, runs=1), ratio)
-    last, cut = list(runs.values())[-1][0], slice(ratio, None, ratio)
-    for i, key, name, caption in (
-        (0, "altitude", _("altitude, m"), _("One flight: the altitude h, the sampled measurements $h_m$, and the estimates of both filters with their ±σ bands, from the first measurement on.")),
-        (2, "command", _("commanded altitude $h_{c0}$, m"), _("The estimate of the command in the same flight, with ±√P33.")),
-    ):  # fmt: skip
-        if i == 2 and not p.var_hc0:
-            continue
-        # The altitude from the first sampled measurement on: what precedes it is off the scale.
-        begin = ratio if i == 0 and ratio < length else 1
-        tracks = {}
-        for who, (e, step) in runs.items():
-            shown = slice(max(begin, step), None, step)
-            tracks[who] = (e.t[shown], e.x_plus[shown, i, 0], e.sd_plus[shown, i])
-        measured = (last.t[cut], last.z[cut, 0, 0]) if i == 0 and len(runs) == 2 else None
-        figure = plots.estimates(
-            (last.t[begin:], last.truth[begin:, i, 0]),
-            tracks,
-            xlabel=TIME,
-            ylabel=name,
-            measurements=measured,
-            log="x" if i else "",
-        )
-        r.figure(key, figure, caption)
-    # What the noise has brought in must stand above the rounding of what the filter began with.
-    regular = answer["altitude_variance_steady_continuous"] > 1e3 * np.finfo(float).eps * three.P0.max()
-    if not regular:
-        r.says(
-            _(
-                "The NEES is not tested: with so little noise in the command the errors of the three states are multiples of one another, and other directions of the covariance hold nothing but rounding."
-            )
-        )
-    rows = []
-    for stream, (name, key, system, count) in enumerate((
-        (_("continuous (period δ)"), "ensemble_continuous", fine, length),
-        (_("sampled"), "ensemble", sampled, p.steps),
-    ), start=2):  # fmt: skip
-        stats, theory = experiment.statistics(system, steps=count, stream=stream), covariances(system, count)
-        tests = [
-            (_("mean error"), chance.bias(stats, theory.P_plus)),
-            (_("error variance"), chance.variance(stats, theory.P_plus)),
-            (_("NIS"), chance.nis(stats)),
-        ]
-        if regular:
-            tests.append((_("NEES"), chance.nees(stats)))
-        for what, test in tests:
-            r.chance(f"{what}, {name}", test)
-        some = np.unique(np.geomspace(1, count, 150).astype(int))
-        continuous, discrete = bucy.transient(three, theory.t[some]).P[:, 0, 0], theory.P_plus[some, 0, 0]
-        apart = np.abs(discrete / np.where(continuous > 0, continuous, 1.0) - 1)[continuous > 0]
-        rows.append(
-            (
-                name,
-                theory.t[-1],
-                theory.sd_plus[-1, 0],
-                stats.rms[-1, 0],
-                stats.bias[-1, 0],
-                theory.sd_plus[-1, 2],
-                stats.rms[-1, 2],
-                100 * float(apart.max(initial=0.0)),
-                max(abs(test.value) for _what, test in tests),
-            )
-        )
-        figure = plots.ensemble_log(
-            stats, theory.P_plus, xlabel=TIME, units=["m", "m/s", "m"], names=["h", "x2", "h_c0"], log="xy"
-        )
-        r.figure(
-            key,
-            figure,
-            _(
-                "Ensemble against theory, {name} filter: RMS on a logarithmic scale and mean error in units of σ, with the bands of 95 % of ensembles; NEES and NIS averaged over the runs."
-            ),
-            name=name,
-        )
-    r.table("ensemble", [_("filter"), _("to t, s"), _("σ of h in theory, m"), _("RMS of h, m"), _("mean error of h, m"), _("σ of h_c0 in theory, m"), _("RMS of h_c0, m"), _("P11⁺ from P11(t), % at most"), _("largest deviation, σ")], rows,
-            _("The ensembles at the last instant. The deviation of P11⁺ from the continuous P11(t) is that of theory, over the whole horizon; the last column is over all instants and tests."))  # fmt: skip
-    r.says(
-        _(
-            "With the period δ in place of continuous time the variance of the altitude differs from P(t) by {percent} % at most: to that accuracy the ensemble shows the continuous filter."
-        ),
-        percent=rows[0][7],
-    )
+        r.order("P11⁺ at the shortest time constant, towards P11(t) as dt → 0", [target - P for P in ends], 1.0,
+                ("recursion", "Riccati equation, integrated"))
 
 
 def explanation(r, p, answer):
@@ -889,11 +234,7 @@ def explanation(r, p, answer):
         answer[f"altitude_variance_{name}"] for name in ("prior_steady", "posterior_steady", "steady_continuous")
     )
     if not limit:
-        r.says(
-            _(
-                "**Explanation.** Without noise in the command both filters learn the flight exactly, and the period makes no difference to the limit."
-            )
-        )
+        r.says("**Explanation.** Without noise in the command both filters learn the flight exactly, and the period makes no difference to the limit.")
         return
     found = [
         r.values[f"altitude_variance_{name}"].value
@@ -901,80 +242,66 @@ def explanation(r, p, answer):
     ]
     cost = 100 * (0.5 * (found[0] + found[1]) / found[2] - 1)
     r.value("sampling_cost", cost, "%")
-    r.check(
-        _("cost of sampling"),
-        cost,
-        100 * (0.5 * (prior + posterior) / limit - 1),
-        (_("Riccati equations"), _("spectral factorisation")),
-        SOLVER,
-        scale=100.0,
-    )
-    r.says(
-        _("**Explanation.** The steady filter has {constants}, the period is {dt} s. {words} Over a period the variance swings between {posterior} and {prior} m², and the mean of the two, {mean} m², is {cost} % above the continuous limit {limit} m². What the sampled filter loses is only what the altitude does between two measurements; their information is the same, for $R_d\\,dt = N_m$."),
-        constants=constants(answer), dt=p.dt, posterior=posterior, prior=prior, mean=0.5 * (prior + posterior), cost=round(cost, 4), limit=limit, words=slowness(p, answer),
-    )  # fmt: skip
+    r.check("cost of sampling", cost, 100 * (0.5 * (prior + posterior) / limit - 1),
+            ("Riccati equations", "spectral factorisation"), SOLVER, scale=100.0)
+    r.says("**Explanation.** The steady filter has {constants}, the period is {dt} s. {words} Over a period the variance swings between {posterior} and {prior} m², and the mean of the two, {mean} m², is {cost} % above the continuous limit {limit} m². What the sampled filter loses is only what the altitude does between two measurements; their information is the same, for $R_d\\,dt = N_m$.",
+           constants=constants(answer), dt=p.dt, posterior=posterior, prior=prior, mean=0.5 * (prior + posterior),
+           cost=round(cost, 4), limit=limit, words=slowness(p, answer))
 
 
 def slowness(p, answer):
     """Whether the filter is slow beside the period."""
     shortest = min(1 / math.hypot(*pole) for pole in answer["filter_poles_continuous"])
     if p.dt <= 0.2 * shortest:
-        return fill(
-            _("It averages over some {n} measurements, so it matters little when exactly they come."),
-            n=round(shortest / p.dt),
-        )
+        return text("It averages over some {n} measurements, so it matters little when exactly they come.",
+                    n=round(shortest / p.dt))
     if p.dt <= shortest:
-        return _("It averages over a few measurements only, and sampling is felt.")
-    return _(
-        "The period is longer than the filter's memory: each measurement stands almost alone, and sampling is felt strongly."
-    )
+        return "It averages over a few measurements only, and sampling is felt."
+    return "The period is longer than the filter's memory: each measurement stands almost alone, and sampling is felt strongly."
 
 
 def conclusions(r, p, answer):
     """What the numbers say."""
     limit, lines = answer["altitude_variance_steady_continuous"], []
     if limit:
-        lines.append(fill(_("The continuous filter estimates the altitude with a variance that tends to {P} m² (σ = {sd} m) and the gain {K} 1/s; it has {constants}."),
-                          P=limit, sd=math.sqrt(limit), K=answer["altitude_gain_steady_continuous"], constants=constants(answer)))  # fmt: skip
+        lines.append(text("The continuous filter estimates the altitude with a variance that tends to {P} m² (σ = {sd} m) and the gain {K} 1/s; it has {constants}.",
+                          P=limit, sd=math.sqrt(limit), K=answer["altitude_gain_steady_continuous"], constants=constants(answer)))
     else:
-        lines.append(
-            _(
-                "Without noise in the command the variance of the altitude tends to 0, like that of the command: in the end the model alone tells the altitude."
-            )
-        )
-    lines.append(
-        _(
-            "The gains cannot be had from an algebraic Riccati equation of the three states, since nothing drives the constant command; they are integrated from P0."
-        )
-    )
+        lines.append("Without noise in the command the variance of the altitude tends to 0, like that of the command: in the end the model alone tells the altitude.")
+    lines.append("The gains cannot be had from an algebraic Riccati equation of the three states, since nothing drives the constant command; they are integrated from P0.")
     if p.var_hc0:
-        lines.append(fill(_("The commanded constant becomes known like (N_c + N_m)/(t − t*), t* = {origin} s: σ = {sd} m at 300 s. Its gain K3 tends to 0."),
-                          origin=answer["command_time_origin"], sd=math.sqrt(answer["command_variance_continuous"][3])))  # fmt: skip
+        lines.append(text("The commanded constant becomes known like (N_c + N_m)/(t − t*), t* = {origin} s: σ = {sd} m at 300 s. Its gain K3 tends to 0.",
+                          origin=answer["command_time_origin"], sd=math.sqrt(answer["command_variance_continuous"][3])))
     else:
-        lines.append(
-            _("The command is known from the start, and only the noise of the command and of the measurements counts.")
-        )
+        lines.append("The command is known from the start, and only the noise of the command and of the measurements counts.")
     above = r.values["altitude_excess_300s"].value
     if above is not None and abs(above) > 1:
-        lines.append(
-            fill(
-                _(
-                    "At 300 s the variance of the altitude is {above} % above its limit: the filter has not settled by the 1 % criterion."
-                ),
-                above=above,
-            )
-        )
+        lines.append(text("At 300 s the variance of the altitude is {above} % above its limit: the filter has not settled by the 1 % criterion.",
+                          above=above))
     elif above is not None:
-        lines.append(
-            fill(_("At 300 s the variance of the altitude is within 1 % of its limit ({above} %)."), above=above)
-        )
+        lines.append(text("At 300 s the variance of the altitude is within 1 % of its limit ({above} %).", above=above))
     if limit:
         cost = r.values["sampling_cost"].value
-        word = _("nearly as good as") if cost < 5 else _("worse than")
-        lines.append(fill(_("Measurements every {dt} s are {word} continuous ones: the variance swings between {posterior} and {prior} m², on average {cost} % above the continuous limit."),
-                          dt=p.dt, word=word, posterior=answer["altitude_variance_posterior_steady"], prior=answer["altitude_variance_prior_steady"], cost=round(cost, 4)))  # fmt: skip
+        word = "nearly as good as" if cost < 5 else "worse than"
+        lines.append(text("Measurements every {dt} s are {word} continuous ones: the variance swings between {posterior} and {prior} m², on average {cost} % above the continuous limit.",
+                          dt=p.dt, word=word, posterior=answer["altitude_variance_posterior_steady"], prior=answer["altitude_variance_prior_steady"], cost=round(cost, 4)))
     lines.append(largest(r))
     r.items(lines)
+
+
+PARTS = Skeleton(
+    analysis=(part_a, part_b, data_sets),
+    plan=plan,
+    experiment=(part_c, ensembles, explanation),
+    conclusions=conclusions,
+)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    two, three = plant(p.N_c, p.N_m), model(p.N_c, p.N_m, p.var_hc0, p.mean_hc0)
+    return PARTS.report(META, p, experiment, answer=by_hand.analytic(p), two=two, three=three,
+                        pair=discretise(two, p.dt), sampled=discretise(three, p.dt))
 
 
 if __name__ == "__main__":

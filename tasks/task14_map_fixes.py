@@ -11,19 +11,20 @@ C(10, 2) = 45 pairs.
 
 import math
 from dataclasses import replace
-from itertools import combinations
 
 import numpy as np
+from ctlabs.tasks.answers import task14 as by_hand
 from pydantic import model_validator
 
 from ctlabs.analysis import scheduling
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import Count, LabParameters, Positive, Real, given
 from ctlabs.reporting.report import EXACT, Report
-from ctlabs.text import _, fill
+from ctlabs.text import text
 
 META = {
     "name": "task14",
@@ -55,56 +56,6 @@ class Parameters(LabParameters):
         return self
 
 
-def cases(p):
-    """P0, Qd, R and the limit of each part."""
-    s, high = p.sigma**2, p.sigma_high**2
-    return {
-        "a": (s, s, s, None),
-        "b": (s, s, s, p.limit_rms),
-        "c": (high, s, s, p.limit_rms),
-        "d": (s, high, s, p.limit_rms),
-        "e": (s, s, high, p.limit_rms),
-    }
-
-
-def analytic(p):
-    """The sheet's answers by trying every selection, one number at a time."""
-    answer = {"pairs": math.comb(p.horizon, p.fixes)}
-    for part, (P0, Qd, R, limit) in cases(p).items():
-        tried = [(instants, *followed(P0, Qd, R, instants, p.horizon)) for instants in combinations(range(p.horizon), p.fixes)]
-        good = [(rms, instants) for instants, rms, prior, _posterior in tried if limit is None or prior <= limit * (1 + 1e-12)]
-        least = min(good)[0] if good else None
-        answer[f"{part}_best_pair"] = list(max(i for rms, i in good if rms <= least * (1 + 1e-12))) if good else None
-        answer[f"{part}_terminal_rms"] = least
-        answer[f"{part}_feasible_pairs"] = len(good)
-        answer[f"{part}_feasible_posterior"] = sum(limit is None or posterior <= limit for *_rest, posterior in tried)
-        answer[f"{part}_gains"] = gains(P0, Qd, R, answer[f"{part}_best_pair"]) if good else None
-        answer[f"{part}_needed"] = min(prior for _i, _rms, prior, _posterior in tried)
-    return answer
-
-
-def followed(P0, Qd, R, instants, horizon):
-    """RMS at the end, and the largest RMS before and after a fix, of one selection."""
-    P, prior, posterior = P0, 0.0, 0.0
-    for t in range(horizon):
-        if t in instants:
-            prior = max(prior, math.sqrt(P))
-            P = 1 / (1 / P + 1 / R)
-            posterior = max(posterior, math.sqrt(P))
-        P = P + Qd
-    return math.sqrt(P), prior, posterior
-
-
-def gains(P0, Qd, R, instants):
-    """P/(P + R) at each fix, where P follows from the information of the fixes before: 1/P⁺ = 1/P⁻ + 1/R."""
-    found, P, last = [], P0, 0
-    for t in instants:
-        P += (t - last) * Qd
-        found.append(1 / (1 + R / P))
-        P, last = 1 / (1 / P + 1 / R), t
-    return found
-
-
 def model(p, P0, Qd, R):
     """x(i+1) = x(i) + u + w(i), z(i) = x(i) + v(i)."""
     return DiscreteModel(Phi=[[1]], Qd=[[Qd]], H=[[1]], R=[[R]], x0=[p.x0_mean], P0=[[P0]], dt=1, offset=[p.u], states=["x"], units=["m"])
@@ -117,68 +68,46 @@ def planned(p, system, instants):
     return replace(system, R=R)
 
 
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer = analytic(p)
-    systems = {part: model(p, *case[:3]) for part, case in cases(p).items()}
-    every = {part: scheduling.exhaustive(system, p.fixes, p.horizon) for part, system in systems.items()}
-    r.heading(_("Part I. Analysis"))
-    for part in "abcde":
-        solve(r, p, part, systems[part], every[part], answer)
-    r.heading(_("Plan of the experiment"))
-    r.table("plan", [_("quantity"), _("value"), _("why")], [
-        [_("selections tried in each part"), len(every["a"].rms), _("all of them")],
-        [_("runs"), experiment.runs, fill(_("a standard error of the variance of {percent} %"), percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
-        [_("seed"), experiment.seed, _("the same for every plan")],
-    ], _("Plan of the experiment."))  # fmt: skip
-    r.heading(_("Part II. Experiment"))
-    part_f(r, p, systems, every, answer, experiment)
-    r.heading(_("Conclusions"))
-    conclusions(r, p, answer)
-    return r
-
-
 TITLES = {
-    "a": _("The least RMS at the end, no other condition"),
-    "b": _("A fix only while the RMS is within the limit"),
-    "c": _("A larger initial variance"),
-    "d": _("A larger process noise"),
-    "e": _("A larger measurement noise"),
+    "a": "The least RMS at the end, no other condition",
+    "b": "A fix only while the RMS is within the limit",
+    "c": "A larger initial variance",
+    "d": "A larger process noise",
+    "e": "A larger measurement noise",
 }
 
 
 def solve(r, p, part, system, every, answer):
     """One part: the best plan by search, by complete enumeration, and what is missing where there is none."""
     r.section(part, TITLES[part])
-    P0, Qd, R, limit = cases(p)[part]
+    P0, Qd, R, limit = by_hand.cases(p)[part]
     if part == "a":
-        r.says(_("The covariance does not depend on data, so a plan can be made before the flight. Between fixes the variance grows by $Q_d$ a period; a fix adds information:"))
+        r.says("The covariance does not depend on data, so a plan can be made before the flight. Between fixes the variance grows by $Q_d$ a period; a fix adds information:")
         r.math(r"P(t_{i+1}^-) = P(t_i^+) + Q_d, \qquad \frac1{P(t_i^+)} = \frac1{P(t_i^-)} + \frac1R \;\text{at a fix}, \qquad P(t_i^+) = P(t_i^-) \;\text{elsewhere}")
         r.model(system)
-        r.value("pairs", len(every.rms), agrees=answer, routes=(_("enumeration"), _("binomial coefficient")), kind=EXACT)
-    r.says(_("$P_0 = {start}$ m², $Q_d = {noise}$ m², $R = {error}$ m²") + (_(", the RMS before a fix at most {limit} m.") if limit else _(", no limit.")), start=P0, noise=Qd, error=R, limit=limit)
+        r.value("pairs", len(every.rms), agrees=answer, routes=("enumeration", "binomial coefficient"), kind=EXACT)
+    r.says("$P_0 = {start}$ m², $Q_d = {noise}$ m², $R = {error}$ m²", ", the RMS before a fix at most {limit} m." if limit else ", no limit.", start=P0, noise=Qd, error=R, limit=limit)
     plan = scheduling.best(system, p.fixes, p.horizon, limit=limit)
-    none = _("no selection keeps the limit")
-    routes = (_("search by dominated covariances"), _("every selection tried"))
+    none = "no selection keeps the limit"
+    routes = ("search by dominated covariances", "every selection tried")
     r.value(f"{part}_best_pair", None if plan.instants is None else list(plan.instants), reason=none, agrees=answer, routes=routes)
     r.value(f"{part}_terminal_rms", plan.rms, "m", reason=none, agrees=answer, routes=routes)
-    r.value(f"{part}_feasible_pairs", int(every.feasible(limit).sum()), agrees=answer, routes=(_("enumeration as arrays"), _("every selection tried")), kind=EXACT)
+    r.value(f"{part}_feasible_pairs", int(every.feasible(limit).sum()), agrees=answer, routes=("enumeration as arrays", "every selection tried"), kind=EXACT)
     if plan.instants is None:
-        r.check(_("least limit that some selection keeps"), plan.needed, answer[f"{part}_needed"], routes)
+        r.check("least limit that some selection keeps", plan.needed, answer[f"{part}_needed"], routes)
         free = scheduling.best(system, p.fixes, p.horizon)
-        r.says(_("No selection keeps the limit of {limit} m: the least limit that one keeps is {needed} m. Without a limit the best selection would be {pair} with {rms} m at the end, but its RMS before a fix reaches {worst} m."),
-               limit=limit, needed=plan.needed, pair=list(free.instants), rms=free.rms, worst=free.worst)  # fmt: skip
+        r.says("No selection keeps the limit of {limit} m: the least limit that one keeps is {needed} m. Without a limit the best selection would be {pair} with {rms} m at the end, but its RMS before a fix reaches {worst} m.",
+               limit=limit, needed=plan.needed, pair=list(free.instants), rms=free.rms, worst=free.worst)
         fewer = fewer_fixes(system, p, limit)
         if fewer:
-            r.says(_("Still possible within the limit: {count} of {wanted} fixes, at {pair}, with {rms} m at the end."), count=len(fewer.instants), wanted=p.fixes, pair=list(fewer.instants), rms=fewer.rms)
+            r.says("Still possible within the limit: {count} of {wanted} fixes, at {pair}, with {rms} m at the end.", count=len(fewer.instants), wanted=p.fixes, pair=list(fewer.instants), rms=fewer.rms)
         else:
-            r.says(_("Not even one fix can be taken within the limit."))
+            r.says("Not even one fix can be taken within the limit.")
     else:
-        r.says(_("The best selection is {pair}: {rms} m at the end; {count} of {all} selections are possible."), pair=list(plan.instants), rms=plan.rms, count=int(every.feasible(limit).sum()), all=len(every.rms))
+        r.says("The best selection is {pair}: {rms} m at the end; {count} of {all} selections are possible.", pair=list(plan.instants), rms=plan.rms, count=int(every.feasible(limit).sum()), all=len(every.rms))
     if limit is not None:
-        r.says(_("The sheet's words set the limit on the RMS *after* a fix. Read so, {posterior} of {all} selections would pass; the limit is read on the RMS *before* it, since that is when the picture must lie on the map."),
-               posterior=answer[f"{part}_feasible_posterior"], all=len(every.rms))  # fmt: skip
+        r.says("The sheet's words set the limit on the RMS *after* a fix. Read so, {posterior} of {all} selections would pass; the limit is read on the RMS *before* it, since that is when the picture must lie on the map.",
+               posterior=answer[f"{part}_feasible_posterior"], all=len(every.rms))
 
 
 def fewer_fixes(system, p, limit):
@@ -190,12 +119,27 @@ def fewer_fixes(system, p, limit):
     return None
 
 
+def parts_a_to_e(r, p, systems, every, answer):
+    """The five sets of numbers, one after another."""
+    for part in "abcde":
+        solve(r, p, part, systems[part], every[part], answer)
+
+
+def plan(r, experiment, every):
+    """Every number chosen."""
+    r.table("plan", ["quantity", "value", "why"], [
+        ["selections tried in each part", len(every["a"].rms), "all of them"],
+        ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
+        ["seed", experiment.seed, "the same for every plan"],
+    ], "Plan of the experiment.")
+
+
 def part_f(r, p, systems, every, answer, experiment):
     """All selections as a figure, the optimum's variance, the ensemble."""
-    r.section("f", _("All selections, and the ensemble"))
+    r.section("f", "All selections, and the ensemble")
     rows, curves = [], {}
     for part, system in systems.items():
-        limit = cases(p)[part][3]
+        limit = by_hand.cases(p)[part][3]
         posterior = answer[f"{part}_feasible_posterior"]
         rows.append((part, limit, answer[f"{part}_best_pair"], answer[f"{part}_terminal_rms"], answer[f"{part}_feasible_pairs"], posterior, answer[f"{part}_needed"]))
         pair = answer[f"{part}_best_pair"]
@@ -204,40 +148,50 @@ def part_f(r, p, systems, every, answer, experiment):
         timed = planned(p, system, pair)
         schedule = covariances(timed, p.horizon, first=0)
         stats = experiment.statistics(timed, steps=p.horizon, first=0)
-        agreement(r, fill(_("plan of ({part})"), part=part), stats, schedule.P_plus)
-        r.check(fill(_("RMS at the end, plan of ({part})"), part=part), schedule.sd_minus[-1, 0], answer[f"{part}_terminal_rms"], (_("filter with R = ∞ elsewhere"), _("every selection tried")))
-        r.check(fill(_("gains at the fixes, plan of ({part})"), part=part), schedule.K[pair, 0, 0], answer[f"{part}_gains"], (_("recursion"), _("information of the fixes")))
-        curves[fill(_("({part}) fixes at {pair}"), part=part, pair=", ".join(map(str, pair)))] = (schedule, stats)
-    r.table("plans", [_("part"), _("limit, m"), _("best selection"), _("RMS at the end, m"), _("selections possible"), _("possible if read after the fix"), _("least limit that can be kept, m")], rows,
-            _("The best selections. Their RMS at the end is that of the prediction at t = horizon."))  # fmt: skip
+        agreement(r, text("plan of ({part})", part=part), stats, schedule.P_plus)
+        r.check(text("RMS at the end, plan of ({part})", part=part), schedule.sd_minus[-1, 0], answer[f"{part}_terminal_rms"], ("filter with R = ∞ elsewhere", "every selection tried"))
+        r.check(text("gains at the fixes, plan of ({part})", part=part), schedule.K[pair, 0, 0], answer[f"{part}_gains"], ("recursion", "information of the fixes"))
+        curves[text("({part}) fixes at {pair}", part=part, pair=", ".join(map(str, pair)))] = (schedule, stats)
+    r.table("plans", ["part", "limit, m", "best selection", "RMS at the end, m", "selections possible", "possible if read after the fix", "least limit that can be kept, m"], rows,
+            "The best selections. Their RMS at the end is that of the prediction at t = horizon.")
     if p.fixes == 2:
-        r.figure("pairs", plots.pairs(every["b"].instants, every["b"].rms, every["b"].feasible(p.limit_rms), xlabel=_("first fix, instant number"), ylabel=_("second fix, instant number"), label=_("RMS at the end, m"), best=answer["b_best_pair"]),
-                 _("RMS at the end of every pair, numbers of (b). Crossed out: pairs whose RMS before a fix exceeds the limit. Framed: the best pair that remains."))  # fmt: skip
+        r.figure("pairs", plots.pairs(every["b"].instants, every["b"].rms, every["b"].feasible(p.limit_rms), xlabel="first fix, instant number", ylabel="second fix, instant number", label="RMS at the end, m", best=answer["b_best_pair"]),
+                 "RMS at the end of every pair, numbers of (b). Crossed out: pairs whose RMS before a fix exceeds the limit. Framed: the best pair that remains.")
     else:
         order = np.sort(every["b"].rms)
-        r.figure("selections", plots.lines(range(1, len(order) + 1), {_("all selections"): order, _("possible ones"): np.where(np.arange(len(order)) < every["b"].feasible(p.limit_rms).sum(), np.sort(np.where(every["b"].feasible(p.limit_rms), every["b"].rms, np.inf)), np.nan)}, xlabel=_("rank, number of selections"), ylabel=_("RMS at the end, m"), log="x"),
-                 _("RMS at the end of every selection, in order; all, and those that keep the limit of (b)."))  # fmt: skip
+        r.figure("selections", plots.lines(range(1, len(order) + 1), {"all selections": order, "possible ones": np.where(np.arange(len(order)) < every["b"].feasible(p.limit_rms).sum(), np.sort(np.where(every["b"].feasible(p.limit_rms), every["b"].rms, np.inf)), np.nan)}, xlabel="rank, number of selections", ylabel="RMS at the end, m", log="x"),
+                 "RMS at the end of every selection, in order; all, and those that keep the limit of (b).")
     if curves:
-        r.figure("variance", plots.sawtooth({name: schedule for name, (schedule, _stats) in curves.items()}, xlabel=_("instant number"), ylabel=_("variance, m²"), columns=min(3, len(curves))),
-                 _("Error variance along the flight under the best plans."))  # fmt: skip
-        figure = plots.lines(range(p.horizon + 1), {name: schedule.sd_plus[:, 0] for name, (schedule, _stats) in curves.items()}, xlabel=_("instant number"), ylabel=_("RMS of the position error, m"),
-                             points={"_" * i + _("ensembles"): (range(p.horizon + 1), stats.rms[:, 0]) for i, (_schedule, stats) in enumerate(curves.values())}, steps=True)  # fmt: skip
-        r.figure("ensemble", figure, _("RMS of the position error under the best plans: theory and ensembles."))
+        r.figure("variance", plots.sawtooth({name: schedule for name, (schedule, _stats) in curves.items()}, xlabel="instant number", ylabel="variance, m²", columns=min(3, len(curves))),
+                 "Error variance along the flight under the best plans.")
+        figure = plots.lines(range(p.horizon + 1), {name: schedule.sd_plus[:, 0] for name, (schedule, _stats) in curves.items()}, xlabel="instant number", ylabel="RMS of the position error, m",
+                             points={"_" * i + "ensembles": (range(p.horizon + 1), stats.rms[:, 0]) for i, (_schedule, stats) in enumerate(curves.values())}, steps=True)
+        r.figure("ensemble", figure, "RMS of the position error under the best plans: theory and ensembles.")
 
 
 def conclusions(r, p, answer):
     """What the numbers say."""
-    lines = [fill(_("Without a limit the best selection is {pair}: {rms} m at the end."), pair=answer["a_best_pair"], rms=answer["a_terminal_rms"])]
+    lines = [text("Without a limit the best selection is {pair}: {rms} m at the end.", pair=answer["a_best_pair"], rms=answer["a_terminal_rms"])]
     for part in "bcde":
         pair = answer[f"{part}_best_pair"]
         if pair is None:
-            lines.append(fill(_("({part}) No selection keeps the limit of {limit} m; {needed} m would be the least."), part=part, limit=p.limit_rms, needed=answer[f"{part}_needed"]))
+            lines.append(text("({part}) No selection keeps the limit of {limit} m; {needed} m would be the least.", part=part, limit=p.limit_rms, needed=answer[f"{part}_needed"]))
         else:
-            lines.append(fill(_("({part}) The best selection that keeps the limit is {pair}: {rms} m at the end."), part=part, pair=pair, rms=answer[f"{part}_terminal_rms"]))
+            lines.append(text("({part}) The best selection that keeps the limit is {pair}: {rms} m at the end.", part=part, pair=pair, rms=answer[f"{part}_terminal_rms"]))
     if answer["b_best_pair"] and answer["b_best_pair"] != answer["a_best_pair"]:
-        lines.append(fill(_("The limit costs {loss} m at the end: an early fix is spent to keep the vehicle on the map."), loss=answer["b_terminal_rms"] - answer["a_terminal_rms"]))
+        lines.append(text("The limit costs {loss} m at the end: an early fix is spent to keep the vehicle on the map.", loss=answer["b_terminal_rms"] - answer["a_terminal_rms"]))
     lines.append(largest(r))
     r.items(lines)
+
+
+PARTS = Skeleton(analysis=(parts_a_to_e,), plan=plan, experiment=(part_f,), conclusions=conclusions)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    systems = {part: model(p, *case[:3]) for part, case in by_hand.cases(p).items()}
+    every = {part: scheduling.exhaustive(system, p.fixes, p.horizon) for part, system in systems.items()}
+    return PARTS.report(META, p, experiment, answer=by_hand.analytic(p), systems=systems, every=every)
 
 
 if __name__ == "__main__":

@@ -14,19 +14,22 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from ctlabs.tasks.answers import task15 as by_hand
 from pydantic import model_validator
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import reduced, settling, steady
+from ctlabs.labs.comparison import same_as_whole, same_estimates
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import observability, shaping
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import Count, LabParameters, Positive, Variance, given
 from ctlabs.reporting.plots import Arrow, Node
 from ctlabs.reporting.report import EXACT, Report
-from ctlabs.text import _, fill
+from ctlabs.text import text
 
 META = {
     "name": "task15",
@@ -35,8 +38,8 @@ META = {
     "parts": ["a", "b", "c"],
 }
 
-STEP = _("measurement number i")
-NO_LIMIT = _("signal and noise are both Wiener processes: their difference is never seen, and its variance does not settle")
+STEP = "measurement number i"
+NO_LIMIT = "signal and noise are both Wiener processes: their difference is never seen, and its variance does not settle"
 
 
 class Parameters(LabParameters):
@@ -59,51 +62,10 @@ class Parameters(LabParameters):
         return self
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    a, b, apart, q1, q2 = sampled(p.w0, p.wn, p.dt, p.Q1, p.Q2)
-    variance = variances(p.w0, p.wn, p.dt, p.Q1, p.Q2, p.Es2, p.En2, p.steps)
-    limit = variance_limit(p.w0, p.wn, p.dt, p.Q1, p.Q2)
-    gain = (a * apart * (limit or 0.0) + q1) / (apart**2 * (limit or 0.0) + q1 + q2)
-    pole = a - apart * gain
-    total = p.Es2 + p.En2
-    return {
-        "signal_variance": variance,
-        "gain": [p.Es2 / total if total else 0.0]
-        + [(a * apart * x + q1) / (apart**2 * x + q1 + q2) for x in variance[:-1]],
-        "signal_variance_steady": limit,
-        "gain_steady": gain,
-        "filter_pole": pole,
-        "filter_z_transfer_function": [[gain, -gain * b], [1.0, -pole]],
-        "signal_variance_steady_equal_frequencies": p.Q1 * p.Q2 / (p.Q1 + p.Q2) / (2 * p.w0) if p.w0 else None,
-    }
-
-
-def sampled(w0, wn, dt, Q1, Q2):
-    """a, b, a − b, q1, q2 of the discrete model, without cancellation."""
-    a, b = math.exp(-w0 * dt), math.exp(-wn * dt)
-    q = [Q * (-math.expm1(-2 * w * dt) / (2 * w) if w else dt) for w, Q in ((w0, Q1), (wn, Q2))]
-    return a, b, -a * math.expm1((w0 - wn) * dt) if (wn - w0) * dt > -600 else -b, *q
-
-
-def variances(w0, wn, dt, Q1, Q2, Es2, En2, steps):
-    """p from t0: each step is a fraction linear in p above and below, so i steps are the i-th power of its matrix."""
-    a, b, apart, q1, q2 = sampled(w0, wn, dt, Q1, Q2)
-    step = np.array([[a**2 * q2 + b**2 * q1, q1 * q2], [apart**2, q1 + q2]])
-    step /= np.abs(np.linalg.eigvals(step)).max()
-    start = Es2 * En2 / (Es2 + En2) if Es2 + En2 else 0.0
-    powers = [np.linalg.matrix_power(step, i) @ [start, 1.0] for i in range(steps + 1)]
-    return [float(above / below) for above, below in powers]
-
-
-def variance_limit(w0, wn, dt, Q1, Q2):
-    """The positive root of (a−b)²p² + [q1(1−b²) + q2(1−a²)]p − q1q2 = 0; None where p does not settle."""
-    _a, _b, apart, q1, q2 = sampled(w0, wn, dt, Q1, Q2)
-    linear = -q1 * math.expm1(-2 * wn * dt) - q2 * math.expm1(-2 * w0 * dt)
-    if not q1 * q2:
-        return 0.0 if apart or linear else None
-    below = linear + math.sqrt(linear**2 + 4 * apart**2 * q1 * q2)
-    return 2 * q1 * q2 / below if below else None
+def model(p, **change):
+    """The discrete model; there is no white noise in its measurement."""
+    q = p.model_copy(update=change)
+    return discretise(continuous(q.w0, q.wn, q.Q1, q.Q2, q.Es2, q.En2), q.dt, R=[[0]])
 
 
 def continuous(w0, wn, Q1, Q2, Es2, En2):
@@ -113,99 +75,67 @@ def continuous(w0, wn, Q1, Q2, Es2, En2):
     return shaping.augment_measurement(signal, noise)
 
 
-def model(p, **change):
-    """The discrete model; there is no white noise in its measurement."""
-    q = p.model_copy(update=change)
-    return discretise(continuous(q.w0, q.wn, q.Q1, q.Q2, q.Es2, q.En2), q.dt, R=[[0]])
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, system = analytic(p), model(p)
-    small = reduced.discrete(system, keep=["s"], first=0)
-    r.heading(_("Part I. Analysis"))
-    part_a(r, p, answer, system)
-    part_b(r, p, answer, system, small)
-    analysis_c(r, p, answer)
-    r.heading(_("Plan of the experiment"))
-    steps = plan(r, p, experiment, answer, system)
-    r.heading(_("Part II. Experiment"))
-    experiment_c(r, p, experiment, answer, system, small, steps)
-    r.heading(_("Conclusions"))
-    conclusions(r, p, answer, system)
-    return r
-
-
 def part_a(r, p, answer, system):
     """The recursion for p."""
-    r.section("a", _("The recursion of the signal's error variance"))
+    r.section("a", "The recursion of the signal's error variance")
     nodes = {
         "w1": Node((0, 1), "$w_1$", "signal"), "F": Node((1.4, 1), r"$\dfrac{1}{s+w_0}$"), "w2": Node((0, 0), "$w_2$", "signal"),
         "N": Node((1.4, 0), r"$\dfrac{1}{s+w_n}$"), "+": Node((3.0, 1), "", "sum"), "S": Node((4.2, 1), r"$\Delta t$", "sampler"), "z": Node((5.6, 1), "$z(t_i)$", "signal"),
-    }  # fmt: skip
+    }
     arrows = [Arrow("w1", "F"), Arrow("F", "+", "$s(t)$", "+"), Arrow("w2", "N"), Arrow("N", "+", "$n(t)$", "+"), Arrow("+", "S", "$z(t)$"), Arrow("S", "z")]
-    r.figure("diagram", plots.block_diagram(nodes, arrows), _("The system (figure 3 of the sheet): the noise of the measurement is coloured, and no white noise is added."))
-    r.says(_("The noise becomes a state, $x = (s, n)$, and what is left of the measurement has no noise at all, $R = 0$:"))
+    r.figure("diagram", plots.block_diagram(nodes, arrows), "The system (figure 3 of the sheet): the noise of the measurement is coloured, and no white noise is added.")
+    r.says("The noise becomes a state, $x = (s, n)$, and what is left of the measurement has no noise at all, $R = 0$:")
     r.math(r"x(t_{i+1}) = \begin{bmatrix} a & 0 \\ 0 & b \end{bmatrix}x(t_i) + w_d(t_i), \quad z(t_i) = \begin{bmatrix} 1 & 1 \end{bmatrix}x(t_i), \qquad a = e^{-w_0\Delta t}, \; b = e^{-w_n\Delta t}")
     r.math(r"Q_d = \begin{bmatrix} q_1 & 0 \\ 0 & q_2 \end{bmatrix}, \qquad q_1 = \frac{Q_1(1-a^2)}{2w_0}, \quad q_2 = \frac{Q_2(1-b^2)}{2w_n} \qquad (q = Q\Delta t \text{ at a zero frequency})")
     r.model(system)
-    *_unused, q1, q2 = sampled(p.w0, p.wn, p.dt, p.Q1, p.Q2)
-    r.check("Q_d", system.Qd, np.diag([q1, q2]), (_("doubling of the short interval"), _("by hand")))
-    r.says(_("(The sheet prints $2\\delta(t)$ for the autocorrelation of $w_1$; $2\\delta(\\tau)$ is meant.) The first measurement is at $t_0$. Since it is perfect, every filtered estimate satisfies $\\hat{s} + \\hat{n} = z = s + n$: the errors of $\\hat{s}$ and $\\hat{n}$ are opposite, and the covariance after an update has one free element:"))
+    *_unused, q1, q2 = by_hand.sampled(p.w0, p.wn, p.dt, p.Q1, p.Q2)
+    r.check("Q_d", system.Qd, np.diag([q1, q2]), ("doubling of the short interval", "by hand"))
+    r.says("(The sheet prints $2\\delta(t)$ for the autocorrelation of $w_1$; $2\\delta(\\tau)$ is meant.) The first measurement is at $t_0$. Since it is perfect, every filtered estimate satisfies $\\hat{s} + \\hat{n} = z = s + n$: the errors of $\\hat{s}$ and $\\hat{n}$ are opposite, and the covariance after an update has one free element:")
     r.math(r"P(t_i^+) = p_i\begin{bmatrix} 1 & -1 \\ -1 & 1 \end{bmatrix}, \qquad P(t_i^-) = \begin{bmatrix} a^2p_{i-1} + q_1 & -ab\,p_{i-1} \\ -ab\,p_{i-1} & b^2p_{i-1} + q_2 \end{bmatrix}")
-    r.says(_("The update with $R = 0$ leaves the determinant of $P^-$ over the variance of z:"))
+    r.says("The update with $R = 0$ leaves the determinant of $P^-$ over the variance of z:")
     r.math(r"p_i = \frac{P_{11}^-P_{22}^- - (P_{12}^-)^2}{P_{11}^- + 2P_{12}^- + P_{22}^-} = \frac{(a^2q_2 + b^2q_1)\,p_{i-1} + q_1q_2}{(a-b)^2\,p_{i-1} + q_1 + q_2}, \qquad p_0 = \frac{E s^2(t_0)\,E n^2(t_0)}{E s^2(t_0) + E n^2(t_0)}")
     r.math(r"K_{s,i} = \frac{a(a-b)\,p_{i-1} + q_1}{(a-b)^2\,p_{i-1} + q_1 + q_2}, \qquad K_n = 1 - K_s, \qquad K_{s,0} = \frac{E s^2(t_0)}{E s^2(t_0) + E n^2(t_0)}")
     plan, at = covariances(system, p.steps, first=0), range(p.steps + 1)
-    routes = (_("recursion of matrices"), _("power of the fraction's matrix"))
+    routes = ("recursion of matrices", "power of the fraction's matrix")
     r.value("signal_variance", plan.P_plus[:, 0, 0], "V²", at=plan.t, agrees=answer, routes=routes)
     r.value("gain", plan.K[:, 0, 0], at=plan.t, agrees=answer, routes=routes)
     form = plan.P_plus[:, 0, 0, None, None] * np.array([[1, -1], [-1, 1]])
-    r.check(_("P⁺ = p[[1, −1], [−1, 1]]"), plan.P_plus, form, (_("recursion of matrices"), _("proof")), EXACT, scale=float(plan.P_minus.max()))
-    r.table("recursion", ["i", "p, V²", "K_s", _("E s² of the prediction, V²")], [(i, plan.P_plus[i, 0, 0], plan.K[i, 0, 0], plan.P_minus[i, 0, 0]) for i in at],
-            _("The recursion for the given numbers."))  # fmt: skip
-    r.says(_("**Steady state.** The fixed point is the positive root of"))
+    r.check("P⁺ = p[[1, −1], [−1, 1]]", plan.P_plus, form, ("recursion of matrices", "proof"), EXACT, scale=float(plan.P_minus.max()))
+    r.table("recursion", ["i", "p, V²", "K_s", "E s² of the prediction, V²"], [(i, plan.P_plus[i, 0, 0], plan.K[i, 0, 0], plan.P_minus[i, 0, 0]) for i in at],
+            "The recursion for the given numbers.")
+    r.says("**Steady state.** The fixed point is the positive root of")
     r.math(r"(a-b)^2p^2 + [q_1(1-b^2) + q_2(1-a^2)]\,p - q_1q_2 = 0")
     limit = answer["signal_variance_steady"]
     found = None if limit is None else steady.solve(system)
-    r.value("signal_variance_steady", None if found is None else found.P_plus[0, 0], "V²", reason=NO_LIMIT, agrees=answer, routes=(_("Riccati equation"), _("root of the quadratic")))
+    r.value("signal_variance_steady", None if found is None else found.P_plus[0, 0], "V²", reason=NO_LIMIT, agrees=answer, routes=("Riccati equation", "root of the quadratic"))
     gain = plan.K[-1, 0, 0] if found is None else found.K[0, 0]  # equal poles: the gain is the same from t1 on
-    r.value("gain_steady", gain, agrees=answer, routes=(_("Riccati equation") if found else _("recursion of matrices"), _("closed form")))
+    r.value("gain_steady", gain, agrees=answer, routes=("Riccati equation" if found else "recursion of matrices", "closed form"))
     if found is None:
-        r.says(_("Here there is no such root: {reason}. The gain is constant from $t_1$ on, {gain}."), reason=NO_LIMIT, gain=float(gain))
+        r.says("Here there is no such root: {reason}. The gain is constant from $t_1$ on, {gain}.", reason=NO_LIMIT, gain=float(gain))
     else:
-        r.says(_("Here $p_\\infty = {limit}$ V² and $K_s = {gain}$: the best estimate of the signal has the standard deviation {sd} V."), limit=limit, gain=float(gain), sd=math.sqrt(limit))
+        r.says("Here $p_\\infty = {limit}$ V² and $K_s = {gain}$: the best estimate of the signal has the standard deviation {sd} V.", limit=limit, gain=float(gain), sd=math.sqrt(limit))
 
 
 def part_b(r, p, answer, system, small):
     """The basis (z, s) and the reduced filter."""
-    r.section("b", _("The basis (z, s) and the reduced filter"))
-    r.says(_("In the basis $x^* = (z, s) = Tx$ the measurement is the first state, which is known exactly after each update:"))
+    r.section("b", "The basis (z, s) and the reduced filter")
+    r.says("In the basis $x^* = (z, s) = Tx$ the measurement is the first state, which is known exactly after each update:")
     r.math(r"T = \begin{bmatrix} 1 & 1 \\ 1 & 0 \end{bmatrix}, \quad \Phi^* = T\Phi T^{-1} = \begin{bmatrix} b & a-b \\ 0 & a \end{bmatrix}, \quad Q_d^* = \begin{bmatrix} q_1+q_2 & q_1 \\ q_1 & q_1 \end{bmatrix}, \quad H^* = \begin{bmatrix} 1 & 0 \end{bmatrix}, \qquad P^*(t_i^+) = TP(t_i^+)T^T = \begin{bmatrix} 0 & 0 \\ 0 & p_i \end{bmatrix}")
-    r.says(_("The element $P_{22}^* = p_i$ obeys the recursion of part (a), in which nothing but its own last value appears; the first row and column are zero. So only $\\hat{s}$ has to be computed. What $z(t_i)$ adds to $z(t_{i-1})$ is a measurement of the signal one step before, whose noise is that of the process and correlates with it:"))
+    r.says("The element $P_{22}^* = p_i$ obeys the recursion of part (a), in which nothing but its own last value appears; the first row and column are zero. So only $\\hat{s}$ has to be computed. What $z(t_i)$ adds to $z(t_{i-1})$ is a measurement of the signal one step before, whose noise is that of the process and correlates with it:")
     r.math(r"z_i - b\,z_{i-1} = (a-b)\,s_{i-1} + (w_1 + w_2), \qquad s_i = a\,s_{i-1} + w_1")
-    r.says(_("The reduced filter, complete:"))
+    r.says("The reduced filter, complete:")
     r.math(r"\hat s_0 = K_{s,0}\,z_0, \qquad \hat s_i = a\,\hat s_{i-1} + K_{s,i}\,[z_i - b\,z_{i-1} - (a-b)\,\hat s_{i-1}], \qquad \hat n_i = z_i - \hat s_i")
-    r.says(_("with $p_i$ and $K_{s,i}$ as in (a): one state and one scalar recursion instead of two states and three elements of a covariance."))
+    r.says("with $p_i$ and $K_{s,i}$ as in (a): one state and one scalar recursion instead of two states and three elements of a covariance.")
     nodes = {
         "z": Node((0, 1), "$z_i$", "signal"), "z1": Node((0.9, 1), "", "branch"), "+": Node((2.6, 1), "", "sum"), "K": Node((4.0, 1), "$K_{s,i}$"), "*": Node((5.4, 1), "", "sum"), "o": Node((6.4, 1), "", "branch"),
         "s": Node((7.3, 1), r"$\hat{s}_i$", "signal"), "b": Node((0.9, -0.2), r"$b\,z^{-1}$"), "a": Node((5.4, -0.2), "$a\\,z^{-1}$"), "f": Node((4.0, -1.2), "$(a-b)\\,z^{-1}$"), "d": Node((2.6, -0.2), "", "sum"),
         "o2": Node((6.4, -0.2), "", "branch"),
-    }  # fmt: skip
+    }
     arrows = [Arrow("z", "z1"), Arrow("z1", "+"), Arrow("z1", "b"), Arrow("b", "d", "", "+"), Arrow("+", "K"), Arrow("K", "*"), Arrow("*", "o"), Arrow("o", "s"), Arrow("o", "o2"), Arrow("o2", "a"), Arrow("a", "*"),
-              Arrow("o2", "f", turn="along"), Arrow("f", "d", "", "+"), Arrow("d", "+", "", "−")]  # fmt: skip
-    r.figure("reduced", plots.block_diagram(nodes, arrows), _("The reduced filter: a differencing of the measurement, and one state with innovation feedback."))
-    P, K = reduced.covariances(small, p.steps)
-    full = covariances(system, p.steps, first=0)
-    routes = (_("reduced filter"), _("two-state filter"))
-    r.check(_("P⁺ of the reduced filter"), P, full.P_plus, routes, EXACT, scale=float(full.P_minus.max()))
-    r.check(_("gains of the reduced filter"), K, full.K, routes, 1e-8)
-    star = small.basis.T @ full.P_plus @ small.basis.T.T
-    expected = np.zeros_like(star)
-    expected[:, 1, 1] = answer["signal_variance"]
-    r.check("P* = diag(0, p)", star, expected, (_("two-state filter, transformed"), _("power of the fraction's matrix")), EXACT, scale=float(full.P_minus.max()))
-    r.says(_("**The steady filter.** With $K_s$ constant its transfer function has one pole and one zero; the zero cancels the colour of the noise:"))
+              Arrow("o2", "f", turn="along"), Arrow("f", "d", "", "+"), Arrow("d", "+", "", "−")]
+    r.figure("reduced", plots.block_diagram(nodes, arrows), "The reduced filter: a differencing of the measurement, and one state with innovation feedback.")
+    full = same_as_whole(r, small, system, p.steps, answer["signal_variance"])
+    r.says("**The steady filter.** With $K_s$ constant its transfer function has one pole and one zero; the zero cancels the colour of the noise:")
     r.math(r"\frac{\hat s(z)}{z(z)} = K_s\,\frac{1 - b\,z^{-1}}{1 - [a - (a-b)K_s]\,z^{-1}}")
     if answer["signal_variance_steady"] is None:
         b, g = small.model, full.K[-1, 0, 0]
@@ -213,103 +143,103 @@ def part_b(r, p, answer, system, small):
         transfer = [[g, small.B_y[0, 0] - g * small.A_0[0, 0]], [1.0, -pole]]
     else:
         pole, transfer = float(reduced.steady(small).poles[0].real), list(reduced.transfer_function(small))
-    routes = (_("reduced model"), _("by hand"))
+    routes = ("reduced model", "by hand")
     r.value("filter_pole", pole, agrees=answer, routes=routes)
     r.value("filter_z_transfer_function", transfer, agrees=answer, routes=routes)
     num, den = answer["filter_z_transfer_function"]
     if p.w0 == p.wn:
-        r.says(_("Here $w_0 = w_n$: zero and pole coincide at {pole} and cancel; the filter is the constant {gain} once the initial condition is forgotten."), pole=pole, gain=num[0])
+        r.says("Here $w_0 = w_n$: zero and pole coincide at {pole} and cancel; the filter is the constant {gain} once the initial condition is forgotten.", pole=pole, gain=num[0])
     else:
-        r.says(_("Here the zero is at {zero} and the pole at {pole}; a constant z is passed with the factor {static}, white measurements with the factor {gain} at once."),
-               zero=-num[1] / num[0] if num[0] else 0.0, pole=pole, static=sum(num) / sum(den) if sum(den) else math.inf, gain=num[0])  # fmt: skip
+        r.says("Here the zero is at {zero} and the pole at {pole}; a constant z is passed with the factor {static}, white measurements with the factor {gain} at once.",
+               zero=-num[1] / num[0] if num[0] else 0.0, pole=pole, static=sum(num) / sum(den) if sum(den) else math.inf, gain=num[0])
 
 
 def variants(p):
     """The factors of part (c), one at a time: name, changes."""
     Q1s, En2s = (p.Q1 / 2, 1.5 * p.Q1) if p.Q1 else (1.0, 3.0), (2 * p.En2, 4 * p.En2) if p.En2 else (1.0, 2.0)
     return [
-        (_("given"), {}),
-        *((fill("Q1 = {x}", x=x), {"Q1": x}) for x in Q1s if x + p.Q2),
-        *((fill("En2 = {x}", x=x), {"En2": x}) for x in En2s),
-        (fill("wn = w0 = {x}", x=p.w0), {"wn": p.w0}),
+        ("given", {}),
+        *((text("Q1 = {x}", x=x), {"Q1": x}) for x in Q1s if x + p.Q2),
+        *((text("En2 = {x}", x=x), {"En2": x}) for x in En2s),
+        (text("wn = w0 = {x}", x=p.w0), {"wn": p.w0}),
     ]
 
 
 def analysis_c(r, p, answer):
     """One factor at a time, by covariance analysis."""
-    r.section("c", _("Three factors, one at a time: analysis"))
-    r.says(_("**Strength of $w_1$.** p increases with $q_1$: the covariance of a Riccati recursion is monotone in its noises. The gain increases as well, since a signal that moves more is to be trusted more. **Initial noise variance.** $p_0$ increases with $E n^2(t_0)$, but neither a, b nor q contain it: the steady state stays, and the difference dies out. **Equal frequencies.** With $a = b$ the sum $z_i - bz_{i-1}$ contains no signal: the pair $(\\Phi, H)$ is unobservable, the recursion is linear,"))
+    r.section("c", "Three factors, one at a time: analysis")
+    r.says("**Strength of $w_1$.** p increases with $q_1$: the covariance of a Riccati recursion is monotone in its noises. The gain increases as well, since a signal that moves more is to be trusted more. **Initial noise variance.** $p_0$ increases with $E n^2(t_0)$, but neither a, b nor q contain it: the steady state stays, and the difference dies out. **Equal frequencies.** With $a = b$ the sum $z_i - bz_{i-1}$ contains no signal: the pair $(\\Phi, H)$ is unobservable, the recursion is linear,")
     r.math(r"p_i = a^2p_{i-1} + \frac{q_1q_2}{q_1+q_2}, \qquad p_\infty = \frac{q_1q_2}{(q_1+q_2)(1-a^2)} = \frac{Q_1Q_2}{(Q_1+Q_2)\,2w}, \qquad K_s = \frac{Q_1}{Q_1+Q_2}")
-    r.says(_("and the filter is static: signal and noise have spectra of one shape, so that no frequency tells more than another. The hidden difference decays by itself (the model is detectable) and the filter is stable with the pole a."))
+    r.says("and the filter is static: signal and noise have spectra of one shape, so that no frequency tells more than another. The hidden difference decays by itself (the model is detectable) and the filter is stable with the pole a.")
     rows = []
     for name, change in variants(p):
         q = p.model_copy(update=change)
         system = model(q)
         p0 = covariances(system, 1, first=0).P_plus[0, 0, 0]
-        limit = variance_limit(q.w0, q.wn, q.dt, q.Q1, q.Q2)
+        limit = by_hand.variance_limit(q.w0, q.wn, q.dt, q.Q1, q.Q2)
         if limit is None:
             rows.append((name, p0, None, None, None, None, observability.analyse(system).rank))
             continue
         found, settled = steady.solve(system), settling(system, first=0)
         pole = float(reduced.steady(reduced.discrete(system, keep=["s"])).poles[0].real)
-        r.check(fill(_("steady variance, {name}"), name=name), found.P_plus[0, 0], limit, (_("Riccati equation"), _("root of the quadratic")))
+        r.check(text("steady variance, {name}", name=name), found.P_plus[0, 0], limit, ("Riccati equation", "root of the quadratic"))
         rows.append((name, p0, found.P_plus[0, 0], found.K[0, 0], pole, settled, observability.analyse(system).rank))
-    r.table("factors", [_("factor"), "p₀, V²", "p∞, V²", "K_s", _("filter pole"), _("settled at i"), _("rank of observability")], rows,
-            _("One factor changed at a time. Settled: p stays within 1 % of its limit; no number where the limit is 0 or absent."))  # fmt: skip
+    r.table("factors", ["factor", "p₀, V²", "p∞, V²", "K_s", "filter pole", "settled at i", "rank of observability"], rows,
+            "One factor changed at a time. Settled: p stays within 1 % of its limit; no number where the limit is 0 or absent.")
     equal = answer["signal_variance_steady_equal_frequencies"]
     found = None if equal is None else steady.solve(model(p, wn=p.w0)).P_plus[0, 0]
-    r.value("signal_variance_steady_equal_frequencies", found, "V²", reason=NO_LIMIT, agrees=answer, routes=(_("Riccati equation"), _("closed form")))
+    r.value("signal_variance_steady_equal_frequencies", found, "V²", reason=NO_LIMIT, agrees=answer, routes=("Riccati equation", "closed form"))
     seen = observability.analyse(model(p))
     r.value("verdict_c", bool(seen.ok))
-    r.says(_("Criterion of `verdict_c`: whether the given pair $(\\Phi, H)$ is observable. It {is_} (rank {rank} of 2); whether it is detectable, which is what the filter needs: {detectable}."),
-           is_=_("is") if seen.ok else _("is not"), rank=seen.rank, detectable=_("yes") if seen.detectable else _("no"))  # fmt: skip
+    r.says("Criterion of `verdict_c`: whether the given pair $(\\Phi, H)$ is observable. It {is_} (rank {rank} of 2); whether it is detectable, which is what the filter needs: {detectable}.",
+           is_="is" if seen.ok else "is not", rank=seen.rank, detectable="yes" if seen.detectable else "no")
     curves = {name: covariances(model(p, **change), max(p.steps, 8), first=0).P_plus[:, 0, 0] for name, change in variants(p)}
-    figure = plots.lines(range(max(p.steps, 8) + 1), curves, xlabel=STEP, ylabel=_("p, V²"), marker=".", steps=True)
-    r.figure("factors", figure, _("The error variance of the signal from t0 on, for each factor."))
+    figure = plots.lines(range(max(p.steps, 8) + 1), curves, xlabel=STEP, ylabel="p, V²", marker=".", steps=True)
+    r.figure("factors", figure, "The error variance of the signal from t0 on, for each factor.")
     wrong_filters(r, p)
 
 
 def wrong_filters(r, p):
     """The given filter on other truths."""
-    r.says(_("**The filter that does not know.** The filter designed for the given numbers runs on each changed truth. It claims its own p; its true variance follows from covariance analysis, and by hand, since only the signal's error matters, with the gain K of the design:"))
+    r.says("**The filter that does not know.** The filter designed for the given numbers runs on each changed truth. It claims its own p; its true variance follows from covariance analysis, and by hand, since only the signal's error matters, with the gain K of the design:")
     r.math(r"e_i = [a - (a-b)K]\,e_{i-1} - (1-K)w_1 + K w_2 \quad\Rightarrow\quad p = \frac{(1-K)^2q_1 + K^2q_2}{1 - [a - (a-b)K]^2}")
     design, rows = model(p), []
-    if variance_limit(p.w0, p.wn, p.dt, p.Q1, p.Q2) is None:
-        r.says(_("Here it has no steady state to compare: {reason}."), reason=NO_LIMIT)
+    if by_hand.variance_limit(p.w0, p.wn, p.dt, p.Q1, p.Q2) is None:
+        r.says("Here it has no steady state to compare: {reason}.", reason=NO_LIMIT)
         return
-    a, _b, apart, _q1, _q2 = sampled(p.w0, p.wn, p.dt, p.Q1, p.Q2)
+    a, _b, apart, _q1, _q2 = by_hand.sampled(p.w0, p.wn, p.dt, p.Q1, p.Q2)
     gain = float(steady.solve(design).K[0, 0])
     for name, change in variants(p)[1:]:
         if "Q1" not in change:
             continue
-        truth, q = model(p, **change), sampled(p.w0, p.wn, p.dt, change["Q1"], p.Q2)
+        truth, q = model(p, **change), by_hand.sampled(p.w0, p.wn, p.dt, change["Q1"], p.Q2)
         if abs(a - apart * gain) >= 1 - 1e-12:
-            r.says(_("With {name} its pole is on the unit circle and its error grows without bound."), name=name)
+            r.says("With {name} its pole is on the unit circle and its error grows without bound.", name=name)
             continue
         found = sensitivity.steady(truth, design)
-        by_hand = ((1 - gain) ** 2 * q[3] + gain**2 * q[4]) / (1 - (a - apart * gain) ** 2)
-        r.check(fill(_("true variance of the given filter, {name}"), name=name), found.P_plus[0, 0], by_hand, (_("sensitivity analysis"), _("by hand")))
+        expected = ((1 - gain) ** 2 * q[3] + gain**2 * q[4]) / (1 - (a - apart * gain) ** 2)
+        r.check(text("true variance of the given filter, {name}", name=name), found.P_plus[0, 0], expected, ("sensitivity analysis", "by hand"))
         best = steady.solve(truth).P_plus[0, 0]
-        r.holds(fill(_("not better than the optimal filter, {name}"), name=name), found.P_plus[0, 0] - best, (_("sensitivity analysis"), _("Riccati equation")), size=max(best, 1e-300))
+        r.holds(text("not better than the optimal filter, {name}", name=name), found.P_plus[0, 0] - best, ("sensitivity analysis", "Riccati equation"), size=max(best, 1e-300))
         rows.append((name, steady.solve(design).P_plus[0, 0], found.P_plus[0, 0], best, found.P_plus[0, 0] / best if best else None))
-    r.table("wrong", [_("truth"), _("claimed, V²"), _("true, V²"), _("optimal, V²"), _("true over optimal")], rows,
-            _("The given filter in steady state on other truths. A wrong initial variance is forgotten; wrong strengths are not."))  # fmt: skip
+    r.table("wrong", ["truth", "claimed, V²", "true, V²", "optimal, V²", "true over optimal"], rows,
+            "The given filter in steady state on other truths. A wrong initial variance is forgotten; wrong strengths are not.")
 
 
 def plan(r, p, experiment, answer, system):
     """Every number chosen."""
     settled = settling(system, first=0) if answer["signal_variance_steady"] else None
     steps = visible(p, max(p.steps, min(60, 3 * (settled or 10)), 8))
-    r.says(_("Part (c) is repeated by simulation: the full filter, the reduced one on the same records, and the given filter on data of the changed truths."))
-    r.table("plan", [_("quantity"), _("value"), _("why")], [
-        [_("period, s"), p.dt, _("given")],
-        [_("measurements after t0"), steps, _("three settling times, 8 at least and 60 at most, and the length of the lists; fewer where the error sinks into the rounding of s and n")],
-        [_("first measurement"), "t0", _("the sheet's recursion begins with it")],
-        [_("runs"), experiment.runs, fill(_("a standard error of the variance of {percent} %"), percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
-        [_("seed"), experiment.seed, _("another stream of random numbers for each truth")],
-        [_("factors"), ", ".join(name for name, _change in variants(p)[1:]), _("the sheet's: half and one and a half of Q1, double and fourfold En2, equal frequencies")],
-    ], _("Plan of the experiment."))  # fmt: skip
-    return steps
+    r.says("Part (c) is repeated by simulation: the full filter, the reduced one on the same records, and the given filter on data of the changed truths.")
+    r.table("plan", ["quantity", "value", "why"], [
+        ["period, s", p.dt, "given"],
+        ["measurements after t0", steps, "three settling times, 8 at least and 60 at most, and the length of the lists; fewer where the error sinks into the rounding of s and n"],
+        ["first measurement", "t0", "the sheet's recursion begins with it"],
+        ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
+        ["seed", experiment.seed, "another stream of random numbers for each truth"],
+        ["factors", ", ".join(name for name, _change in variants(p)[1:]), "the sheet's: half and one and a half of Q1, double and fourfold En2, equal frequencies"],
+    ], "Plan of the experiment.")
+    return {"steps": steps}
 
 
 def visible(p, steps):
@@ -317,19 +247,17 @@ def visible(p, steps):
     found = steps
     for _name, change in variants(p):
         q = p.model_copy(update=change)
-        curve = variances(q.w0, q.wn, q.dt, q.Q1, q.Q2, q.Es2, q.En2, steps)
+        curve = by_hand.variances(q.w0, q.wn, q.dt, q.Q1, q.Q2, q.Es2, q.En2, steps)
         found = min([found, *(i - 1 for i, x in enumerate(curve) if 0 < x < 1e-9 * max(curve))])
     return max(found, 1)
 
 
 def experiment_c(r, p, experiment, answer, system, small, steps):
     """Ensembles against theory."""
-    r.section("c", _("Three factors, one at a time: experiment"))
+    r.section("c", "Three factors, one at a time: experiment")
     limit = None if answer["signal_variance_steady"] is None else steady.solve(system)
-    portrait(r, experiment, system, steps, xlabel=_("t, s"), first=0, limits=None if limit is None else (limit.P_minus[0, 0], limit.P_plus[0, 0]))
-    some = experiment.histories(system, steps=steps, first=0)
-    again = reduced.estimates(small, some.z)
-    r.check(_("estimates of 25 runs"), again.x_plus, some.x_plus, (_("reduced filter"), _("two-state filter")), EXACT, scale=float(np.abs(some.x_plus).max()))
+    portrait(r, experiment, system, steps, xlabel="t, s", first=0, limits=None if limit is None else (limit.P_minus[0, 0], limit.P_plus[0, 0]))
+    same_estimates(r, experiment, small, system, steps)
     rows = []
     for i, (name, change) in enumerate(variants(p)[1:], start=1):
         truth = model(p, **change)
@@ -338,38 +266,53 @@ def experiment_c(r, p, experiment, answer, system, small, steps):
         worst = agreement(r, name, stats, own.P_plus)
         actual = sensitivity.actual(truth, system, steps, first=0)
         wrong = experiment.statistics(truth, system, steps=steps, stream=i, first=0)
-        worst = max(worst, agreement(r, fill(_("{name}, given filter"), name=name), wrong, actual.P_plus, consistent=False))
+        worst = max(worst, agreement(r, text("{name}, given filter", name=name), wrong, actual.P_plus, consistent=False))
         rows.append((name, own.sd_plus[-1, 0], stats.rms[-1, 0], math.sqrt(actual.P_plus[-1, 0, 0]), wrong.rms[-1, 0], round(worst, 2)))
-    r.table("ensembles", [_("truth"), _("σ of theory, V"), _("RMS, V"), _("σ of the given filter, V"), _("its RMS, V"), _("largest deviation, σ")], rows,
-            _("The signal's error at the last measurement: the filter that knows the truth and the given one, on the same data."))  # fmt: skip
+    r.table("ensembles", ["truth", "σ of theory, V", "RMS, V", "σ of the given filter, V", "its RMS, V", "largest deviation, σ"], rows,
+            "The signal's error at the last measurement: the filter that knows the truth and the given one, on the same data.")
 
 
 def conclusions(r, p, answer, system):
     """What the numbers say."""
     limit, lines = answer["signal_variance_steady"], []
-    given_ = variance_limit(p.w0, p.wn, p.dt, p.Q1, p.Q2)
-    lines.append(_("Without white noise in the measurement one combination of the states is known exactly: the filter reduces to one state and one scalar recursion, and gives the same estimates to rounding."))
+    given_ = by_hand.variance_limit(p.w0, p.wn, p.dt, p.Q1, p.Q2)
+    lines.append("Without white noise in the measurement one combination of the states is known exactly: the filter reduces to one state and one scalar recursion, and gives the same estimates to rounding.")
     if limit is None:
-        lines.append(fill(_("There is no steady state: {reason}."), reason=NO_LIMIT))
+        lines.append(text("There is no steady state: {reason}.", reason=NO_LIMIT))
     elif limit == 0:
-        lines.append(_("The signal's error variance tends to 0: one of the two processes is not driven by noise and becomes known."))
+        lines.append("The signal's error variance tends to 0: one of the two processes is not driven by noise and becomes known.")
     else:
-        lines.append(fill(_("The signal's error variance tends to {limit} V² with the gain {gain}; the filter's pole is {pole}."), limit=limit, gain=answer["gain_steady"], pole=answer["filter_pole"]))
-    changed = [(name, variance_limit(p.w0, p.wn, p.dt, c["Q1"], p.Q2)) for name, c in variants(p) if "Q1" in c]
+        lines.append(text("The signal's error variance tends to {limit} V² with the gain {gain}; the filter's pole is {pole}.", limit=limit, gain=answer["gain_steady"], pole=answer["filter_pole"]))
+    changed = [(name, by_hand.variance_limit(p.w0, p.wn, p.dt, c["Q1"], p.Q2)) for name, c in variants(p) if "Q1" in c]
     if given_ and all(x for _name, x in changed):
-        lines.append(fill(_("The strength of w1 acts in the steady state: {list_} of the given variance."), list_=", ".join(fill(_("{name} gives {ratio}"), name=name, ratio=x / given_) for name, x in changed)))
-    lines.append(_("The initial variance of the noise acts only at the beginning; a filter with a wrong one becomes right by itself."))
+        lines.append(text("The strength of w1 acts in the steady state: {list_} of the given variance.", list_=", ".join(text("{name} gives {ratio}", name=name, ratio=x / given_) for name, x in changed)))
+    lines.append("The initial variance of the noise acts only at the beginning; a filter with a wrong one becomes right by itself.")
     equal = answer["signal_variance_steady_equal_frequencies"]
     if p.w0 == p.wn and equal:
-        lines.append(_("The frequencies are equal: the filter is a constant factor, the difference of signal and noise is not observable but decays, so that the filter is stable."))
+        lines.append("The frequencies are equal: the filter is a constant factor, the difference of signal and noise is not observable but decays, so that the filter is stable.")
     elif equal and given_:
-        lines.append(fill(_("Equal frequencies wn = w0 would give {equal} V² ({ratio} of the present variance) by a static filter, unobservable but stable."), equal=equal, ratio=equal / given_))
+        lines.append(text("Equal frequencies wn = w0 would give {equal} V² ({ratio} of the present variance) by a static filter, unobservable but stable.", equal=equal, ratio=equal / given_))
     elif equal is None:
-        lines.append(_("Equal frequencies would here mean two Wiener processes, whose difference is neither seen nor stable: there is no steady state."))
+        lines.append("Equal frequencies would here mean two Wiener processes, whose difference is neither seen nor stable: there is no steady state.")
     if limit:
-        lines.append(fill(_("The filter settles (p within 1 % of its limit) at measurement {settled}."), settled=settling(system, first=0)))
+        lines.append(text("The filter settles (p within 1 % of its limit) at measurement {settled}.", settled=settling(system, first=0)))
     lines.append(largest(r))
     r.items(lines)
+
+
+PARTS = Skeleton(
+    analysis=(part_a, part_b, analysis_c),
+    plan=plan,
+    experiment=(experiment_c,),
+    conclusions=conclusions,
+)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    answer, system = by_hand.analytic(p), model(p)
+    small = reduced.discrete(system, keep=["s"], first=0)
+    return PARTS.report(META, p, experiment, answer=answer, system=system, small=small)
 
 
 if __name__ == "__main__":

@@ -10,20 +10,24 @@ and P⁺ like dt, their mean like dt².
 """
 
 import math
-from dataclasses import replace
 
 import numpy as np
+from ctlabs.tasks._task16_limits import TIME, limits, overlay, time_scale
+from ctlabs.tasks.answers import task16 as by_hand
+from ctlabs.tasks.answers.task16 import TIMES, WITHIN
 
 from ctlabs.filtering import bucy, settling, settling_step, steady
+from ctlabs.labs.comparison import fine
 from ctlabs.labs.experiment import Experiment, covariances
-from ctlabs.labs.portrait import largest
+from ctlabs.labs.portrait import largest, tested
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
 from ctlabs.montecarlo import chance
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import LabParameters, Positive, Real, Variance, given
-from ctlabs.reporting.report import EXACT, SOLVER, Report
-from ctlabs.text import _, fill
+from ctlabs.reporting.report import EXACT, Report
+from ctlabs.text import text
 
 META = {
     "name": "task16",
@@ -31,12 +35,6 @@ META = {
     "source": "Semushin & Tsyganova 2001, task 16",
     "parts": ["a", "b", "c"],
 }
-
-#: Times at which P(t) is given, s.
-TIMES = (0.5, 1.0, 2.0, 5.0)
-#: The band of the settling time, as a fraction of the limit.
-WITHIN = 0.01
-TIME = "t, s"
 
 
 class Parameters(LabParameters):
@@ -49,614 +47,257 @@ class Parameters(LabParameters):
     dt: Positive = given(1.0, unit="s", meaning="period of the discrete measurements")
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    rate, limit = math.sqrt(p.Q / p.R), math.sqrt(p.Q) * math.sqrt(p.R)
-    prior, posterior = sampled_limits(p.Q, p.R, p.dt)
-    gain = posterior * p.dt / p.R
-    return {
-        "variance_steady_continuous": limit,
-        "gain_steady_continuous": rate,
-        "filter_transfer_function": [[rate], [1.0, rate]],
-        "variance_continuous": [variance(p.Q, p.R, p.P0, t) for t in TIMES],
-        "settling_time": settling_time(p.Q, p.R, p.P0),
-        "prior_variance_steady": prior,
-        "posterior_variance_steady": posterior,
-        "gain_steady": gain,
-        "filter_z_transfer_function": [[gain, 0.0], [1.0, gain - 1]],
-        "settling_step": settling_by_hand(p.Q, p.R, p.P0, p.dt),
-    }
-
-
-def variance(Q, R, P0, t):
-    """P(t) of part (a), the solution of P' = Q − P²/R."""
-    if not Q:
-        return P0 * R / (R + P0 * t)
-    limit, share = math.sqrt(Q) * math.sqrt(R), math.tanh(math.sqrt(Q / R) * t)
-    return limit * (P0 + limit * share) / (limit + P0 * share)
-
-
-def settling_time(Q, R, P0):
-    """When (P − P∞)/(P + P∞), which decays like e^(−2√(Q/R)t), enters the band for good; None if P∞ = 0 < P0."""
-    if not Q:
-        return None if P0 else 0.0
-    limit = math.sqrt(Q) * math.sqrt(R)
-    start = (P0 - limit) / (P0 + limit)
-    edge = WITHIN / (2 + WITHIN) if start > 0 else WITHIN / (2 - WITHIN)
-    return max(0.0, math.log(abs(start) / edge) / (2 * math.sqrt(Q / R))) if start else 0.0
-
-
-def sampled_limits(Q, R, dt):
-    """P⁻ and P⁺ of part (b): the roots of P² ∓ Q dt P − QR = 0, written so that nothing cancels."""
-    above = 0.5 * Q * dt + math.sqrt(Q * R + (0.5 * Q * dt) ** 2)
-    return above, Q * R / above if above else 0.0
-
-
-def settling_by_hand(Q, R, P0, dt):
-    """The same for P⁺: (P⁺ − P⁺∞)/(P⁺ + P⁻∞) shrinks by the factor (P⁺∞/P⁻∞)² with each measurement."""
-    if not Q:
-        return None if P0 else 1
-    prior, posterior = sampled_limits(Q, R, dt)
-    start = (P0 - posterior) / (P0 + prior)
-    edge = math.copysign(WITHIN, start) * posterior
-    ratio = abs(start) * (posterior + edge + prior) / abs(edge)
-    return max(1, math.ceil(math.log(ratio) / (2 * math.log(prior / posterior)))) if start else 1
-
-
-def posterior_variance(Q, R, P0, dt, k):
-    """P⁺ after k measurements, by the k-th power of the fraction R_d(P + Q_d)/(P + Q_d + R_d)."""
-    step = np.array([[R / dt, Q * R], [1.0, Q * dt + R / dt]])
-    step /= np.abs(np.linalg.eigvals(step)).max()
-    above, below = np.linalg.matrix_power(step, k) @ [P0, 1.0]
-    return float(above / below)
-
-
-def time_scale(p):
-    """The time in which the continuous filter forgets, s; without process noise that in which P(t) halves."""
-    if p.Q:
-        return math.sqrt(p.R / p.Q)
-    return p.R / p.P0 if p.P0 else 10 * p.dt
-
-
 def model(p):
     """ẋ = w, z = x + v."""
-    return ContinuousModel(
-        F=[[0]], G=[[1]], Q=[[p.Q]], H=[[1]], Rc=[[p.R]], x0=[p.x0_mean], P0=[[p.P0]],
-        states=["x"], measurements=["z"], units=["m"],
-    )  # fmt: skip
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, system = analytic(p), model(p)
-    sampled = discretise(system, p.dt)
-    r.heading(_("Part I. Analysis"))
-    part_a(r, p, answer, system)
-    part_b(r, p, answer, system, sampled)
-    r.heading(_("Plan of the experiment"))
-    fine, steps, ratio = plan(r, p, experiment, system)
-    r.heading(_("Part II. Experiment"))
-    part_c(r, p, answer, system, sampled)
-    limits(r, p, answer, system)
-    ensembles(r, p, experiment, sampled, fine, steps, ratio)
-    r.heading(_("Conclusions"))
-    conclusions(r, p, answer)
-    return r
+    return ContinuousModel(F=[[0]], G=[[1]], Q=[[p.Q]], H=[[1]], Rc=[[p.R]], x0=[p.x0_mean], P0=[[p.P0]], states=["x"],
+                           measurements=["z"], units=["m"])
 
 
 def part_a(r, p, answer, system):
     """The continuous filter."""
-    r.section("a", _("The continuous filter, its steady state and transfer function"))
+    r.section("a", "The continuous filter, its steady state and transfer function")
     r.model(system)
-    r.says(_("The Kalman–Bucy filter of this model, with $\\hat{x}(0) = \\bar{x}_0$ and $P(0) = P_0$:"))
+    r.says("The Kalman–Bucy filter of this model, with $\\hat{x}(0) = \\bar{x}_0$ and $P(0) = P_0$:")
     r.math(r"\dot{\hat x} = K\,(z - \hat x), \qquad K(t) = \frac{P(t)}{R}, \qquad \dot P = Q - \frac{P^2}{R}")
     if p.Q:
-        r.says(
-            _(
-                "**The variance.** Put $P_\\infty = \\sqrt{QR}$ and $\\kappa = \\sqrt{Q/R}$, so that $\\dot{P} = (P_\\infty - P)(P_\\infty + P)/R$. The ratio $\\rho = (P - P_\\infty)/(P + P_\\infty)$ then obeys"
-            )
-        )
-        r.math(
-            r"\dot\rho = \frac{2P_\infty\dot P}{(P + P_\infty)^2} = -2\kappa\,\rho, \qquad \rho(t) = \frac{P_0 - P_\infty}{P_0 + P_\infty}\,e^{-2\kappa t}"
-        )
+        r.says("**The variance.** Put $P_\\infty = \\sqrt{QR}$ and $\\kappa = \\sqrt{Q/R}$, so that $\\dot{P} = (P_\\infty - P)(P_\\infty + P)/R$. The ratio $\\rho = (P - P_\\infty)/(P + P_\\infty)$ then obeys")
+        r.math(r"\dot\rho = \frac{2P_\infty\dot P}{(P + P_\infty)^2} = -2\kappa\,\rho, \qquad \rho(t) = \frac{P_0 - P_\infty}{P_0 + P_\infty}\,e^{-2\kappa t}")
         r.math(r"P(t) = P_\infty\,\frac{P_0 + P_\infty\tanh\kappa t}{P_\infty + P_0\tanh\kappa t}")
-        r.says(
-            _(
-                "**The limit.** $|\\rho(0)| \\le 1$ for every $P_0 \\ge 0$, so $\\rho(t) \\to 0$ and $P(t) \\to P_\\infty$, $K(t) \\to P_\\infty/R = \\kappa$, whatever $P_0$ is. ∎"
-            )
-        )
-        r.says(
-            _(
-                "**Invariance.** With the constant gain κ the filter is $\\dot{\\hat{x}} = -\\kappa\\hat{x} + \\kappa z$: its coefficients do not depend on time, so a record that comes later by T gives the same estimate later by T. From zero initial conditions"
-            )
-        )
+        r.says("**The limit.** $|\\rho(0)| \\le 1$ for every $P_0 \\ge 0$, so $\\rho(t) \\to 0$ and $P(t) \\to P_\\infty$, $K(t) \\to P_\\infty/R = \\kappa$, whatever $P_0$ is. ∎")
+        r.says("**Invariance.** With the constant gain κ the filter is $\\dot{\\hat{x}} = -\\kappa\\hat{x} + \\kappa z$: its coefficients do not depend on time, so a record that comes later by T gives the same estimate later by T. From zero initial conditions")
         r.math(r"\frac{\hat x(s)}{z(s)} = \frac{\kappa}{s + \kappa}, \qquad \kappa = \sqrt{Q/R}")
     else:
-        r.says(
-            _(
-                "Without process noise $\\dot{P} = -P^2/R$, hence $1/P(t) = 1/P_0 + t/R$: the variance and the gain tend to zero, and in the limit the filter takes no notice of the measurements."
-            )
-        )
-    routes = (_("Riccati equation"), _("closed form"))
+        r.says("Without process noise $\\dot{P} = -P^2/R$, hence $1/P(t) = 1/P_0 + t/R$: the variance and the gain tend to zero, and in the limit the filter takes no notice of the measurements.")
+    routes = ("Riccati equation", "closed form")
+    steady_and_transient(r, p, answer, system, routes)
+
+
+def steady_and_transient(r, p, answer, system, routes):
+    """The steady state, the verdict, and P(t)."""
     limit = bucy.steady(system)
     r.value("variance_steady_continuous", limit.P[0, 0], "m²", agrees=answer, routes=routes)
     r.value("gain_steady_continuous", limit.K[0, 0], "1/s", agrees=answer, routes=routes)
     num, den = bucy.transfer_function(system)
     r.value("filter_transfer_function", [num, den])
     for name, found, expected in zip(
-        (_("numerator"), _("denominator")), (num, den), answer["filter_transfer_function"], strict=True
+        ("numerator", "denominator"), (num, den), answer["filter_transfer_function"], strict=True
     ):
-        r.check(fill(_("transfer function, {part}"), part=name), found, expected, routes)
+        r.check(text("transfer function, {part}", part=name), found, expected, routes)
     invariant = bool(limit.poles[0].real < 0)
     r.value("verdict_a", invariant)
     transient = bucy.transient(system, TIMES)
-    r.value(
-        "variance_continuous",
-        transient.P[:, 0, 0],
-        "m²",
-        at=TIMES,
-        agrees=answer,
-        routes=(_("Riccati equation, integrated"), _("closed form")),
-    )
+    r.value("variance_continuous", transient.P[:, 0, 0], "m²", at=TIMES, agrees=answer,
+            routes=("Riccati equation, integrated", "closed form"))
     if invariant:
-        r.says(_("The criterion of invariance: the gain tends to a constant with which the filter is stable. Here $P_\\infty = {P}$ m², $K_\\infty = {K}$ 1/s, the pole is {pole} 1/s and the time constant {tau} s: the filter becomes time-invariant."),
-               P=limit.P[0, 0], K=limit.K[0, 0], pole=limit.poles[0].real, tau=1 / answer["gain_steady_continuous"])  # fmt: skip
-        r.says(
-            _(
-                "The filter passes what changes slower than κ with gain 1 and attenuates the rest like κ/ω: a first-order low-pass whose bandwidth is the root of the ratio of the noise strengths. The more the process moves (Q) or the better it is measured (small R), the wider it is."
-            )
-        )
+        r.says("The criterion of invariance: the gain tends to a constant with which the filter is stable. Here $P_\\infty = {P}$ m², $K_\\infty = {K}$ 1/s, the pole is {pole} 1/s and the time constant {tau} s: the filter becomes time-invariant.",
+               P=limit.P[0, 0], K=limit.K[0, 0], pole=limit.poles[0].real, tau=1 / answer["gain_steady_continuous"])
+        r.says("The filter passes what changes slower than κ with gain 1 and attenuates the rest like κ/ω: a first-order low-pass whose bandwidth is the root of the ratio of the noise strengths. The more the process moves (Q) or the better it is measured (small R), the wider it is.")
     else:
-        r.says(
-            _(
-                "The criterion of invariance: the gain tends to a constant with which the filter is stable. Here it tends to 0 and the pole to the origin: the limit is no filter at all, and the optimal one never becomes time-invariant."
-            )
-        )
+        r.says("The criterion of invariance: the gain tends to a constant with which the filter is stable. Here it tends to 0 and the pole to the origin: the limit is no filter at all, and the optimal one never becomes time-invariant.")
     scale = time_scale(p)
     t = np.linspace(0.0, 4 * scale, 201)
     curve = bucy.transient(system, t).P[:, 0, 0]
     settled = answer["settling_time"]
-    figure = plots.transient(
-        t, {"P(t)": curve}, limits={"P(t)": limit.P[0, 0]}, xlabel=TIME, ylabel=_("error variance, m²"),
-        marks={_("settled within 1 %"): settled} if settled and settled <= t[-1] else None,
-    )  # fmt: skip
-    r.figure("transient", figure, _("Error variance of the continuous filter and its limit."))
+    figure = plots.transient(t, {"P(t)": curve}, limits={"P(t)": limit.P[0, 0]}, xlabel=TIME,
+                             ylabel="error variance, m²",
+                             marks={"settled within 1 %": settled} if settled and settled <= t[-1] else None)
+    r.figure("transient", figure, "Error variance of the continuous filter and its limit.")
 
 
 def part_b(r, p, answer, system, sampled):
     """The discrete model and filter."""
-    r.section("b", _("The discrete model, its filter and transfer function"))
-    r.says(
-        _(
-            "Over one period x changes by the integral of w, whose variance is Q dt. The average of v over a period has the variance R/dt, so one measurement with this noise is worth the continuous one over a period (that x itself moves while it is averaged is left out; the difference vanishes with dt):"
-        )
-    )
-    r.math(
-        r"x(t_{i+1}) = x(t_i) + w_d(t_i), \quad z(t_i) = x(t_i) + v_d(t_i), \qquad Q_d = Q\,dt, \quad R_d = \frac{R}{dt}"
-    )
+    r.section("b", "The discrete model, its filter and transfer function")
+    r.says("Over one period x changes by the integral of w, whose variance is Q dt. The average of v over a period has the variance R/dt, so one measurement with this noise is worth the continuous one over a period (that x itself moves while it is averaged is left out; the difference vanishes with dt):")
+    r.math(r"x(t_{i+1}) = x(t_i) + w_d(t_i), \quad z(t_i) = x(t_i) + v_d(t_i), \qquad Q_d = Q\,dt, \quad R_d = \frac{R}{dt}")
     r.model(sampled)
-    r.check(_("Q_d"), sampled.Qd, [[p.Q * p.dt]], (_("integral of ΦGQGᵀΦᵀ"), _("by hand")), EXACT)
-    r.check(_("R_d"), sampled.R, [[p.R / p.dt]], (_("model"), _("by hand")), EXACT)
-    r.says(_("The filter, from $\\hat{x}(t_0^+) = \\bar{x}_0$ and $P(t_0^+) = P_0$:"))
+    r.check("Q_d", sampled.Qd, [[p.Q * p.dt]], ("integral of ΦGQGᵀΦᵀ", "by hand"), EXACT)
+    r.check("R_d", sampled.R, [[p.R / p.dt]], ("model", "by hand"), EXACT)
+    r.says("The filter, from $\\hat{x}(t_0^+) = \\bar{x}_0$ and $P(t_0^+) = P_0$:")
     r.math(r"\hat x(t_i^-) = \hat x(t_{i-1}^+), \qquad P(t_i^-) = P(t_{i-1}^+) + Q_d")
-    r.math(
-        r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R_d}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = K(t_i)R_d"
-    )
-    r.says(
-        _(
-            "**Steady state.** With $P^- = P^+ + Q_d$ the update $P^+ = P^-R_d/(P^- + R_d)$ becomes $P^-P^+ = Q_dR_d = QR$: the geometric mean of the two bounds is the continuous limit for every period, and their difference is Q dt. Hence"
-        )
-    )
-    r.math(
-        r"P^\mp = \pm\frac{Q\,dt}{2} + \sqrt{QR + \frac{Q^2dt^2}{4}}, \qquad K = \frac{P^+}{R_d}, \qquad 1 - K = \frac{P^+}{P^-}"
-    )
-    r.says(
-        _(
-            "The filter with this gain is $\\hat{x}(t_i^+) = (1-K)\\hat{x}(t_{i-1}^+) + Kz(t_i)$, an average of the measurements with weights that fall geometrically. Its transfer function from z to $\\hat{x}^+$ is"
-        )
-    )
+    r.math(r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R_d}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = K(t_i)R_d")
+    r.says("**Steady state.** With $P^- = P^+ + Q_d$ the update $P^+ = P^-R_d/(P^- + R_d)$ becomes $P^-P^+ = Q_dR_d = QR$: the geometric mean of the two bounds is the continuous limit for every period, and their difference is Q dt. Hence")
+    r.math(r"P^\mp = \pm\frac{Q\,dt}{2} + \sqrt{QR + \frac{Q^2dt^2}{4}}, \qquad K = \frac{P^+}{R_d}, \qquad 1 - K = \frac{P^+}{P^-}")
+    r.says("The filter with this gain is $\\hat{x}(t_i^+) = (1-K)\\hat{x}(t_{i-1}^+) + Kz(t_i)$, an average of the measurements with weights that fall geometrically. Its transfer function from z to $\\hat{x}^+$ is")
     r.math(r"H(z) = \frac{K}{1 - (1-K)z^{-1}}")
-    limit, routes = steady.solve(sampled), (_("Riccati equation"), _("closed form"))
+    limit, routes = steady.solve(sampled), ("Riccati equation", "closed form")
     r.value("prior_variance_steady", limit.P_minus[0, 0], "m²", agrees=answer, routes=routes)
     r.value("posterior_variance_steady", limit.P_plus[0, 0], "m²", agrees=answer, routes=routes)
     r.value("gain_steady", limit.K[0, 0], agrees=answer, routes=routes)
     r.value("filter_z_transfer_function", list(steady.transfer_function(sampled)), agrees=answer, routes=routes)
-    r.says(_("Here $P^- = {prior}$ m², $P^+ = {posterior}$ m², $K = {gain}$; the pole is $1 - K = {pole}$."),
-           prior=limit.P_minus[0, 0], posterior=limit.P_plus[0, 0], gain=limit.K[0, 0], pole=1 - limit.K[0, 0])  # fmt: skip
+    r.says("Here $P^- = {prior}$ m², $P^+ = {posterior}$ m², $K = {gain}$; the pole is $1 - K = {pole}$.",
+           prior=limit.P_minus[0, 0], posterior=limit.P_plus[0, 0], gain=limit.K[0, 0], pole=1 - limit.K[0, 0])
     if p.Q:
         frequency(r, p, system, sampled, limit)
     else:
-        r.says(_("With the gain 0 the transfer function is zero; there is nothing to plot."))
+        r.says("With the gain 0 the transfer function is zero; there is nothing to plot.")
 
 
 def frequency(r, p, system, sampled, limit):
     """Both filters in the frequency domain."""
     rate = math.sqrt(p.Q / p.R)
     omega = np.geomspace(rate / 50, 50 * rate, 400)
-    names = _("continuous"), fill(_("discrete, dt = {dt} s"), dt=p.dt)
+    names = "continuous", text("discrete, dt = {dt} s", dt=p.dt)
     num, den = steady.transfer_function(sampled)
     figure = plots.bode({names[0]: bucy.filter_system(system), names[1]: (num, den, p.dt)}, omega, marks={"κ": rate})
-    r.figure(
-        "bode",
-        figure,
-        _(
-            "Bode plot of both steady filters. The discrete one is periodic in frequency and shown up to its Nyquist frequency."
-        ),
-    )
+    r.figure("bode", figure,
+             "Bode plot of both steady filters. The discrete one is periodic in frequency and shown up to its Nyquist frequency.")
     pole = float(limit.P_plus[0, 0] / limit.P_minus[0, 0])
-    figure = plots.poles({names[0]: bucy.steady(system).poles, names[1] + ", $\\ln(1-K)/dt$": [math.log(pole) / p.dt]})
-    r.figure(
-        "poles",
-        figure,
-        _(
-            "Poles: that of the continuous filter at −κ = {pole} 1/s, and that of the discrete filter carried to the plane of s, {other} 1/s."
-        ),
-        pole=-rate,
-        other=math.log(pole) / p.dt,
-    )
+    figure = plots.poles({names[0]: bucy.steady(system).poles, text("discrete, dt = {dt} s, $\\ln(1-K)/dt$", dt=p.dt): [math.log(pole) / p.dt]})
+    r.figure("poles", figure,
+             "Poles: that of the continuous filter at −κ = {pole} 1/s, and that of the discrete filter carried to the plane of s, {other} 1/s.",
+             pole=-rate, other=math.log(pole) / p.dt)
     # asinh(x/2) = −½ ln((1−K)) of the closed forms: 1 − K = P⁺/P⁻ with P∓ = √(QR)·e^(±asinh(κ dt/2)).
-    r.check(
-        _("the discrete filter's pole in the plane of s"),
-        math.log(pole) / p.dt,
-        -2 * math.asinh(rate * p.dt / 2) / p.dt,
-        (_("Riccati equation"), _("closed form −2 asinh(κ dt/2)/dt")),
-    )
+    r.check("the discrete filter's pole in the plane of s", math.log(pole) / p.dt,
+            -2 * math.asinh(rate * p.dt / 2) / p.dt, ("Riccati equation", "closed form −2 asinh(κ dt/2)/dt"))
 
 
 def plan(r, p, experiment, system):
-    """Every number chosen; returns the fine model, measurements of the discrete filter, and fine steps per period."""
+    """Every number chosen."""
     scale = time_scale(p)
     steps = min(max(math.ceil(10 * scale / p.dt), 20), 400)
-    ratio = max(1, math.ceil(100 * p.dt / scale))
-    length = min(ratio * steps, 4000)
-    fine = discretise(system, p.dt / ratio)
-    r.says(
-        _(
-            "The continuous filter cannot be run on a computer as it stands, since white noise has no values. It is replaced by the discrete filter with a period δ much shorter than its time constant, on measurements with the variance R/δ; the variance of this filter differs from P(t) by O(δ), and the table of part (c) says by how much. The same paths of x serve both filters in the pictures of single runs."
-        )
-    )
-    r.table("plan", [_("quantity"), _("value"), _("why")], [
-        [_("period of the discrete filter dt, s"), p.dt, _("given")],
-        [_("its measurements"), steps, _("ten time constants, but 20 at least and 400 at most")],
-        [_("period δ in place of continuous time, s"), p.dt / ratio, _("a hundredth of the time constant, or dt if that is shorter; a whole number of them in dt")],
-        [_("steps of length δ"), length, _("the same horizon, 4000 steps at most")],
-        [_("runs"), experiment.runs, fill(_("a standard error of the variance of {percent} %"), percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
-        [_("seed"), experiment.seed, _("another stream of random numbers for each ensemble")],
-        [_("settling"), "1 %", _("the variance stays within this fraction of its limit from then on")],
-    ], _("Plan of the experiment."))  # fmt: skip
-    return (fine, length), steps, ratio
+    close = fine(system, p.dt, steps, scale)
+    r.says("The continuous filter cannot be run on a computer as it stands, since white noise has no values. It is replaced by the discrete filter with a period δ much shorter than its time constant, on measurements with the variance R/δ; the variance of this filter differs from P(t) by O(δ), and the table of part (c) says by how much. The same paths of x serve both filters in the pictures of single runs.")
+    r.table("plan", ["quantity", "value", "why"], [
+        ["period of the discrete filter dt, s", p.dt, "given"],
+        ["its measurements", steps, "ten time constants, but 20 at least and 400 at most"],
+        ["period δ in place of continuous time, s", close.model.dt, "a hundredth of the time constant, or dt if that is shorter; a whole number of them in dt"],
+        ["steps of length δ", close.steps, "the same horizon, 4000 steps at most"],
+        ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
+        ["seed", experiment.seed, "another stream of random numbers for each ensemble"],
+        ["settling", "1 %", "the variance stays within this fraction of its limit from then on"],
+    ], "Plan of the experiment.")
+    return {"close": close, "steps": steps}
 
 
 def part_c(r, p, answer, system, sampled):
     """Settling of both, and the sawtooth over P(t)."""
-    r.section("c", _("Settling, the limit dt → 0, and the simulated filters"))
-    r.says(
-        _(
-            "**Definition.** A filter has settled at the first time from which its error variance (P(t), or $P(t_i^+)$ after each measurement) stays within 1 % of its limit. The gain is proportional to this variance and settles at the same time."
-        )
-    )
-    r.says(
-        _(
-            "**In continuous time** the band is $|P - P_\\infty| \\le 0.01P_\\infty$, that is $|\\rho| \\le 0.01/(2 \\pm 0.01)$ with + from above and − from below. **In discrete time** the ratio $(P^+ - P^+_\\infty)/(P^+ + P^-_\\infty)$ shrinks by $(1-K)^2$ with each measurement, since it is the map $P \\to R_d(P + Q_d)/(P + Q_d + R_d)$ written in its fixed points $P^+_\\infty$ and $-P^-_\\infty$. Both give the time by a logarithm:"
-        )
-    )
-    r.math(
-        r"t_s = \frac{1}{2\kappa}\ln\frac{|\rho(0)|}{0.01/(2 \pm 0.01)}, \qquad k_s = \left\lceil\frac{\ln(|\rho_d(0)|/\rho_{d,s})}{-2\ln(1-K)}\right\rceil"
-    )
-    r.says(
-        _(
-            "where $\\rho_d(0)$ is that ratio at $P_0$ and $\\rho_{d,s}$ at the edge of the band, $P^+ = (1 \\pm 0.01)P^+_\\infty$; neither is below 0, nor $k_s$ below 1."
-        )
-    )
-    reason = _("the limit is 0, and a variance that decays to 0 never stays within 1 % of it")
+    r.section("c", "Settling, the limit dt → 0, and the simulated filters")
+    r.says("**Definition.** A filter has settled at the first time from which its error variance (P(t), or $P(t_i^+)$ after each measurement) stays within 1 % of its limit. The gain is proportional to this variance and settles at the same time.")
+    r.says("**In continuous time** the band is $|P - P_\\infty| \\le 0.01P_\\infty$, that is $|\\rho| \\le 0.01/(2 \\pm 0.01)$ with + from above and − from below. **In discrete time** the ratio $(P^+ - P^+_\\infty)/(P^+ + P^-_\\infty)$ shrinks by $(1-K)^2$ with each measurement, since it is the map $P \\to R_d(P + Q_d)/(P + Q_d + R_d)$ written in its fixed points $P^+_\\infty$ and $-P^-_\\infty$. Both give the time by a logarithm:")
+    r.math(r"t_s = \frac{1}{2\kappa}\ln\frac{|\rho(0)|}{0.01/(2 \pm 0.01)}, \qquad k_s = \left\lceil\frac{\ln(|\rho_d(0)|/\rho_{d,s})}{-2\ln(1-K)}\right\rceil")
+    r.says("where $\\rho_d(0)$ is that ratio at $P_0$ and $\\rho_{d,s}$ at the edge of the band, $P^+ = (1 \\pm 0.01)P^+_\\infty$; neither is below 0, nor $k_s$ below 1.")
+    reason = "the limit is 0, and a variance that decays to 0 never stays within 1 % of it"
     when, step = bucy.settling_time(system, WITHIN), settling(sampled, WITHIN)
-    routes = (_("search along P(t)"), _("closed form"))
+    routes = ("search along P(t)", "closed form")
     r.value("settling_time", when, "s", reason="" if when is not None else reason, agrees=answer, routes=routes)
     searched = step is not None or answer["settling_step"] is None
     step = step if searched else answer["settling_step"]
     r.value("settling_step", step, reason="" if step is not None else reason)
     if searched:
-        r.check(_("settling step"), step, answer["settling_step"], (_("recursion"), _("closed form")), EXACT)
+        r.check("settling step", step, answer["settling_step"], ("recursion", "closed form"), EXACT)
     else:
-        r.says(
-            _(
-                "The discrete filter needs so many measurements that the recursion is not run to that point; the closed form says how many, and a power of the step's matrix confirms it."
-            )
-        )
+        r.says("The discrete filter needs so many measurements that the recursion is not run to that point; the closed form says how many, and a power of the step's matrix confirms it.")
     posterior = answer["posterior_variance_steady"]
     if step is not None and posterior:
-        after = abs(posterior_variance(p.Q, p.R, p.P0, p.dt, step) / posterior - 1)
-        r.holds(
-            _("P⁺ is in the band at the settling step"),
-            WITHIN - after,
-            (_("power of the step's matrix"), _("definition")),
-            size=1.0,
-        )
+        after = abs(by_hand.posterior_variance(p.Q, p.R, p.P0, p.dt, step) / posterior - 1)
+        r.holds("P⁺ is in the band at the settling step", WITHIN - after, ("power of the step's matrix", "definition"),
+                size=1.0)
         if step > 1:
-            before = abs(posterior_variance(p.Q, p.R, p.P0, p.dt, step - 1) / posterior - 1)
-            r.holds(
-                _("P⁺ is outside one step earlier"),
-                before - WITHIN,
-                (_("power of the step's matrix"), _("definition")),
-                size=1.0,
-            )
+            before = abs(by_hand.posterior_variance(p.Q, p.R, p.P0, p.dt, step - 1) / posterior - 1)
+            r.holds("P⁺ is outside one step earlier", before - WITHIN, ("power of the step's matrix", "definition"),
+                    size=1.0)
     if when is None:
-        r.says(
-            _(
-                "Without process noise there is no settling: P(t) = 1/(1/P0 + t/R) falls for ever, by half each time the elapsed time doubles."
-            )
-        )
+        r.says("Without process noise there is no settling: P(t) = 1/(1/P0 + t/R) falls for ever, by half each time the elapsed time doubles.")
     else:
-        r.says(
-            _(
-                "The continuous filter settles at {when} s, the discrete one at measurement {step}, that is at {time} s."
-            ),
-            when=when,
-            step=step,
-            time=step * p.dt,
-        )
+        r.says("The continuous filter settles at {when} s, the discrete one at measurement {step}, that is at {time} s.",
+               when=when, step=step, time=step * p.dt)
     overlay(r, p, answer, system, sampled)
 
 
-def overlay(r, p, answer, system, sampled):
-    """P(t) between P⁻ and P⁺."""
-    r.says(
-        _(
-            "**P(t) lies between the teeth.** Over one period the continuous filter gains Q dt and loses by measuring at the same time. If the whole gain comes first and the whole loss after it (the discrete filter from $t_{i-1}^+$ to $t_i^+$), the loss $\\dot{P} = -P^2/R$ acts on larger variances, so it ends lower; if the loss comes first (from $t_{i-1}^-$ to $t_i^-$), higher. Both maps increase with P, and they begin with $P^+ = P_0$ and, after one period, $P^- = P_0 + Q\\,dt \\ge P(t_1)$. By induction $P(t_i^+) \\le P(t_i) \\le P(t_i^-)$ for every period and every i ≥ 1. ∎"
-        )
-    )
-    count = min(max(math.ceil(4 * time_scale(p) / p.dt), 8), 200)
-    shown = covariances(sampled, count)
-    between = bucy.transient(system, shown.t).P[:, 0, 0]
-    routes = (_("recursion"), _("Riccati equation, integrated"))
-    size = float(shown.P_minus.max()) or 1.0
-    r.holds("P⁺ ≤ P(t)", between[1:] - shown.P_plus[1:, 0, 0], routes, size=size)
-    r.holds("P(t) ≤ P⁻", shown.P_minus[1:, 0, 0] - between[1:], routes, size=size)
-    closed = [posterior_variance(p.Q, p.R, p.P0, p.dt, k) for k in range(count + 1)]
-    r.check(
-        _("P⁺ along the measurements"),
-        shown.P_plus[:, 0, 0],
-        closed,
-        (_("recursion"), _("power of the step's matrix")),
-        SOLVER,
-    )
-    r.check(
-        _("gain along the measurements"),
-        shown.K[1:, 0, 0],
-        [P * p.dt / p.R for P in closed[1:]],
-        (_("recursion"), _("power of the step's matrix")),
-        SOLVER,
-    )
-    half = covariances(discretise(system, p.dt / 4), 4 * count)
-    t = np.linspace(0.0, shown.t[-1], 401)
-    figure = plots.sampled(
-        {fill(_("dt = {dt} s"), dt=p.dt): shown, fill(_("dt = {dt} s"), dt=p.dt / 4): half}, t, bucy.transient(system, t).P[:, 0, 0],
-        xlabel=TIME, ylabel=_("variance, m²"), limit=answer["variance_steady_continuous"],
-    )  # fmt: skip
-    r.figure(
-        "sawtooth",
-        figure,
-        _(
-            "The sawtooth of the discrete filter over the variance of the continuous one, for the given period and a quarter of it."
-        ),
-    )
-    figure = plots.gains(
-        t, bucy.transient(system, t).K, shown, names=[_("gain K, or K/dt")], units=["1/s"], xlabel=TIME
-    )
-    r.figure("gains", figure, _("The continuous gain, and that of the discrete filter divided by its period."))
-
-
-def limits(r, p, answer, system):
-    """dt → 0."""
-    if not p.Q:
-        r.says(
-            _(
-                "**dt → 0.** Without process noise the discrete filter agrees with the continuous one at the instants of measurement for every period: $1/P(t_i^+) = 1/P_0 + i\\,dt/R = 1/P(t_i)$. The information of the measurements does not depend on how it is divided."
-            )
-        )
-        coarse = covariances(discretise(system, p.dt), 20)
-        r.check(
-            _("P⁺ = P(t) without process noise"),
-            coarse.P_plus[:, 0, 0],
-            [variance(p.Q, p.R, p.P0, t) for t in coarse.t],
-            (_("recursion"), _("closed form")),
-            SOLVER,
-        )
-        return
-    r.says(
-        _(
-            "**dt → 0.** With $x = \\kappa\\,dt$ the steady state of (b) is $P^\\mp = P_\\infty(\\sqrt{1 + x^2/4} \\pm x/2)$. Expanded in x:"
-        )
-    )
-    r.math(
-        r"P^\mp = P_\infty\Bigl(1 \pm \frac{x}{2} + \frac{x^2}{8} + \dots\Bigr), \qquad \frac{P^- + P^+}{2} = P_\infty\Bigl(1 + \frac{x^2}{8} + \dots\Bigr)"
-    )
-    r.math(
-        r"\frac{K}{dt} = \kappa\Bigl(1 - \frac x2 + \dots\Bigr), \qquad \frac{\ln(1-K)}{dt} = -\frac{2}{dt}\,\mathrm{arsinh}\frac x2 = -\kappa\Bigl(1 - \frac{x^2}{24} + \dots\Bigr)"
-    )
-    r.says(
-        _(
-            "So the bounds and the gain approach the continuous filter at first order, the mean of the bounds and the pole at second. The last column takes P⁺ at t = 1/κ, on the way from P0."
-        )
-    )
-    scale, rate = time_scale(p), math.sqrt(p.Q / p.R)
-    periods = [scale / n for n in (8, 16, 32, 64)]
-    systems = [discretise(system, dt) for dt in periods]
-    found, exact = [steady.solve(s) for s in systems], bucy.steady(system)
-    target, midway = float(exact.P[0, 0]), float(bucy.transient(system, [scale]).P[0, 0, 0])
-    bounds = [(float(s.P_minus[0, 0]), float(s.P_plus[0, 0])) for s in found]
-    at = [
-        s.P_plus[-1, 0, 0]
-        for s in (covariances(system, n) for system, n in zip(systems, (8, 16, 32, 64), strict=True))
-    ]
-    errors = {
-        _("P⁻"): [minus - target for minus, plus in bounds],
-        _("P⁺"): [target - plus for minus, plus in bounds],
-        _("mean of P⁻ and P⁺"): [0.5 * (minus + plus) - target for minus, plus in bounds],
-        _("gain K/dt"): [float(exact.K[0, 0] - s.K[0, 0] / dt) for s, dt in zip(found, periods, strict=True)],
-        _("pole ln(1−K)/dt"): [
-            math.log(plus / minus) / dt + rate for (minus, plus), dt in zip(bounds, periods, strict=True)
-        ],
-        _("P⁺ at t = 1/κ"): [midway - value for value in at],
-    }
-    omega = [rate]
-    continuous = plots.response(bucy.filter_system(system), omega)[0]
-    errors[_("transfer function at ω = κ")] = [
-        float(abs(plots.response((*steady.transfer_function(s), dt), omega)[0] - continuous))
-        for s, dt in zip(systems, periods, strict=True)
-    ]
-    second = {_("mean of P⁻ and P⁺"), _("pole ln(1−K)/dt")}
-    for name, values in errors.items():
-        r.order(
-            fill(_("order of {name}"), name=name),
-            np.abs(values),
-            2.0 if name in second else 1.0,
-            (_("discrete filter"), _("continuous filter")),
-        )
-    r.table("limits", [_("dt, s"), *errors], [(dt, *(values[i] for values in errors.values())) for i, dt in enumerate(periods)],
-            _("Differences from the continuous filter (variances in m², gain and pole in 1/s): halved with the period, or quartered where the order is 2."))  # fmt: skip
-    grid = np.geomspace(min(scale / 100, p.dt / 4), max(10 * scale, p.dt * 4), 25)
-    solved = [steady.solve(discretise(system, float(dt))) for dt in grid]
-    minus, plus = np.array([s.P_minus[0, 0] for s in solved]), np.array([s.P_plus[0, 0] for s in solved])
-    curves = {
-        "$P^- - P_\\infty$": minus - target,
-        "$P_\\infty - P^+$": target - plus,
-        _("mean $- P_\\infty$"): 0.5 * (minus + plus) - target,
-    }
-    figure = plots.lines(
-        grid, {name: np.abs(values) for name, values in curves.items()}, xlabel=_("period dt, s"), ylabel=_("difference from $P_\\infty$, m²"), log="xy",
-        straight={_("slope 1, slope 2"): (grid, target * grid / (2 * scale)), "_slope2": (grid, target * (grid / scale) ** 2 / 8)},
-        points={_("the given dt"): ([p.dt] * 3, [answer["prior_variance_steady"] - target, target - answer["posterior_variance_steady"], 0.5 * (answer["prior_variance_steady"] + answer["posterior_variance_steady"]) - target])},
-    )  # fmt: skip
-    r.figure(
-        "limits",
-        figure,
-        _(
-            "How the steady variances of the discrete filter approach that of the continuous one as the period is shortened."
-        ),
-    )
-
-
-def ensembles(r, p, experiment, sampled, fine, steps, ratio):
-    """Both filters on simulated data."""
-    (quick, length), runs = fine, {}
-    # One path of x for both: the sampled measurements are those of the fine grid at every ratio-th instant.
-    R = np.where(np.arange(length + 1) % ratio == 0, p.R / p.dt, np.inf)[:, None, None]
-    runs[_("continuous filter")] = experiment.histories(quick, steps=length, runs=1)
-    if ratio <= length:
-        runs[_("discrete filter")] = experiment.histories(replace(quick, R=R), steps=length, runs=1)
-    every = slice(None, None, ratio)
-    last = list(runs.values())[-1]
+def one_path(r, experiment, sampled, close):
+    """Both filters on one path of x."""
+    runs = close.one_path(experiment, sampled)
+    every = slice(None, None, close.ratio)
     tracks = {
         name: (e.t[cut], e.x_plus[cut, 0, 0], e.sd_plus[cut, 0])
-        for (name, e), cut in zip(runs.items(), (slice(None), every), strict=False)
+        for name, e, cut in zip(("continuous filter", "discrete filter"), runs.values(), (slice(None), every), strict=False)
     }
-    figure = plots.estimates(
-        (last.t, last.truth[:, 0, 0]), tracks, xlabel=TIME, ylabel="x, m",
-        measurements=(last.t[every], last.z[every, 0, 0]) if len(runs) == 2 else None,
-    )  # fmt: skip
-    r.figure(
-        "record",
-        figure,
-        _(
-            "One path of x, the discrete measurements (the noise of the continuous ones is off the scale), and what each filter makes of it."
-        ),
-    )
+    last = list(runs.values())[-1]
+    figure = plots.estimates((last.t, last.truth[:, 0, 0]), tracks, xlabel=TIME, ylabel="x, m",
+                             measurements=(last.t[every], last.z[every, 0, 0]) if len(runs) == 2 else None)
+    r.figure("record", figure,
+             "One path of x, the discrete measurements (the noise of the continuous ones is off the scale), and what each filter makes of it.")
+
+
+def ensembles(r, p, experiment, sampled, close, steps):
+    """Both filters on simulated data."""
+    one_path(r, experiment, sampled, close)
     some = experiment.histories(sampled, steps=steps, stream=2)
-    r.figure(
-        "errors",
-        plots.errors(some, xlabel=TIME, unit="m"),
-        _(
-            "The discrete filter: innovations, prediction and filtering errors of 25 runs inside the bands of the theory."
-        ),
-    )
-    rows = []
-    for stream, (name, key, system, count) in enumerate((
-        (_("continuous (period δ)"), "ensemble_continuous", quick, length),
-        (_("discrete"), "ensemble", sampled, steps),
-    ), start=3):  # fmt: skip
-        stats, theory = experiment.statistics(system, steps=count, stream=stream), covariances(system, count)
-        tests = [
-            (_("mean error"), chance.bias(stats, theory.P_plus)),
-            (_("error variance"), chance.variance(stats, theory.P_plus)),
-            (_("NEES"), chance.nees(stats)),
-            (_("NIS"), chance.nis(stats)),
-        ]
-        for what, test in tests:
-            r.chance(f"{what}, {name}", test)
-        continuous = [variance(p.Q, p.R, p.P0, t) for t in theory.t]
-        apart = [abs(P / C - 1) for P, C in zip(theory.P_plus[:, 0, 0], continuous, strict=True) if C]
-        settled = settling_step(theory.P_plus[:, :, 0], steady.solve(system).P_plus[0], WITHIN)
-        rows.append((
-            name, theory.t[-1], theory.sd_plus[-1, 0], stats.rms[-1, 0], stats.bias[-1, 0], 100 * max(apart, default=0.0),
-            None if settled is None else max(settled, 1) * system.dt, max(abs(test.value) for _what, test in tests),
-        ))  # fmt: skip
-        figure = plots.ensemble_against_theory(stats, theory.P_plus, xlabel=TIME, units=["m"])
-        r.figure(
-            key,
-            figure,
-            _(
-                "Ensemble against theory, {name} filter: RMS and mean of the filtering error with the bands of 95 % of ensembles; NEES and NIS averaged over the runs."
-            ),
-            name=name,
-        )
-    r.table("ensemble", [_("filter"), _("to t, s"), _("σ of theory, m"), _("RMS, m"), _("mean error, m"), _("P⁺ from P(t), % at most"), _("settled at, s"), _("largest deviation, σ")], rows,
-            _("The ensembles at the last instant. The deviation from P(t) is that of the variances of theory over the whole horizon; the last column is over all instants and tests."))  # fmt: skip
-    r.says(
-        _(
-            "With the period δ in place of continuous time the variance differs from P(t) by {percent} % at most: what the ensemble shows of it holds for the continuous filter to that accuracy."
-        ),
-        percent=rows[0][5],
-    )
+    r.figure("errors", plots.errors(some, xlabel=TIME, unit="m"),
+             "The discrete filter: innovations, prediction and filtering errors of 25 runs inside the bands of the theory.")
+    rows = [
+        ensemble(r, p, experiment, "continuous (period δ)", "ensemble_continuous", close.model, close.steps, 3),
+        ensemble(r, p, experiment, "discrete", "ensemble", sampled, steps, 4),
+    ]
+    r.table("ensemble", ["filter", "to t, s", "σ of theory, m", "RMS, m", "mean error, m", "P⁺ from P(t), % at most", "settled at, s", "largest deviation, σ"], rows,
+            "The ensembles at the last instant. The deviation from P(t) is that of the variances of theory over the whole horizon; the last column is over all instants and tests.")
+    r.says("With the period δ in place of continuous time the variance differs from P(t) by {percent} % at most: what the ensemble shows of it holds for the continuous filter to that accuracy.",
+           percent=rows[0][5])
+
+
+def ensemble(r, p, experiment, name, key, system, steps, stream):
+    """One of the filters against theory; the row of it."""
+    stats, theory = experiment.statistics(system, steps=steps, stream=stream), covariances(system, steps)
+    worst = tested(r, name, {
+        "mean error": chance.bias(stats, theory.P_plus), "error variance": chance.variance(stats, theory.P_plus),
+        "NEES": chance.nees(stats), "NIS": chance.nis(stats),
+    })
+    continuous = [by_hand.variance(p.Q, p.R, p.P0, t) for t in theory.t]
+    apart = [abs(P / C - 1) for P, C in zip(theory.P_plus[:, 0, 0], continuous, strict=True) if C]
+    settled = settling_step(theory.P_plus[:, :, 0], steady.solve(system).P_plus[0], WITHIN)
+    figure = plots.ensemble_against_theory(stats, theory.P_plus, xlabel=TIME, units=["m"])
+    r.figure(key, figure,
+             "Ensemble against theory, {name} filter: RMS and mean of the filtering error with the bands of 95 % of ensembles; NEES and NIS averaged over the runs.",
+             name=name)
+    return (name, theory.t[-1], theory.sd_plus[-1, 0], stats.rms[-1, 0], stats.bias[-1, 0], 100 * max(apart, default=0.0),
+            None if settled is None else max(settled, 1) * system.dt, worst)
 
 
 def conclusions(r, p, answer):
     """What the numbers say."""
     lines = []
     if p.Q:
-        lines.append(fill(
-            _("The continuous filter tends to the low-pass κ/(s + κ) with κ = {rate} 1/s, its variance to {limit} m². P0 = {P0} m² is {where}."),
+        lines.append(text(
+            "The continuous filter tends to the low-pass κ/(s + κ) with κ = {rate} 1/s, its variance to {limit} m². P0 = {P0} m² is {where}.",
             rate=answer["gain_steady_continuous"], limit=answer["variance_steady_continuous"], P0=p.P0,
-            where=_("the limit itself, so that P(t) is constant") if math.isclose(p.P0, answer["variance_steady_continuous"], rel_tol=1e-12)
-            else _("above the limit, so that P(t) falls; it decides only how the limit is approached") if p.P0 > answer["variance_steady_continuous"] else _("below the limit, so that P(t) rises; it decides only how the limit is approached")))  # fmt: skip
+            where="the limit itself, so that P(t) is constant" if math.isclose(p.P0, answer["variance_steady_continuous"], rel_tol=1e-12)
+            else "above the limit, so that P(t) falls; it decides only how the limit is approached" if p.P0 > answer["variance_steady_continuous"] else "below the limit, so that P(t) rises; it decides only how the limit is approached"))
         spread = answer["prior_variance_steady"] / answer["posterior_variance_steady"]
-        lines.append(fill(
-            _("The discrete filter with dt = {dt} s swings between {prior} m² before and {posterior} m² after a measurement, a ratio of {spread}; the continuous limit is their geometric mean. The period is {share} times the time constant 1/κ = {tau} s, so {words}."),
+        lines.append(text(
+            "The discrete filter with dt = {dt} s swings between {prior} m² before and {posterior} m² after a measurement, a ratio of {spread}; the continuous limit is their geometric mean. The period is {share} times the time constant 1/κ = {tau} s, so {words}.",
             dt=p.dt, prior=answer["prior_variance_steady"], posterior=answer["posterior_variance_steady"], spread=spread,
             share=p.dt * answer["gain_steady_continuous"], tau=1 / answer["gain_steady_continuous"],
-            words=_("it is nearly the continuous filter") if spread < 1.2 else _("sampling is felt but the filter still averages several measurements") if spread < 4 else _("the filter relies almost on the last measurement alone")))  # fmt: skip
-        lines.append(
-            _(
-                "As dt → 0 the bounds and the gain approach the continuous values like dt, the mean of the bounds and the pole like dt², as the table shows."
-            )
-        )
+            words="it is nearly the continuous filter" if spread < 1.2 else "sampling is felt but the filter still averages several measurements" if spread < 4 else "the filter relies almost on the last measurement alone"))
+        lines.append("As dt → 0 the bounds and the gain approach the continuous values like dt, the mean of the bounds and the pole like dt², as the table shows.")
     else:
         lines.append(
-            _(
-                "Without process noise both filters learn x exactly, like 1/t, and stop listening; there is no time-invariant filter in the limit."
-            )
+            "Without process noise both filters learn x exactly, like 1/t, and stop listening; there is no time-invariant filter in the limit."
             if p.P0
-            else _("x is known from the start and does not change: the gain is 0 all the time, in both filters.")
+            else "x is known from the start and does not change: the gain is 0 all the time, in both filters."
         )
     when, step = answer["settling_time"], answer["settling_step"]
     if when == 0 and p.Q:
-        lines.append(
-            _("P0 is within 1 % of the continuous limit, so the continuous filter has settled from the start.")
-        )
+        lines.append("P0 is within 1 % of the continuous limit, so the continuous filter has settled from the start.")
     if when is not None and p.Q:
-        lines.append(
-            fill(
-                _(
-                    "The variance settles within 1 % at {when} s in continuous time and at measurement {step} ({time} s) in discrete time; the two limits are different numbers."
-                ),
-                when=when,
-                step=step,
-                time=step * p.dt,
-            )
-        )
+        lines.append(text("The variance settles within 1 % at {when} s in continuous time and at measurement {step} ({time} s) in discrete time; the two limits are different numbers.",
+                          when=when, step=step, time=step * p.dt))
     lines.append(largest(r))
     r.items(lines)
+
+
+PARTS = Skeleton(
+    analysis=(part_a, part_b),
+    plan=plan,
+    experiment=(part_c, limits, ensembles),
+    conclusions=conclusions,
+)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    answer, system = by_hand.analytic(p), model(p)
+    sampled = discretise(system, p.dt)
+    return PARTS.report(META, p, experiment, answer=answer, system=system, sampled=sampled)
 
 
 if __name__ == "__main__":

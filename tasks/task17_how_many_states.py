@@ -14,17 +14,21 @@ import math
 
 import numpy as np
 from ctlabs.tasks import task16_wiener_process as lab16
+from ctlabs.tasks._task17_trap import TIME, scale, trap
+from ctlabs.tasks.answers import task17 as by_hand
+from ctlabs.tasks.answers.task17 import SUM, TIMES
 
 from ctlabs.filtering import bucy, settling, steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel, observability
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import LabParameters, Positive, Variance, given
 from ctlabs.reporting.plots import Arrow, Node
 from ctlabs.reporting.report import EXACT, Report
-from ctlabs.text import _, fill
+from ctlabs.text import text
 
 META = {
     "name": "task17",
@@ -32,12 +36,6 @@ META = {
     "source": "Semushin & Tsyganova 2001, task 17",
     "parts": ["a", "b"],
 }
-
-#: Times at which P(t) is given, s.
-TIMES = (0.25, 0.5, 1.0, 2.0)
-TIME = "t, s"
-#: x3 of the states x1, x2.
-SUM = [[1.0, 1.0]]
 
 
 class Parameters(LabParameters):
@@ -51,267 +49,118 @@ class Parameters(LabParameters):
     dt: Positive = given(1.0, unit="s", meaning="period of the discrete measurements")
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    Q, P0 = p.q1 + p.q2, p.P01 + p.P02
-    rate = math.sqrt(Q / p.R)
-    prior, posterior = lab16.sampled_limits(Q, p.R, p.dt)
-    # z from w1 and w2: the Markov parameters H Fᵏ G are [1, 1], 0, 0; the rank of their Hankel matrix is the order.
-    markov = [np.ones((1, 2)), np.zeros((1, 2)), np.zeros((1, 2))]
-    hankel = np.block([[markov[i + j] for j in range(2)] for i in range(2)])
-    return {
-        "states_required": int(np.linalg.matrix_rank(hankel)),
-        "variance_steady_continuous": math.sqrt(Q) * math.sqrt(p.R),
-        "gain_steady_continuous": rate,
-        "filter_transfer_function": [[rate], [1.0, rate]],
-        "variance_continuous": [lab16.variance(Q, p.R, P0, t) for t in TIMES],
-        "prior_variance_steady": prior,
-        "posterior_variance_steady": posterior,
-        "gain_steady": posterior * p.dt / p.R,
-        "settling_step": lab16.settling_by_hand(Q, p.R, P0, p.dt),
-        "observability_rank_two_states": int(np.linalg.matrix_rank(np.array([SUM[0], [0.0, 0.0]]))),
-        "growth_rate_x1": growth(p),
-        "other_readings": other_readings(p),
-    }
-
-
-def growth(p):
-    """The rate at which P11 grows in the end: the noise of q2 x1 − q1 x2, which z never shows, seen in x1."""
-    return p.q1 * (p.q2 / (p.q1 + p.q2)) if p.q1 else 0.0
-
-
-def two_states(p, t):
-    """P11, P12, P22 of the two-state filter, in the coordinates s = x1 + x2 and u = a x1 − b x2, a + b = 1.
-
-    With b = q1/(q1+q2) the noises of s and u are uncorrelated, so that Psu' = −Ps Psu/R, Puu' = q1q2/(q1+q2) − Psu²/R.
-    """
-    Q, P0 = p.q1 + p.q2, p.P01 + p.P02
-    b = p.q1 / Q if Q else 0.5
-    a = 1 - b
-    start = a * p.P01 - b * p.P02
-    if Q:
-        limit, x = math.sqrt(Q) * math.sqrt(p.R), math.sqrt(Q / p.R) * t
-        share, fading = math.tanh(x), 2 * math.exp(-x) * limit
-        cross = start * fading / (limit + P0 + (limit - P0) * math.exp(-2 * x))
-        learnt = start**2 * share / (limit + P0 * share)
-    else:
-        cross, learnt = start * p.R / (p.R + P0 * t), start**2 * t / (p.R + P0 * t)
-    Ps, Puu = lab16.variance(Q, p.R, P0, t), a**2 * p.P01 + b**2 * p.P02 + growth(p) * t - learnt
-    return (
-        Puu + 2 * b * cross + b**2 * Ps,
-        (a - b) * cross + a * b * Ps - Puu,
-        Puu - 2 * a * cross + a**2 * Ps,
-    )
-
-
-def other_readings(p):
-    """P∞ of x3 for the other readings of the figure, in the order of ``readings``."""
-    Q, c = p.q1 + p.q2, (4 * p.q1 + p.q2) / p.R
-    # Two different poles: the squares of the filter's poles have the sum 5 + Q/R and the product 4 + c.
-    above = Q / p.R + 2 * c / (math.sqrt(4 + c) + 2)
-    return [
-        Q / (math.sqrt(1 + Q / p.R) + 1),
-        p.R * above / (math.sqrt(9 + above) + 3),
-        p.R * math.sqrt(2) * (Q / p.R) ** 0.25,
-    ]
-
-
 def model(p):
     """x3' = w, z = x3 + v."""
-    return ContinuousModel(
-        F=[[0]], G=[[1]], Q=[[p.q1 + p.q2]], H=[[1]], Rc=[[p.R]], P0=[[p.P01 + p.P02]],
-        states=["x3"], measurements=["z"], units=["m"],
-    )  # fmt: skip
+    return ContinuousModel(F=[[0]], G=[[1]], Q=[[p.q1 + p.q2]], H=[[1]], Rc=[[p.R]], P0=[[p.P01 + p.P02]],
+                           states=["x3"], measurements=["z"], units=["m"])
 
 
 def unreduced(p):
     """The same with the states x1, x2."""
-    return ContinuousModel(
-        F=np.zeros((2, 2)), G=np.eye(2), Q=np.diag([p.q1, p.q2]), H=SUM, Rc=[[p.R]], P0=np.diag([p.P01, p.P02]),
-        states=["x1", "x2"], measurements=["z"], units=["m", "m"],
-    )  # fmt: skip
+    return ContinuousModel(F=np.zeros((2, 2)), G=np.eye(2), Q=np.diag([p.q1, p.q2]), H=SUM, Rc=[[p.R]],
+                           P0=np.diag([p.P01, p.P02]), states=["x1", "x2"], measurements=["z"], units=["m", "m"])
 
 
 def readings(p):
     """The other readings of the figure: words, model, and x3 as a combination of its states."""
     noise = np.diag([p.q1, p.q2])
     return [
-        (_("blocks 1/(s+1) in place of both 1/s"), ContinuousModel(F=[[-1]], G=[[1, 1]], Q=noise, H=[[1]], Rc=[[p.R]], P0=[[p.P01 + p.P02]], states=["x3"]), [1.0]),
-        (_("blocks 1/(s+1) and 1/(s+2)"), ContinuousModel(F=np.diag([-1, -2]), G=np.eye(2), Q=noise, H=SUM, Rc=[[p.R]], P0=np.diag([p.P01, p.P02])), SUM[0]),
-        (_("blocks 1/s, and an integrator after the sum"), ContinuousModel(F=[[0, 1], [0, 0]], G=[[0, 0], [1, 1]], Q=noise, H=[[1, 0]], Rc=[[p.R]], P0=np.diag([0, p.P01 + p.P02]), states=["x3", "x1+x2"]), [1.0, 0.0]),
-    ]  # fmt: skip
-
-
-def scale(p):
-    """The time constant of the steady filter, s; without process noise the time in which P(t) halves."""
-    twin = lab16.Parameters(Q=p.q1 + p.q2, R=p.R, P0=p.P01 + p.P02, dt=p.dt)
-    return lab16.time_scale(twin)
-
-
-def refusal(solve, system):
-    """What a solver says of a model that it cannot solve."""
-    try:
-        solve(system)
-    except ValueError as error:
-        return str(error)
-    return ""
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, system, double = analytic(p), model(p), unreduced(p)
-    r.heading(_("Part I. Analysis"))
-    part_a(r, p, answer, system)
-    trap(r, p, answer, system, double)
-    figure_lost(r, p, answer)
-    part_b(r, p, answer, system, double)
-    r.heading(_("Plan of the experiment"))
-    steps, fine = plan(r, p, experiment)
-    r.heading(_("Part II. Experiment"))
-    experiment_b(r, p, answer, experiment, system, double, steps, fine)
-    r.heading(_("Conclusions"))
-    conclusions(r, p, answer)
-    return r
+        ("blocks 1/(s+1) in place of both 1/s", ContinuousModel(F=[[-1]], G=[[1, 1]], Q=noise, H=[[1]], Rc=[[p.R]], P0=[[p.P01 + p.P02]], states=["x3"]), [1.0]),
+        ("blocks 1/(s+1) and 1/(s+2)", ContinuousModel(F=np.diag([-1, -2]), G=np.eye(2), Q=noise, H=SUM, Rc=[[p.R]], P0=np.diag([p.P01, p.P02])), SUM[0]),
+        ("blocks 1/s, and an integrator after the sum", ContinuousModel(F=[[0, 1], [0, 0]], G=[[0, 0], [1, 1]], Q=noise, H=[[1, 0]], Rc=[[p.R]], P0=np.diag([0, p.P01 + p.P02]), states=["x3", "x1+x2"]), [1.0, 0.0]),
+    ]
 
 
 def part_a(r, p, answer, system):
     """One state, its continuous filter and the limit."""
-    r.section("a", _("The number of states, the continuous filter and its limit"))
-    r.says(_("**The reading.** The sheet describes the system by a figure that is lost. The text names $x_1(0)$, $x_2(0)$, two noises and the output $x_3$; the simplest figure with these names is taken: two integrators whose outputs are added. Other readings follow below, with their numbers."))
+    r.section("a", "The number of states, the continuous filter and its limit")
+    r.says("**The reading.** The sheet describes the system by a figure that is lost. The text names $x_1(0)$, $x_2(0)$, two noises and the output $x_3$; the simplest figure with these names is taken: two integrators whose outputs are added. Other readings follow below, with their numbers.")
     nodes = {
         "w1": Node((0, 1), "$w_1$", "signal"), "I1": Node((1.4, 1), r"$\dfrac{1}{s}$"), "w2": Node((0, 0), "$w_2$", "signal"),
         "I2": Node((1.4, 0), r"$\dfrac{1}{s}$"), "+": Node((3.0, 1), "", "sum"), "v": Node((4.8, 0.2), "$v$", "signal"), "m": Node((4.8, 1), "", "sum"), "z": Node((6.0, 1), "$z(t)$", "signal"),
-    }  # fmt: skip
+    }
     arrows = [Arrow("w1", "I1"), Arrow("w2", "I2"), Arrow("I1", "+", "$x_1$", "+"), Arrow("I2", "+", "$x_2$", "+"), Arrow("+", "m", "$x_3(t)$", "+"), Arrow("v", "m", "", "+"), Arrow("m", "z")]
-    r.figure("diagram", plots.block_diagram(nodes, arrows), _("The reading taken: $x_3 = x_1 + x_2$ is estimated from $z = x_3 + v$."))
-    r.says(_("**One state.** Differentiate $x_3 = x_1 + x_2$:"))
+    r.figure("diagram", plots.block_diagram(nodes, arrows), "The reading taken: $x_3 = x_1 + x_2$ is estimated from $z = x_3 + v$.")
+    r.says("**One state.** Differentiate $x_3 = x_1 + x_2$:")
     r.math(r"\dot x_3 = w_1 + w_2 = w, \qquad E[w(t)w(t+\tau)] = (q_1 + q_2)\,\delta(\tau), \qquad E[x_3^2(0)] = P_{01} + P_{02}")
-    r.says(_("$w_1$ and $w_2$ are independent, so w is white; it is independent of $x_3(0)$ and v. The past of $x_3$ therefore tells of its future only by its present value, and neither $z$ nor the quantity wanted contains $x_1$ or $x_2$ alone. One state describes the system, with $Q = q_1 + q_2 = {Q}$ m²/s and $P_0 = P_{01} + P_{02} = {P0}$ m². ∎"),
-           Q=p.q1 + p.q2, P0=p.P01 + p.P02)  # fmt: skip
+    r.says("$w_1$ and $w_2$ are independent, so w is white; it is independent of $x_3(0)$ and v. The past of $x_3$ therefore tells of its future only by its present value, and neither $z$ nor the quantity wanted contains $x_1$ or $x_2$ alone. One state describes the system, with $Q = q_1 + q_2 = {Q}$ m²/s and $P_0 = P_{01} + P_{02} = {P0}$ m². ∎",
+           Q=p.q1 + p.q2, P0=p.P01 + p.P02)
     r.model(system)
-    r.value("states_required", observability.analyse(unreduced(p)).rank, agrees=answer, routes=(_("staircase of the two-state model"), _("rank of the Hankel matrix of w → z")), kind=EXACT)
-    r.says(_("The second route of the check is the order of the transfer function from $(w_1, w_2)$ to z, which is $(1/s, 1/s)$: both inputs act through the same pole."))
-    r.says(_("**The filter**, with $\\hat{x}_3(0) = 0$ and $P(0) = P_0$, is that of a Wiener process (lab 16):"))
+    r.value("states_required", observability.analyse(unreduced(p)).rank, agrees=answer, routes=("staircase of the two-state model", "rank of the Hankel matrix of w → z"), kind=EXACT)
+    r.says("The second route of the check is the order of the transfer function from $(w_1, w_2)$ to z, which is $(1/s, 1/s)$: both inputs act through the same pole.")
+    r.says("**The filter**, with $\\hat{x}_3(0) = 0$ and $P(0) = P_0$, is that of a Wiener process (lab 16):")
     r.math(r"\dot{\hat x}_3 = K\,(z - \hat x_3), \qquad K(t) = \frac{P(t)}{R}, \qquad \dot P = q_1 + q_2 - \frac{P^2}{R}")
-    limit, routes = bucy.steady(system), (_("Riccati equation"), _("closed form"))
+    limit, routes = bucy.steady(system), ("Riccati equation", "closed form")
     invariant = bool(limit.poles[0].real < 0)
     if invariant:
         r.math(r"P(t) = P_\infty\,\frac{P_0 + P_\infty\tanh\kappa t}{P_\infty + P_0\tanh\kappa t}, \qquad P_\infty = \sqrt{(q_1+q_2)R}, \quad \kappa = \sqrt{\frac{q_1+q_2}{R}}")
-        r.says(_("**The limit.** $\\tanh\\kappa t \\to 1$, hence $P(t) \\to P_\\infty$ and $K(t) \\to \\kappa$ for every $P_0$. The filter for $t \\to \\infty$ is"))
+        r.says("**The limit.** $\\tanh\\kappa t \\to 1$, hence $P(t) \\to P_\\infty$ and $K(t) \\to \\kappa$ for every $P_0$. The filter for $t \\to \\infty$ is")
         r.math(r"\dot{\hat x}_3 = \kappa\,(z - \hat x_3), \qquad \frac{\hat x_3(s)}{z(s)} = \frac{\kappa}{s + \kappa}")
     else:
-        r.says(_("Without process noise $1/P(t) = 1/P_0 + t/R$: variance and gain tend to zero, and for $t \\to \\infty$ the filter takes no notice of the measurements."))
+        r.says("Without process noise $1/P(t) = 1/P_0 + t/R$: variance and gain tend to zero, and for $t \\to \\infty$ the filter takes no notice of the measurements.")
     r.value("variance_steady_continuous", limit.P[0, 0], "m²", agrees=answer, routes=routes)
     r.value("gain_steady_continuous", limit.K[0, 0], "1/s", agrees=answer, routes=routes)
     num, den = bucy.transfer_function(system)
     r.value("filter_transfer_function", [num, den])
-    for name, found, expected in zip((_("numerator"), _("denominator")), (num, den), answer["filter_transfer_function"], strict=True):
-        r.check(fill(_("transfer function, {part}"), part=name), found, expected, routes)
-    routes = (_("Riccati equation, integrated"), _("closed form"))
+    for name, found, expected in zip(("numerator", "denominator"), (num, den), answer["filter_transfer_function"], strict=True):
+        r.check(text("transfer function, {part}", part=name), found, expected, routes)
+    routes = ("Riccati equation, integrated", "closed form")
     r.value("variance_continuous", bucy.transient(system, TIMES).P[:, 0, 0], "m²", at=TIMES, agrees=answer, routes=routes)
     if invariant:
-        r.says(_("Here $P_\\infty = {P}$ m², $\\kappa = {K}$ 1/s: a low-pass with the time constant {tau} s."), P=limit.P[0, 0], K=limit.K[0, 0], tau=1 / answer["gain_steady_continuous"])
-
-
-def trap(r, p, answer, system, double):
-    """The two-state model."""
-    r.says(_("**The trap.** With the states $(x_1, x_2)$ that the figure offers, the model is"))
-    r.model(double)
-    seen = observability.analyse(double)
-    r.value("observability_rank_two_states", seen.rank, agrees=answer, routes=(_("staircase"), _("rank of the observability matrix")), kind=EXACT)
-    r.says(_("Its observability matrix is [1 1; 0 0], of rank {rank}: $x_1 - x_2$ leaves no trace in z. The mode not seen has the {mode}: it does not decay, so the model is not even detectable. A program that is asked for the steady covariance must refuse, and this one does:"),
-           rank=seen.rank, mode=seen.undetectable_modes[0])  # fmt: skip
-    said = [refusal(bucy.steady, double), refusal(steady.solve, discretise(double, p.dt))]
-    r.items([f"`bucy.steady`: “{said[0]}”", f"`steady.solve`: “{said[1]}”"])
-    modes = [observability.analyse(system).undetectable_modes[0] for system in (double, discretise(double, p.dt))]
-    named = [float(mode in words) for mode, words in zip(modes, said, strict=True)]
-    r.check(_("both solvers name the mode that is not seen"), named, [1.0, 1.0], (_("message of the solver"), _("staircase")), EXACT)
-    r.says(_("**What its covariance does.** In time it is well defined. Put $s = x_1 + x_2$ and $u = ax_1 - bx_2$ with $b = q_1/(q_1+q_2)$, $a = 1 - b$ (any a, b with the sum 1 without noise). The noises of s and u are uncorrelated, and $x_1 = u + bs$, $x_2 = as - u$:"))
-    r.math(r"\dot P_s = q_1 + q_2 - \frac{P_s^2}{R}, \qquad \dot P_{su} = -\frac{P_s}{R}P_{su}, \qquad \dot P_u = \frac{q_1q_2}{q_1+q_2} - \frac{P_{su}^2}{R}")
-    r.says(_("The first equation is that of the one-state filter with the same initial value, so $P_{11} + 2P_{12} + P_{22} = P_s = P(t)$ exactly. $P_{su}$ dies out, and then $P_u$ grows at the rate $q_1q_2/(q_1+q_2)$ for ever, and with it $P_{11}$, $P_{22}$ and $-P_{12}$. For $q_1 = q_2$ this is $(q_1+q_2)t/4$. ∎"))
-    tau, rate = scale(p), answer["growth_rate_x1"]
-    times = [0.0, *(tau * np.array([0.5, 1.0, 2.0, 5.0, 20.0, 100.0, 200.0]))]
-    found, one = bucy.transient(double, times), bucy.transient(system, times).P[:, 0, 0]
-    closed = np.array([two_states(p, t) for t in times])
-    elements = found.P[:, [0, 0, 1], [0, 1, 1]]
-    r.check(_("P11, P12, P22 of the two-state filter"), elements, closed, (_("Riccati equation, integrated"), _("closed form")))
-    total = found.P.sum(axis=(1, 2))
-    size = float(np.abs(found.P).max()) or 1.0
-    r.check(_("P11 + 2P12 + P22 = P(t)"), total, one, (_("two-state filter"), _("one-state filter")), EXACT, scale=size)
-    slope = (found.P[-1, 0, 0] - found.P[-2, 0, 0]) / (times[-1] - times[-2])
-    r.value("growth_rate_x1", rate, "m²/s")
-    if p.q1 + p.q2:  # without noise P11 falls like 1/t, and the slope is not yet 0
-        r.check(_("rate at which P11 grows"), slope, rate, (_("Riccati equation, integrated"), _("closed form")), scale=max(rate, size / tau))
-    r.table("two_states", [TIME, "P11, m²", "P22, m²", "P12, m²", "P11+2P12+P22, m²", _("P of one state, m²")],
-            [(t, P[0, 0], P[1, 1], P[0, 1], P.sum(), Ps) for t, P, Ps in zip(times, found.P, one, strict=True)],
-            _("The two-state filter: what it says of x1 and x2, and of their sum."))  # fmt: skip
-    t = np.linspace(0.0, 12 * tau, 241)
-    rows = bucy.transient(double, t).P
-    curves = {"P11": rows[:, 0, 0], "P22": rows[:, 1, 1], "P11+2P12+P22 = P(t)": rows.sum(axis=(1, 2))}
-    r.figure("two_states", plots.transient(t, curves, xlabel=TIME, ylabel=_("error variance, m²")), _("The two-state filter: variances of x1 and x2, and of their sum, which is the same as with one state."))
-    gains = found.K[-1, :, 0]
-    if p.q1 + p.q2:
-        limits = [p.q1 / (p.q1 + p.q2) * answer["gain_steady_continuous"], p.q2 / (p.q1 + p.q2) * answer["gain_steady_continuous"]]
-        r.check(_("gains of the two-state filter in the limit"), gains, limits, (_("Riccati equation, integrated"), _("closed form")))
-        r.says(_("The gains converge, to {K1} and {K2} 1/s, shared like $q_1 : q_2$; the covariance is another matter. The loop has a pole at 0 beside −κ: a rounding error in $\\hat{x}_1 - \\hat{x}_2$ would never be forgotten."), K1=gains[0], K2=gains[1])
-    if rate:
-        r.says(_("After {t} s $P_{11}$ is {P11} m² and grows by {rate} m² each second; the sum is known to {total} m²."), t=times[-1], P11=found.P[-1, 0, 0], rate=rate, total=total[-1])
-    else:
-        r.says(_("Here at most one of the noises acts, so nothing feeds the mode that is not seen: $P_{11}$ does not grow for ever; after {t} s it is {P11} m². Its limit depends on $P_{01}$ and $P_{02}$, so a steady solver that forgets them has to refuse all the same."), t=times[-1], P11=closed[-1, 0])
+        r.says("Here $P_\\infty = {P}$ m², $\\kappa = {K}$ 1/s: a low-pass with the time constant {tau} s.", P=limit.P[0, 0], K=limit.K[0, 0], tau=1 / answer["gain_steady_continuous"])
 
 
 def figure_lost(r, p, answer):
     """Other readings of the figure."""
-    r.says(_("**Other readings of the figure.** With blocks 1/(s+1) in both branches one state suffices again, since the poles are equal; with different poles, or an integrator after the sum, two are needed. The error variance of $x_3$ in the limit is"))
+    r.says("**Other readings of the figure.** With blocks 1/(s+1) in both branches one state suffices again, since the poles are equal; with different poles, or an integrator after the sum, two are needed. The error variance of $x_3$ in the limit is")
     r.math(r"R\Bigl(\sqrt{1+\tfrac{q_1+q_2}{R}}-1\Bigr), \qquad R\Bigl(\sqrt{5+\tfrac{q_1+q_2}{R}+2\sqrt{4+\tfrac{4q_1+q_2}{R}}}-3\Bigr), \qquad \sqrt2\,R\Bigl(\tfrac{q_1+q_2}{R}\Bigr)^{1/4}")
-    r.says(_("These come from the spectra alone: $P_\\infty$ is R times the sum of the filter's poles less that of the plant's, taken positive, where the filter's poles are the stable zeros of $1 + S_{x_3}(s)/R$."))
+    r.says("These come from the spectra alone: $P_\\infty$ is R times the sum of the filter's poles less that of the plant's, taken positive, where the filter's poles are the stable zeros of $1 + S_{x_3}(s)/R$.")
     cases = readings(p)
     found = [bucy.steady(case).P for _name, case, _c in cases]
     limits = [float(np.array(c) @ P @ np.array(c)) for P, (_name, _case, c) in zip(found, cases, strict=True)]
-    r.check(_("limits of the other readings"), limits, answer["other_readings"], (_("Riccati equation"), _("spectral factorisation")))
-    rows = [(_("two integrators, added (taken)"), 1, answer["variance_steady_continuous"], answer["gain_steady_continuous"])]
+    r.check("limits of the other readings", limits, answer["other_readings"], ("Riccati equation", "spectral factorisation"))
+    rows = [("two integrators, added (taken)", 1, answer["variance_steady_continuous"], answer["gain_steady_continuous"])]
     rows += [(name, case.n, limit, limit / p.R) for (name, case, _c), limit in zip(cases, limits, strict=True)]
-    r.table("readings", [_("reading"), _("states"), "P∞, m²", _("gain of x3, 1/s")], rows, _("The same question for other readings of the lost figure."))
+    r.table("readings", ["reading", "states", "P∞, m²", "gain of x3, 1/s"], rows, "The same question for other readings of the lost figure.")
 
 
 def part_b(r, p, answer, system, double):
     """The discrete filter and its steady state."""
-    r.section("b", _("The discrete filter; is a steady state reached?"))
+    r.section("b", "The discrete filter; is a steady state reached?")
     sampled, Q = discretise(system, p.dt), p.q1 + p.q2
-    r.says(_("Over a period $x_3$ changes by the integral of w; a measurement equivalent to the continuous one over a period has the variance R/dt:"))
+    r.says("Over a period $x_3$ changes by the integral of w; a measurement equivalent to the continuous one over a period has the variance R/dt:")
     r.math(r"x_3(t_{i+1}) = x_3(t_i) + w_d(t_i), \quad z(t_i) = x_3(t_i) + v_d(t_i), \qquad Q_d = (q_1+q_2)\,dt, \quad R_d = \frac R{dt}")
     r.model(sampled)
-    r.check("Q_d", sampled.Qd, [[Q * p.dt]], (_("integral of ΦGQGᵀΦᵀ"), _("by hand")), EXACT)
-    r.check("R_d", sampled.R, [[p.R / p.dt]], (_("model"), _("by hand")), EXACT)
+    r.check("Q_d", sampled.Qd, [[Q * p.dt]], ("integral of ΦGQGᵀΦᵀ", "by hand"), EXACT)
+    r.check("R_d", sampled.R, [[p.R / p.dt]], ("model", "by hand"), EXACT)
     r.math(r"\hat x_3(t_i^-) = \hat x_3(t_{i-1}^+), \quad P(t_i^-) = P(t_{i-1}^+) + Q_d, \quad K(t_i) = \frac{P(t_i^-)}{P(t_i^-)+R_d}, \quad P(t_i^+) = K(t_i)R_d")
     r.math(r"\hat x_3(t_i^+) = \hat x_3(t_i^-) + K(t_i)\,[z(t_i) - \hat x_3(t_i^-)], \qquad \hat x_3(t_0^+) = 0, \quad P(t_0^+) = P_{01} + P_{02}")
-    r.says(_("In a steady state $P^-P^+ = Q_dR_d$ and $P^- - P^+ = Q_d$, hence"))
+    r.says("In a steady state $P^-P^+ = Q_dR_d$ and $P^- - P^+ = Q_d$, hence")
     r.math(r"P^\mp = \pm\frac{Q_d}2 + \sqrt{Q_dR_d + \frac{Q_d^2}4}, \qquad K = \frac{P^+}{R_d}, \qquad 1-K = \frac{P^+}{P^-}")
-    limit, routes = steady.solve(sampled), (_("Riccati equation"), _("closed form"))
+    limit, routes = steady.solve(sampled), ("Riccati equation", "closed form")
     r.value("prior_variance_steady", limit.P_minus[0, 0], "m²", agrees=answer, routes=routes)
     r.value("posterior_variance_steady", limit.P_plus[0, 0], "m²", agrees=answer, routes=routes)
     r.value("gain_steady", limit.K[0, 0], agrees=answer, routes=routes)
     reached = bool(abs(limit.poles[0]) < 1)
     r.value("verdict_b", reached)
     step = answer["settling_step"]
-    r.value("settling_step", step, reason=_("the limit is 0, and a variance that decays to 0 never stays within 1 % of it"))
+    r.value("settling_step", step, reason="the limit is 0, and a variance that decays to 0 never stays within 1 % of it")
     settled(r, p, answer)
-    r.says(_("**Verdict.** A steady state is reached if the gain tends to a constant with which the filter is stable, that is, with its pole inside the unit circle."))
+    r.says("**Verdict.** A steady state is reached if the gain tends to a constant with which the filter is stable, that is, with its pole inside the unit circle.")
     if reached:
-        r.says(_("Yes: $P^- = {prior}$ m², $P^+ = {posterior}$ m², $K = {gain}$, and the pole is $1 - K = {pole}$. $P^+$ is within 1 % of its limit from measurement {step} on."),
-               prior=limit.P_minus[0, 0], posterior=limit.P_plus[0, 0], gain=limit.K[0, 0], pole=limit.poles[0].real, step=step)  # fmt: skip
+        r.says("Yes: $P^- = {prior}$ m², $P^+ = {posterior}$ m², $K = {gain}$, and the pole is $1 - K = {pole}$. $P^+$ is within 1 % of its limit from measurement {step} on.",
+               prior=limit.P_minus[0, 0], posterior=limit.P_plus[0, 0], gain=limit.K[0, 0], pole=limit.poles[0].real, step=step)
         if answer["growth_rate_x1"]:
-            r.says(_("For the two-state filter the answer would be no: its $P_{11}$ and $P_{22}$ have no limit, in discrete time either, although the part of it that matters is this very filter."))
+            r.says("For the two-state filter the answer would be no: its $P_{11}$ and $P_{22}$ have no limit, in discrete time either, although the part of it that matters is this very filter.")
         lab16.frequency(r, twin(p), system, sampled, limit)
     else:
-        r.says(_("No: without process noise the gain tends to 0 and the pole to 1; the limit is no filter at all. ({words})"),
-               words=_("Here even $x_3(0)$ is known, so the gain is 0 from the start.") if not p.P01 + p.P02 else _("The variance falls like 1/t for ever."))  # fmt: skip
+        r.says("No: without process noise the gain tends to 0 and the pole to 1; the limit is no filter at all. ({words})",
+               words="Here even $x_3(0)$ is known, so the gain is 0 from the start." if not p.P01 + p.P02 else "The variance falls like 1/t for ever.")
     many = covariances(discretise(double, p.dt), 40)
     few = covariances(sampled, 40)
     size = float(np.abs(many.P_minus).max()) or 1.0
     for name, two, one in (("P⁻", many.P_minus, few.P_minus), ("P⁺", many.P_plus, few.P_plus)):
-        r.check(fill(_("{name} of the sum"), name=name), two.sum(axis=(1, 2)), one[:, 0, 0], (_("two-state recursion"), _("one-state recursion")), EXACT, scale=size)
+        r.check(text("{name} of the sum", name=name), two.sum(axis=(1, 2)), one[:, 0, 0], ("two-state recursion", "one-state recursion"), EXACT, scale=size)
 
 
 def settled(r, p, answer):
@@ -319,11 +168,11 @@ def settled(r, p, answer):
     step, limit = answer["settling_step"], answer["posterior_variance_steady"]
     found = settling(discretise(model(p), p.dt))
     if found is not None or step is None:
-        r.check(_("settling step"), found, step, (_("recursion"), _("closed form")), EXACT)
+        r.check("settling step", found, step, ("recursion", "closed form"), EXACT)
         return
-    routes, Q, P0 = (_("power of the step's matrix"), _("definition")), p.q1 + p.q2, p.P01 + p.P02
-    outside = [abs(lab16.posterior_variance(Q, p.R, P0, p.dt, k) / limit - 1) - lab16.WITHIN for k in (step - 1, step)]
-    r.holds(_("P⁺ is outside the band before the settling step, and inside from it"), [outside[0], -outside[1]], routes, size=1.0)
+    routes, Q, P0 = ("power of the step's matrix", "definition"), p.q1 + p.q2, p.P01 + p.P02
+    outside = [abs(lab16.by_hand.posterior_variance(Q, p.R, P0, p.dt, k) / limit - 1) - lab16.by_hand.WITHIN for k in (step - 1, step)]
+    r.holds("P⁺ is outside the band before the settling step, and inside from it", [outside[0], -outside[1]], routes, size=1.0)
 
 
 def twin(p):
@@ -336,60 +185,74 @@ def plan(r, p, experiment):
     tau = scale(p)
     steps = min(max(math.ceil(10 * tau / p.dt), 20), 300)
     fine = 600
-    r.says(_("The truth is simulated with both states, as in the figure: $x_1$ and $x_2$ with noises of their own. The one-state filter sees only z. If one state did not suffice, its errors would contradict its own variance."))
-    r.table("plan", [_("quantity"), _("value"), _("why")], [
-        [_("period dt, s"), p.dt, _("given")],
-        [_("measurements"), steps, _("ten time constants, but 20 at least and 300 at most")],
-        [_("period δ in place of continuous time, s"), tau / 100, _("a hundredth of the time constant; measurements of variance R/δ")],
-        [_("steps of length δ"), fine, _("six time constants")],
-        [_("runs"), experiment.runs, fill(_("a standard error of the variance of {percent} %"), percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
-        [_("seed"), experiment.seed, _("another stream of random numbers for each ensemble")],
-    ], _("Plan of the experiment."))  # fmt: skip
-    return steps, fine
+    r.says("The truth is simulated with both states, as in the figure: $x_1$ and $x_2$ with noises of their own. The one-state filter sees only z. If one state did not suffice, its errors would contradict its own variance.")
+    r.table("plan", ["quantity", "value", "why"], [
+        ["period dt, s", p.dt, "given"],
+        ["measurements", steps, "ten time constants, but 20 at least and 300 at most"],
+        ["period δ in place of continuous time, s", tau / 100, "a hundredth of the time constant; measurements of variance R/δ"],
+        ["steps of length δ", fine, "six time constants"],
+        ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
+        ["seed", experiment.seed, "another stream of random numbers for each ensemble"],
+    ], "Plan of the experiment.")
+    return {"steps": steps, "fine": fine}
 
 
 def experiment_b(r, p, answer, experiment, system, double, steps, fine):
     """The filters on simulated data."""
     sampled, truth = discretise(system, p.dt), discretise(double, p.dt)
     lab16.overlay(r, twin(p), answer, system, sampled)
-    r.says(_("**The discrete filter.** The standard experiment with the one-state model:"))
+    r.says("**The discrete filter.** The standard experiment with the one-state model:")
     portrait(r, experiment, sampled, steps, prefix="discrete_", limits=(answer["prior_variance_steady"], answer["posterior_variance_steady"]))
-    r.says(_("**One state on two-state data.** The data now come from $x_1$ and $x_2$; the error is $\\hat{x}_3 - (x_1 + x_2)$. Beside it the two-state filter on the same data, and the filter with the period δ for the continuous one:"))
+    r.says("**One state on two-state data.** The data now come from $x_1$ and $x_2$; the error is $\\hat{x}_3 - (x_1 + x_2)$. Beside it the two-state filter on the same data, and the filter with the period δ for the continuous one:")
     quick, half = discretise(double, scale(p) / 100), discretise(system, scale(p) / 100)
     rows = []
     for stream, (name, data, design, compare, count) in enumerate((
-        (_("one state"), truth, sampled, SUM, steps),
-        (_("two states"), truth, truth, None, steps),
-        (_("one state, period δ"), quick, half, SUM, fine),
-    )):  # fmt: skip
+        ("one state", truth, sampled, SUM, steps),
+        ("two states", truth, truth, None, steps),
+        ("one state, period δ", quick, half, SUM, fine),
+    )):
         stats = experiment.statistics(data, design, steps=count, stream=1 + stream // 2, compare=compare)
         theory = covariances(design, count)
         worst = agreement(r, name, stats, theory.P_plus)
         rows.append((name, design.states[0], theory.t[-1], theory.sd_plus[-1, 0], stats.rms[-1, 0], worst))
-    r.table("ensemble", [_("filter"), _("error of"), _("to t, s"), _("σ of theory, m"), _("RMS error, m"), _("largest deviation, σ")], rows, _("The ensembles at the last instant. The last column is over all instants and tests."))
+    r.table("ensemble", ["filter", "error of", "to t, s", "σ of theory, m", "RMS error, m", "largest deviation, σ"], rows, "The ensembles at the last instant. The last column is over all instants and tests.")
     one, two = (experiment.histories(truth, design, steps=steps, stream=1) for design in (sampled, truth))
     size = float(np.abs(one.x_plus).max()) or 1.0
-    r.check(_("x̂1 + x̂2 = x̂3, run by run"), two.x_plus.sum(axis=1), one.x_plus[:, 0], (_("two-state filter"), _("one-state filter")), scale=size)
-    tracks = {_("one state: x3"): (one.t, one.x_plus[:, 0, 0], one.sd_plus[:, 0]), _("two states: x1 alone"): (two.t, two.x_plus[:, 0, 0], two.sd_plus[:, 0])}
-    figure = plots.estimates((one.t, one.truth[:, :, 0].sum(axis=1)), tracks, xlabel=TIME, ylabel=_("x3 and x1, m"), measurements=(one.t[1:], one.z[1:, 0, 0]))
-    r.figure("record", figure, _("One run: x3, its measurements and estimate, and beside it the estimate of x1 alone by the two-state filter. The sums of its two estimates are those of x3, run by run."))
+    r.check("x̂1 + x̂2 = x̂3, run by run", two.x_plus.sum(axis=1), one.x_plus[:, 0], ("two-state filter", "one-state filter"), scale=size)
+    tracks = {"one state: x3": (one.t, one.x_plus[:, 0, 0], one.sd_plus[:, 0]), "two states: x1 alone": (two.t, two.x_plus[:, 0, 0], two.sd_plus[:, 0])}
+    figure = plots.estimates((one.t, one.truth[:, :, 0].sum(axis=1)), tracks, xlabel=TIME, ylabel="x3 and x1, m", measurements=(one.t[1:], one.z[1:, 0, 0]))
+    r.figure("record", figure, "One run: x3, its measurements and estimate, and beside it the estimate of x1 alone by the two-state filter. The sums of its two estimates are those of x3, run by run.")
 
 
 def conclusions(r, p, answer):
     """What the numbers say."""
     Q, P0, limit = p.q1 + p.q2, p.P01 + p.P02, answer["variance_steady_continuous"]
-    lines = [fill(_("One state is enough: x3 is a Wiener process of strength {Q} m²/s. Which part of it came from w1 and which from w2, no measurement tells and nobody asked."), Q=Q)]
+    lines = [text("One state is enough: x3 is a Wiener process of strength {Q} m²/s. Which part of it came from w1 and which from w2, no measurement tells and nobody asked.", Q=Q)]
     if Q:
-        where = _("P0 is the limit itself, so that P(t) is constant") if math.isclose(P0, limit, rel_tol=1e-12) else _("P(t) falls to it") if P0 > limit else _("P(t) rises to it")
-        lines.append(fill(_("The continuous filter tends to κ/(s + κ) with κ = {rate} 1/s and the variance {limit} m²; from P0 = {P0} m² {where}."), rate=answer["gain_steady_continuous"], limit=limit, P0=P0, where=where))
-        lines.append(fill(_("The discrete filter reaches a steady state: {prior} m² before and {posterior} m² after a measurement, within 1 % from measurement {step} on ({time} s)."),
-                          prior=answer["prior_variance_steady"], posterior=answer["posterior_variance_steady"], step=answer["settling_step"], time=answer["settling_step"] * p.dt))  # fmt: skip
+        where = "P0 is the limit itself, so that P(t) is constant" if math.isclose(P0, limit, rel_tol=1e-12) else "P(t) falls to it" if P0 > limit else "P(t) rises to it"
+        lines.append(text("The continuous filter tends to κ/(s + κ) with κ = {rate} 1/s and the variance {limit} m²; from P0 = {P0} m² {where}.", rate=answer["gain_steady_continuous"], limit=limit, P0=P0, where=where))
+        lines.append(text("The discrete filter reaches a steady state: {prior} m² before and {posterior} m² after a measurement, within 1 % from measurement {step} on ({time} s).",
+                          prior=answer["prior_variance_steady"], posterior=answer["posterior_variance_steady"], step=answer["settling_step"], time=answer["settling_step"] * p.dt))
     else:
-        lines.append(_("Without process noise x3 is a constant; the filters learn it like 1/t and have no steady state other than the gain 0.") if P0 else _("x3 is zero from the start and stays so: the gain is 0 all the time."))
-    lines.append(fill(_("The two-state filter is not wrong: its sum agrees with the one-state filter to rounding. But its P11 grows by {rate} m² per second in the end, it has no steady state, and a solver asked for one has to refuse and say why."), rate=answer["growth_rate_x1"]) if answer["growth_rate_x1"]
-                 else _("The two-state filter is not wrong: its sum agrees with the one-state filter to rounding. Its P11 has a limit here, but one that depends on P01 and P02, and a steady solver has to refuse."))  # fmt: skip
+        lines.append("Without process noise x3 is a constant; the filters learn it like 1/t and have no steady state other than the gain 0." if P0 else "x3 is zero from the start and stays so: the gain is 0 all the time.")
+    lines.append(text("The two-state filter is not wrong: its sum agrees with the one-state filter to rounding. But its P11 grows by {rate} m² per second in the end, it has no steady state, and a solver asked for one has to refuse and say why.", rate=answer["growth_rate_x1"]) if answer["growth_rate_x1"]
+                 else "The two-state filter is not wrong: its sum agrees with the one-state filter to rounding. Its P11 has a limit here, but one that depends on P01 and P02, and a steady solver has to refuse.")
     lines.append(largest(r))
     r.items(lines)
+
+
+PARTS = Skeleton(
+    analysis=(part_a, trap, figure_lost, part_b),
+    plan=plan,
+    experiment=(experiment_b,),
+    conclusions=conclusions,
+)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    answer, system, double = by_hand.analytic(p), model(p), unreduced(p)
+    return PARTS.report(META, p, experiment, answer=answer, system=system, double=double)
 
 
 if __name__ == "__main__":

@@ -14,18 +14,21 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from ctlabs.tasks.answers import task20 as by_hand
+from ctlabs.tasks.answers.task20 import MOMENT, TIMES
 from pydantic import model_validator
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import bucy, steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import LabParameters, Positive, Positives, Variance, given
 from ctlabs.reporting.report import EXACT, Report
-from ctlabs.text import _, fill
+from ctlabs.text import text
 
 META = {
     "name": "task20",
@@ -34,9 +37,6 @@ META = {
     "parts": ["a", "b", "c", "d"],
 }
 
-#: Times at which P(t) is given, s, and that at which V̇ is.
-TIMES = (0.25, 0.5, 1.0, 2.0)
-MOMENT = 1.0
 #: Horizon of curves and experiments, s: x grows like e^t, and the slowest filter (κ = 1) settles within it.
 HORIZON = 4.0
 #: No path is simulated, and no measurement awaited, longer than this, s: by e^20 rounding of x comes near to the error.
@@ -65,261 +65,157 @@ class Parameters(LabParameters):
         return self
 
 
-def analytic(p):
-    """The sheet's answers, by hand, one per R."""
-    each = [by_hand(p.Q, R, p.P0, p.dt) for R in p.R_values]
-    return {name: [one[name] for one in each] for name in each[0]}
-
-
-def by_hand(Q, R, P0, dt):
-    """The same for one R."""
-    kappa, at = math.sqrt(1 + Q / R), variance(Q, R, P0, MOMENT)
-    prior, posterior = sampled_limits(Q, R, dt)
-    return {
-        "variance_steady_continuous": R * (1 + kappa),
-        "variance_continuous": [variance(Q, R, P0, t) for t in TIMES],
-        "filter_pole": -kappa,
-        "gain_steady_continuous": 1 + kappa,
-        "prior_variance_steady": prior,
-        "posterior_variance_steady": posterior,
-        "lyapunov_derivative": -(1 / R + Q / at**2),
-        "error_of_the_approximation": approximation(Q, R, dt),
-    }
-
-
-def variance(Q, R, P0, t):
-    """P(t) of part (a), with κ − tanh κt = (κ − 1) + (1 − tanh κt) written so that nothing cancels."""
-    kappa = math.sqrt(1 + Q / R)
-    share, fading = math.tanh(kappa * t), math.exp(-2 * kappa * t)
-    rest = (Q / R) / (kappa + 1) + 2 * fading / (1 + fading)
-    return (P0 * (kappa + share) + Q * share) / (rest + P0 / R * share)
-
-
-def homogeneous(Q, R, P0, t):
-    """y(t)/y(0) of part (b): exp ∫(1 − P/R)dt = 1/(cosh κt + (P0/R − 1) sinh κt/κ)."""
-    kappa = math.sqrt(1 + Q / R)
-    fading = math.exp(-2 * kappa * t)
-    return 2 * math.exp(-kappa * t) * kappa / (((Q / R) / (kappa + 1) + P0 / R) * (1 - fading) + 2 * kappa * fading)
-
-
-def sampled_limits(Q, R, dt):
-    """P⁻ and P⁺ of part (c): the positive root of P² − [(e^(2dt) − 1)R_d + Q_d]P − Q_dR_d = 0."""
-    growth, Rd = math.expm1(2 * dt), R / dt
-    Qd = 0.5 * Q * growth
-    half = 0.5 * (growth * Rd + Qd)
-    prior = half + math.sqrt(half**2 + Qd * Rd)
-    return prior, prior / (1 + prior / Rd)
-
-
-def approximation(Q, R, dt):
-    """The error of the steady filter with Φ = 1 + dt, Q_d = Q dt as a multiple of x, which grows by e^dt each period."""
-    Qd, Rd = Q * dt, R / dt
-    half = 0.5 * (dt * (2 + dt) * Rd + Qd)
-    prior = half + math.sqrt(half**2 + Qd * Rd)
-    left = Rd / (prior + Rd)
-    return -left * (math.expm1(dt) - dt) / (math.exp(dt) - left * (1 + dt))
-
-
-def posterior_variances(Q, R, P0, dt, steps):
-    """P⁺ after 0..steps measurements: with the fixed points A and −B of one step (P⁺ − A)/(P⁺ + B) falls like λ^k.
-
-    λ = e^(2dt)(1 − K)² with the steady gain; written so that nothing cancels.
-    """
-    prior, A = sampled_limits(Q, R, dt)
-    Rd, Qd = R / dt, 0.5 * Q * math.expm1(2 * dt)
-    B = Rd * Qd * math.exp(-2 * dt) / A
-    power = 2 * (dt - math.log1p(prior / Rd)) * np.arange(steps + 1)
-    left, gone, weight = np.exp(power), -np.expm1(power), (A + B) / (P0 + B)
-    return (left * P0 * weight + gone * A) / (gone + left * weight)
-
-
-def moments_of_the_approximation(Q, R, P0, dt, steps):
-    """True E[e²] after each measurement of the filter with Φ = 1 + dt, Q_d = Q dt, and E[x²], from E[x²], E[xe], E[e²]."""
-    right, short, Rd = math.exp(dt), 1 + dt, R / dt
-    Qd, gap = 0.5 * Q * math.expm1(2 * dt), -(math.expm1(dt) - dt)
-    X, M, V, P = P0, -P0, P0, P0
-    errors, states = [V], [X]
-    for _step in range(steps):
-        V, M, X = short**2 * V + 2 * short * gap * M + gap**2 * X + Qd, right * (short * M + gap * X) - Qd, right**2 * X + Qd
-        P = short**2 * P + Q * dt
-        K = P / (P + Rd)
-        P, V, M = K * Rd, (1 - K) ** 2 * V + K**2 * Rd, (1 - K) * M
-        errors.append(V)
-        states.append(X)
-    return np.array(errors), np.array(states)
-
-
-def decay(Q, R, low, high):
-    """The least of P/R + Q/P for P from low to high, the rate at which V falls."""
-    lowest = min(max(math.sqrt(Q * R), low), high)
-    return lowest / R + Q / lowest
-
-
 def model(p, R):
     """ẋ = x + w, z = x + v."""
-    return ContinuousModel(
-        F=[[1]], G=[[1]], Q=[[p.Q]], H=[[1]], Rc=[[R]], P0=[[p.P0]], states=["x"], measurements=["z"], units=["m"]
-    )
+    return ContinuousModel(F=[[1]], G=[[1]], Q=[[p.Q]], H=[[1]], Rc=[[R]], P0=[[p.P0]], states=["x"],
+                           measurements=["z"], units=["m"])
 
 
 def label(R):
     """The name of a curve."""
-    return fill(_("R = {R} m²·s"), R=R)
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, systems = analytic(p), [model(p, R) for R in p.R_values]
-    sampled = [discretise(system, p.dt) for system in systems]
-    r.heading(_("Part I. Analysis"))
-    part_a(r, p, answer, systems)
-    part_b(r, p, answer, systems)
-    part_c(r, p, answer, sampled)
-    r.heading(_("Plan of the experiment"))
-    steps = plan(r, p, experiment, answer)
-    r.heading(_("Part II. Experiment"))
-    part_d(r, p, answer, experiment, systems, sampled, steps)
-    r.heading(_("Conclusions"))
-    conclusions(r, p, answer, steps)
-    return r
+    return text("R = {R} m²·s", R=R)
 
 
 def part_a(r, p, answer, systems):
     """P(t) and its limit."""
-    r.section("a", _("The error variance and its limit"))
+    r.section("a", "The error variance and its limit")
     r.model(systems[0])
-    r.says(_("(shown for $R = {R}$ m²·s). The filter, with $\\hat{x}(0) = E[x(0)]$ and $P(0) = P_0$:"), R=p.R_values[0])
+    r.says("(shown for $R = {R}$ m²·s). The filter, with $\\hat{x}(0) = E[x(0)]$ and $P(0) = P_0$:", R=p.R_values[0])
     r.math(r"\dot{\hat x} = \hat x + K\,(z - \hat x), \qquad K(t) = \frac{P(t)}{R}, \qquad \dot P = 2P + Q - \frac{P^2}{R}")
-    r.says(_("**Solution.** With $\\kappa = \\sqrt{1 + Q/R}$ and $\\pi = P - R$ the square is completed, $\\dot\\pi = (R^2\\kappa^2 - \\pi^2)/R$, which is the equation of a Wiener process in white noise with the limit $R\\kappa$ and the rate κ:"))
+    r.says("**Solution.** With $\\kappa = \\sqrt{1 + Q/R}$ and $\\pi = P - R$ the square is completed, $\\dot\\pi = (R^2\\kappa^2 - \\pi^2)/R$, which is the equation of a Wiener process in white noise with the limit $R\\kappa$ and the rate κ:")
     r.math(r"\pi(t) = R\kappa\,\frac{\pi_0 + R\kappa\tanh\kappa t}{R\kappa + \pi_0\tanh\kappa t} \qquad\Longrightarrow\qquad P(t) = \frac{P_0(\kappa + \tanh\kappa t) + Q\tanh\kappa t}{\kappa - \tanh\kappa t + (P_0/R)\tanh\kappa t}")
-    r.says(_("**Limit.** The roots of $\\dot P = 0$ are $R(1 \\pm \\kappa)$. The ratio $(\\pi - R\\kappa)/(\\pi + R\\kappa)$ decays like $e^{-2\\kappa t}$ unless $P_0$ is the lower root, which is negative (or 0, if $Q = 0 = P_0$, which is excluded). So for every $P_0$"))
+    r.says("**Limit.** The roots of $\\dot P = 0$ are $R(1 \\pm \\kappa)$. The ratio $(\\pi - R\\kappa)/(\\pi + R\\kappa)$ decays like $e^{-2\\kappa t}$ unless $P_0$ is the lower root, which is negative (or 0, if $Q = 0 = P_0$, which is excluded). So for every $P_0$")
     r.math(r"P(t) \to P_\infty = R\Bigl(1 + \sqrt{1 + \tfrac QR}\Bigr), \qquad K \to 1 + \kappa, \qquad 1 - K \to -\kappa \qquad\blacksquare")
     if not p.Q:
-        r.says(_("Without process noise this is $P_\\infty = 2R$, not 0: an unstable state is never known exactly, since what is left of the initial error grows as fast as it is measured away."))
-    limits, routes = [bucy.steady(system) for system in systems], (_("Riccati equation"), _("closed form"))
+        r.says("Without process noise this is $P_\\infty = 2R$, not 0: an unstable state is never known exactly, since what is left of the initial error grows as fast as it is measured away.")
+    limits, routes = [bucy.steady(system) for system in systems], ("Riccati equation", "closed form")
     r.value("variance_steady_continuous", [limit.P[0, 0] for limit in limits], "m²", agrees=answer, routes=routes)
     r.value("gain_steady_continuous", [limit.K[0, 0] for limit in limits], "1/s", agrees=answer, routes=routes)
     curves = [bucy.transient(system, TIMES).P[:, 0, 0] for system in systems]
-    r.value("variance_continuous", curves, "m²", at=TIMES, agrees=answer, routes=(_("Riccati equation, integrated"), _("closed form")))
-    r.table("variance", ["R, m²·s", *(fill("P({t} s), m²", t=t) for t in TIMES), "P∞, m²", "K∞, 1/s"],
-            [(R, *curve, limit.P[0, 0], limit.K[0, 0]) for R, curve, limit in zip(p.R_values, curves, limits, strict=True)], _("The error variance and its limit."))  # fmt: skip
+    r.value("variance_continuous", curves, "m²", at=TIMES, agrees=answer, routes=("Riccati equation, integrated", "closed form"))
+    r.table("variance", ["R, m²·s", *(text("P({t} s), m²", t=t) for t in TIMES), "P∞, m²", "K∞, 1/s"],
+            [(R, *curve, limit.P[0, 0], limit.K[0, 0]) for R, curve, limit in zip(p.R_values, curves, limits, strict=True)], "The error variance and its limit.")
     t = np.linspace(0.0, HORIZON, 241)
     lines = {label(R): bucy.transient(system, t).P[:, 0, 0] for R, system in zip(p.R_values, systems, strict=True)}
     ends = dict(zip(lines, [limit.P[0, 0] for limit in limits], strict=False)) if len(lines) == len(limits) else None
-    r.figure("variance", plots.transient(t, lines, limits=ends, xlabel=TIME, ylabel=_("error variance, m²")), _("P(t) for each R, and its limit (dashed)."))
+    r.figure("variance", plots.transient(t, lines, limits=ends, xlabel=TIME, ylabel="error variance, m²"), "P(t) for each R, and its limit (dashed).")
 
 
 def part_b(r, p, answer, systems):
     """Stability by Lyapunov's function."""
-    r.section("b", _("Stability of the filter by a Lyapunov function"))
-    r.says(_("**Proof.** For $V(y,t) = y^2/P(t)$ along $\\dot y = (1 - P/R)y$"))
+    r.section("b", "Stability of the filter by a Lyapunov function")
+    r.says("**Proof.** For $V(y,t) = y^2/P(t)$ along $\\dot y = (1 - P/R)y$")
     r.math(r"\dot V = \frac{2y\dot y}{P} - \frac{y^2\dot P}{P^2} = y^2\Bigl[\frac2P - \frac2R - \frac2P - \frac Q{P^2} + \frac1R\Bigr] = -y^2\Bigl(\frac1R + \frac Q{P^2}\Bigr) = -\Bigl(\frac PR + \frac QP\Bigr)V")
-    r.says(_("$P(t)$ runs monotonically from $P_0$ to $P_\\infty$, so from some $t_0$ on (0 if $P_0 > 0$, any $t_0 > 0$ otherwise) $0 < P_{\\min} \\le P \\le P_{\\max} < \\infty$ with the smaller and the larger of $P(t_0)$, $P_\\infty$. Hence $y^2/P_{\\max} \\le V \\le y^2/P_{\\min}$ and $\\dot V \\le -\\gamma V$ with $\\gamma = \\min(P/R + Q/P) > 0$ over that range:"))
+    r.says("$P(t)$ runs monotonically from $P_0$ to $P_\\infty$, so from some $t_0$ on (0 if $P_0 > 0$, any $t_0 > 0$ otherwise) $0 < P_{\\min} \\le P \\le P_{\\max} < \\infty$ with the smaller and the larger of $P(t_0)$, $P_\\infty$. Hence $y^2/P_{\\max} \\le V \\le y^2/P_{\\min}$ and $\\dot V \\le -\\gamma V$ with $\\gamma = \\min(P/R + Q/P) > 0$ over that range:")
     r.math(r"y^2(t) \le \frac{P_{\max}}{P_{\min}}\,e^{-\gamma(t-t_1)}\,y^2(t_1), \qquad t \ge t_1 \ge t_0")
-    r.says(_("The bound contains $t - t_1$ alone: the filter is uniformly and exponentially stable, not only asymptotically. Both bounds on P are needed. Without the upper one V would not control y, without the lower one V could fall while y does not. ∎"))
-    r.says(_("In closed form, from $1 - P/R = -\\pi/R$,"))
+    r.says("The bound contains $t - t_1$ alone: the filter is uniformly and exponentially stable, not only asymptotically. Both bounds on P are needed. Without the upper one V would not control y, without the lower one V could fall while y does not. ∎")
+    r.says("In closed form, from $1 - P/R = -\\pi/R$,")
     r.math(r"\frac{y(t)}{y(0)} = \frac{\kappa}{\kappa\cosh\kappa t + (P_0/R - 1)\sinh\kappa t} \sim e^{-\kappa t}, \qquad \text{pole of the steady filter } -\kappa = -\sqrt{1 + Q/R}")
     limits = [bucy.steady(system) for system in systems]
-    r.value("filter_pole", [limit.poles[0].real for limit in limits], "1/s", agrees=answer, routes=(_("Riccati equation"), _("closed form")))
+    r.value("filter_pole", [limit.poles[0].real for limit in limits], "1/s", agrees=answer, routes=("Riccati equation", "closed form"))
     now = [float(bucy.transient(system, [MOMENT]).P[0, 0, 0]) for system in systems]
     slopes = [2 * (1 - P / R) / P - (2 * P + p.Q - P**2 / R) / P**2 for P, R in zip(now, p.R_values, strict=True)]
-    r.value("lyapunov_derivative", slopes, _("1/(m²·s)"), agrees=answer, routes=(_("derivative of y²/P with P integrated"), _("−(1/R + Q/P²), closed form")))
-    r.says(_("(V̇/y² at t = {t} s.)"), t=MOMENT)
+    r.value("lyapunov_derivative", slopes, "1/(m²·s)", agrees=answer, routes=("derivative of y²/P with P integrated", "−(1/R + Q/P²), closed form"))
+    r.says("(V̇/y² at t = {t} s.)", t=MOMENT)
     t0 = 0.0 if p.P0 else HORIZON / 100
     t, rows, ys, Vs = np.linspace(t0, HORIZON, 200), [], {}, {}
     for R, system, limit in zip(p.R_values, systems, limits, strict=True):
         P, end = bucy.transient(system, t).P[:, 0, 0], float(limit.P[0, 0])
         low, high = min(float(P[0]), end), max(float(P[0]), end)
-        rate = decay(p.Q, R, low, high)
-        y = np.array([homogeneous(p.Q, R, p.P0, float(at)) for at in t])
+        rate = by_hand.decay(p.Q, R, low, high)
+        y = np.array([by_hand.homogeneous(p.Q, R, p.P0, float(at)) for at in t])
         V = y**2 / P
         other = bucy.transient(replace(system, P0=[[2 * p.P0 + R]]), t).P[:, 0, 0]
-        both = y * np.array([homogeneous(p.Q, R, 2 * p.P0 + R, float(at)) for at in t])
+        both = y * np.array([by_hand.homogeneous(p.Q, R, 2 * p.P0 + R, float(at)) for at in t])
         # Two solutions of the Riccati equation differ by the product of their filters' solutions.
-        r.check(fill(_("y(t), {name}"), name=label(R)), (other - P) / (p.P0 + R), both, (_("difference of two variances, integrated"), _("closed form")))
-        r.holds(fill(_("V falls at least like exp(−γt), {name}"), name=label(R)), V[0] * np.exp(-rate * (t - t0)) - V, (_("closed form of y, P integrated"), _("bound of the proof")), size=float(V[0]))
-        r.holds(fill(_("bounds of P, {name}"), name=label(R)), [float(P.min()) - low, high - float(P.max())], (_("Riccati equation, integrated"), _("P(t0) and the limit")), size=high)
+        r.check(text("y(t), {name}", name=label(R)), (other - P) / (p.P0 + R), both, ("difference of two variances, integrated", "closed form"))
+        r.holds(text("V falls at least like exp(−γt), {name}", name=label(R)), V[0] * np.exp(-rate * (t - t0)) - V, ("closed form of y, P integrated", "bound of the proof"), size=float(V[0]))
+        r.holds(text("bounds of P, {name}", name=label(R)), [float(P.min()) - low, high - float(P.max())], ("Riccati equation, integrated", "P(t0) and the limit"), size=high)
         num, den = bucy.transfer_function(system)
-        r.check(fill(_("the filter reproduces exp(t), {name}"), name=label(R)), np.polyval(num, 1.0) / np.polyval(den, 1.0), 1.0, (_("transfer function at s = 1"), _("unbiased estimate")))
+        r.check(text("the filter reproduces exp(t), {name}", name=label(R)), np.polyval(num, 1.0) / np.polyval(den, 1.0), 1.0, ("transfer function at s = 1", "unbiased estimate"))
         rows.append((R, low, high, rate, limit.poles[0].real))
         ys[label(R)], Vs[label(R)] = np.abs(y), V / V[0]
+    stability_says(r, p, systems, t0, t, rows, ys, Vs)
+
+
+def stability_says(r, p, systems, t0, t, rows, ys, Vs):
+    """The constants of the proof, and its figures."""
     r.value("verdict_b", bool(all(row[3] > 0 and row[4] < 0 for row in rows)))
-    r.table("stability", ["R, m²·s", "P min, m²", "P max, m²", "γ, 1/s", _("pole of the filter, 1/s")], rows, fill(_("The constants of the proof, from t0 = {t0} s on. The plant's own pole is +1 1/s."), t0=t0))
+    r.table("stability", ["R, m²·s", "P min, m²", "P max, m²", "γ, 1/s", "pole of the filter, 1/s"], rows, text("The constants of the proof, from t0 = {t0} s on. The plant's own pole is +1 1/s.", t0=t0))
     curves = {f"|y|, {name}": ys[name] for name in list(ys)[:SHOWN]} | {f"V, {name}": Vs[name] for name in list(ys)[:SHOWN]}
-    r.figure("lyapunov", plots.lines(t, curves, xlabel=TIME, ylabel=_("ratio to the initial value"), log="y", straight={_("plant, exp(t)"): (t, np.exp(t))}), _("Solutions y of the filter without input and Lyapunov's function V (both relative to their initial values), against the plant without filter."))
+    r.figure("lyapunov", plots.lines(t, curves, xlabel=TIME, ylabel="ratio to the initial value", log="y", straight={"plant, exp(t)": (t, np.exp(t))}), "Solutions y of the filter without input and Lyapunov's function V (both relative to their initial values), against the plant without filter.")
     if p.P0 < min(p.R_values):
-        r.says(_("While $P < R$ the bracket $1 - P/R$ is positive and y grows for a moment: the gain is still too small to hold the plant. V falls all the same; that is why V, and not $y^2$, proves stability."))
+        r.says("While $P < R$ the bracket $1 - P/R$ is positive and y grows for a moment: the gain is still too small to hold the plant. V falls all the same; that is why V, and not $y^2$, proves stability.")
     elif p.P0 < max(p.R_values):
-        r.says(_("For those R that exceed $P_0$, y grows while $P < R$: the gain is still too small to hold the plant. V falls all the same; that is why V, and not $y^2$, proves stability."))
-    r.says(_("**What it means.** The error $e = \\hat{x} - x$ obeys the same equation, driven by noise: $\\dot e = (1 - P/R)e - w + Kv$. So a wrong $\\hat{x}(0)$ and every rounding error are forgotten like $e^{-\\kappa t}$, and the variance stays bounded, although x itself grows like $e^t$. The steady gain may replace $K(t)$. What is not forgiven is an error of the model, see (c)."))
+        r.says("For those R that exceed $P_0$, y grows while $P < R$: the gain is still too small to hold the plant. V falls all the same; that is why V, and not $y^2$, proves stability.")
+    r.says("**What it means.** The error $e = \\hat{x} - x$ obeys the same equation, driven by noise: $\\dot e = (1 - P/R)e - w + Kv$. So a wrong $\\hat{x}(0)$ and every rounding error are forgotten like $e^{-\\kappa t}$, and the variance stays bounded, although x itself grows like $e^t$. The steady gain may replace $K(t)$. What is not forgiven is an error of the model, see (c).")
     if len(systems) <= SHOWN:
         systems_by_name = {label(R): bucy.filter_system(system) for R, system in zip(p.R_values, systems, strict=True)}
         r.figure("bode", plots.bode(systems_by_name, np.geomspace(0.05, 50 * math.sqrt(1 + p.Q / min(p.R_values)), 300)),
-                 _("Bode plot of the steady filters (1+κ)/(s+κ). At low frequencies the gain is above 1: a constant z is not what this plant produces; for z = exp(t), at s = 1, it is 1."))  # fmt: skip
+                 "Bode plot of the steady filters (1+κ)/(s+κ). At low frequencies the gain is above 1: a constant z is not what this plant produces; for z = exp(t), at s = 1, it is 1.")
 
 
 def part_c(r, p, answer, sampled):
     """The discrete filter, and why Φ is not 1 + dt."""
-    r.section("c", _("The discrete filter"))
-    r.says(_("Between measurements $x(t_{i+1}) = e^{dt}x(t_i) + \\int e^{t_{i+1}-s}w\\,ds$; the average of v over a period has the variance R/dt:"))
+    r.section("c", "The discrete filter")
+    r.says("Between measurements $x(t_{i+1}) = e^{dt}x(t_i) + \\int e^{t_{i+1}-s}w\\,ds$; the average of v over a period has the variance R/dt:")
     r.math(r"\Phi = e^{dt}, \qquad Q_d = Q\int_0^{dt}e^{2s}ds = \frac Q2\bigl(e^{2dt} - 1\bigr), \qquad R_d = \frac R{dt}")
     r.model(sampled[0])
-    r.check("Φ", [m.Phi[0, 0] for m in sampled], [math.exp(p.dt)] * len(sampled), (_("matrix exponential"), _("by hand")), EXACT)
-    r.check("Q_d", [m.Qd[0, 0] for m in sampled], [0.5 * p.Q * math.expm1(2 * p.dt)] * len(sampled), (_("integral of ΦGQGᵀΦᵀ"), _("by hand")), EXACT)
-    r.check("R_d", [m.R[0, 0] for m in sampled], [R / p.dt for R in p.R_values], (_("model"), _("by hand")), EXACT)
+    r.check("Φ", [m.Phi[0, 0] for m in sampled], [math.exp(p.dt)] * len(sampled), ("matrix exponential", "by hand"), EXACT)
+    r.check("Q_d", [m.Qd[0, 0] for m in sampled], [0.5 * p.Q * math.expm1(2 * p.dt)] * len(sampled), ("integral of ΦGQGᵀΦᵀ", "by hand"), EXACT)
+    r.check("R_d", [m.R[0, 0] for m in sampled], [R / p.dt for R in p.R_values], ("model", "by hand"), EXACT)
     r.math(r"\hat x(t_i^-) = e^{dt}\hat x(t_{i-1}^+), \quad P(t_i^-) = e^{2dt}P(t_{i-1}^+) + Q_d, \quad K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R_d}")
     r.math(r"\hat x(t_i^+) = \hat x(t_i^-) + K(t_i)[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = K(t_i)R_d, \qquad \hat x(t_0^+) = E[x(0)], \quad P(t_0^+) = P_0")
-    r.says(_("The steady state is the positive root of $(P^-)^2 - [(e^{2dt}-1)R_d + Q_d]P^- - Q_dR_d = 0$. As dt → 0"))
+    r.says("The steady state is the positive root of $(P^-)^2 - [(e^{2dt}-1)R_d + Q_d]P^- - Q_dR_d = 0$. As dt → 0")
     r.math(r"P^\mp = P_\infty \pm \frac{P_\infty^2}{2R}\,dt + O(dt^2)")
-    r.says(_("so the bounds approach $P_\\infty$ at first order, their mean at second."))
-    limits, routes = [steady.solve(m) for m in sampled], (_("Riccati equation"), _("closed form"))
+    r.says("so the bounds approach $P_\\infty$ at first order, their mean at second.")
+    limits, routes = [steady.solve(m) for m in sampled], ("Riccati equation", "closed form")
     r.value("prior_variance_steady", [limit.P_minus[0, 0] for limit in limits], "m²", agrees=answer, routes=routes)
     r.value("posterior_variance_steady", [limit.P_plus[0, 0] for limit in limits], "m²", agrees=answer, routes=routes)
     poles = [limit.poles[0].real for limit in limits]
-    r.check(_("pole of the discrete filter"), poles, [math.exp(p.dt) * plus / minus for minus, plus in zip(answer["prior_variance_steady"], answer["posterior_variance_steady"], strict=True)], (_("Riccati equation"), _("e^dt P⁺/P⁻, closed form")), scale=math.exp(p.dt))
-    r.table("discrete", ["R, m²·s", "P⁻, m²", "P⁺, m²", "K", _("pole (1−K)exp(dt)"), _("P∞ of continuous time, m²")],
+    r.check("pole of the discrete filter", poles, [math.exp(p.dt) * plus / minus for minus, plus in zip(answer["prior_variance_steady"], answer["posterior_variance_steady"], strict=True)], ("Riccati equation", "e^dt P⁺/P⁻, closed form"), scale=math.exp(p.dt))
+    r.table("discrete", ["R, m²·s", "P⁻, m²", "P⁺, m²", "K", "pole (1−K)exp(dt)", "P∞ of continuous time, m²"],
             [(R, limit.P_minus[0, 0], limit.P_plus[0, 0], limit.K[0, 0], pole, end) for R, limit, pole, end in zip(p.R_values, limits, poles, answer["variance_steady_continuous"], strict=True)],
-            fill(_("Steady state of the discrete filters, dt = {dt} s."), dt=p.dt))  # fmt: skip
+            text("Steady state of the discrete filters, dt = {dt} s.", dt=p.dt))
     not_euler(r, p, answer, sampled)
 
 
 def not_euler(r, p, answer, sampled):
     """What 1 + dt costs."""
-    r.says(_("**Φ is $e^{dt}$, not 1 + dt.** Let a filter use $\\Phi_d = 1 + dt$, $Q_d = Q\\,dt$. It is stable itself, but its error obeys"))
+    r.says("**Φ is $e^{dt}$, not 1 + dt.** Let a filter use $\\Phi_d = 1 + dt$, $Q_d = Q\\,dt$. It is stable itself, but its error obeys")
     r.math(r"e_i^+ = (1-K)\bigl[(1+dt)\,e_{i-1}^+ - (e^{dt} - 1 - dt)\,x_{i-1} - w_d\bigr] + Kv_d")
-    r.says(_("and is driven by x, which grows. In the end the error is a fixed multiple of x,"))
+    r.says("and is driven by x, which grows. In the end the error is a fixed multiple of x,")
     r.math(r"e \to c\,x, \qquad c = -\frac{(1-K)(e^{dt} - 1 - dt)}{e^{dt} - (1-K)(1+dt)} \approx -\frac{dt}{2(1+\kappa)} \quad (dt \to 0)")
-    r.says(_("of first order in dt, and without bound in metres. Its own variance says nothing of this. Covariances of truth and filter together (no random numbers) give:"))
+    r.says("of first order in dt, and without bound in metres. Its own variance says nothing of this. Covariances of truth and filter together (no random numbers) give:")
     steps = max(1, min(max(math.ceil(20 / p.dt), 40), 2000, math.floor(300 / p.dt)))
     shown = max(1, min(steps, round(HORIZON / p.dt)))
     rows, first = [], None
     R, kappa = p.R_values[0], math.sqrt(1 + p.Q / p.R_values[0])
     short = [1 / kappa / n for n in (16, 32, 64, 128)]
-    rest = [abs(approximation(p.Q, R, dt) + dt / (2 * (1 + kappa))) for dt in short]
-    r.order(fill(_("what is left of c beside its first term, {name}"), name=label(R)), rest, 2.0, (_("closed form"), _("first term of its series")))
+    rest = [abs(by_hand.approximation(p.Q, R, dt) + dt / (2 * (1 + kappa))) for dt in short]
+    r.order(text("what is left of c beside its first term, {name}", name=label(R)), rest, 2.0, ("closed form", "first term of its series"))
     for R, truth, c in zip(p.R_values, sampled, answer["error_of_the_approximation"], strict=True):
         design = replace(truth, Phi=[[1 + p.dt]], Qd=[[p.Q * p.dt]])
         found = sensitivity.actual(truth, design, steps)
-        errors, states = moments_of_the_approximation(p.Q, R, p.P0, p.dt, steps)
+        errors, states = by_hand.moments_of_the_approximation(p.Q, R, p.P0, p.dt, steps)
         true = found.P_plus[:, 0, 0]
-        r.check(fill(_("relative mean square error with 1 + dt, {name}"), name=label(R)), true[1:] / errors[1:], np.ones(steps), (_("sensitivity recursion"), _("moments of x and e")))
+        r.check(text("relative mean square error with 1 + dt, {name}", name=label(R)), true[1:] / errors[1:], np.ones(steps), ("sensitivity recursion", "moments of x and e"))
         # Shown where x has outgrown the noise, and 1 − K is not lost in the rounding of K.
         if abs(c) > 1e-6 and steps >= 40 and steps * p.dt >= 20 and states[-1] * c**2 > 1e10 * found.claimed.P_plus[-1, 0, 0]:
-            r.check(fill(_("error as a multiple of x, {name}"), name=label(R)), math.sqrt(true[-1] / states[-1]), abs(c), (_("sensitivity recursion"), _("closed form of the limit")))
+            r.check(text("error as a multiple of x, {name}", name=label(R)), math.sqrt(true[-1] / states[-1]), abs(c), ("sensitivity recursion", "closed form of the limit"))
         right = covariances(truth, steps)
         rows.append((R, right.sd_plus[shown, 0], found.claimed.sd_plus[shown, 0], math.sqrt(true[shown]), math.sqrt(states[shown]), c))
         first = first or (right, found, np.sqrt(true))
-    r.table("approximation", ["R, m²·s", _("σ with exp(dt), m"), _("σ claimed with 1+dt, m"), _("true RMS with 1+dt, m"), _("RMS of x, m"), "c"], rows,
-            fill(_("After {shown} measurements, at t = {t} s; c is the final error as a multiple of x."), shown=shown, t=shown * p.dt))  # fmt: skip
+    r.table("approximation", ["R, m²·s", "σ with exp(dt), m", "σ claimed with 1+dt, m", "true RMS with 1+dt, m", "RMS of x, m", "c"], rows,
+            text("After {shown} measurements, at t = {t} s; c is the final error as a multiple of x.", shown=shown, t=shown * p.dt))
     right, found, true = first
     stop = max(2, min(len(right.t), math.ceil(3 * HORIZON / p.dt)))
-    curves = {_("filter with exp(dt)"): right.sd_plus[:stop, 0], _("with 1+dt, claimed"): found.claimed.sd_plus[:stop, 0], _("with 1+dt, true RMS"): true[:stop]}
+    curves = {"filter with exp(dt)": right.sd_plus[:stop, 0], "with 1+dt, claimed": found.claimed.sd_plus[:stop, 0], "with 1+dt, true RMS": true[:stop]}
     t = right.t[:stop]
     growth = np.sqrt(p.P0 * np.exp(2 * t) + 0.5 * p.Q * np.expm1(2 * t))
     keep = growth > 0
-    r.figure("approximation", plots.lines(t[keep], {k: v[keep] for k, v in curves.items()}, xlabel=TIME, ylabel=_("RMS error, m"), log="y", straight={_("RMS of x"): (t[keep], growth[keep])}),
-             _("The filter with 1+dt for {name}: what it claims, and what is true."), name=label(p.R_values[0]))  # fmt: skip
+    r.figure("approximation", plots.lines(t[keep], {k: v[keep] for k, v in curves.items()}, xlabel=TIME, ylabel="RMS error, m", log="y", straight={"RMS of x": (t[keep], growth[keep])}),
+             "The filter with 1+dt for {name}: what it claims, and what is true.", name=label(p.R_values[0]))
 
 
 def plan(r, p, experiment, answer):
@@ -328,54 +224,54 @@ def plan(r, p, experiment, answer):
     longest = min(LONGEST, math.log(1e11 * smallest))
     steps = min(max(math.ceil(HORIZON / p.dt), 10), 400, math.floor(longest / p.dt * (1 + 1e-12)))
     steps = max(steps, 0)
-    r.table("plan", [_("quantity"), _("value"), _("why")], [
-        [_("period dt, s"), p.dt, _("given")],
-        [_("horizon at most, s"), longest, _("x grows like exp(t); beyond this its rounding errors come near to the error of the estimate")],
-        [_("measurements"), steps, fill(_("{horizon} s, but 10 at least and 400 at most, within that horizon"), horizon=HORIZON)],
-        [_("runs"), experiment.runs, fill(_("a standard error of the variance of {percent} %"), percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
-        [_("seed"), experiment.seed, _("another stream of random numbers for each R")],
-    ], _("Plan of the experiment."))  # fmt: skip
-    return steps
+    r.table("plan", ["quantity", "value", "why"], [
+        ["period dt, s", p.dt, "given"],
+        ["horizon at most, s", longest, "x grows like exp(t); beyond this its rounding errors come near to the error of the estimate"],
+        ["measurements", steps, text("{horizon} s, but 10 at least and 400 at most, within that horizon", horizon=HORIZON)],
+        ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
+        ["seed", experiment.seed, "another stream of random numbers for each R"],
+    ], "Plan of the experiment.")
+    return {"steps": steps}
 
 
 def part_d(r, p, answer, experiment, systems, sampled, steps):
     """P⁻ and P⁺ over P(t), and the ensembles."""
-    r.section("d", _("The variances of prediction and filtering over P(t)"))
-    r.says(_("**P(t) lies between them.** Over an interval h the gain alone is $g(P) = aP + q$, $a = e^{2h} > 1$, the loss alone (for an interval h') $l(P) = P/(1 + bP)$, $b = h'/R$; both increase with P. Loss first ends no lower than gain first:"))
+    r.section("d", "The variances of prediction and filtering over P(t)")
+    r.says("**P(t) lies between them.** Over an interval h the gain alone is $g(P) = aP + q$, $a = e^{2h} > 1$, the loss alone (for an interval h') $l(P) = P/(1 + bP)$, $b = h'/R$; both increase with P. Loss first ends no lower than gain first:")
     r.math(r"l(g(P)) = \frac{aP}{1 + b(aP+q)} + \frac{q}{1 + b(aP+q)} \le \frac{aP}{1 + bP} + q = g(l(P))")
-    r.says(_("Continuous time is the limit of many short gains and losses in turn. Moving all gains to the front lowers the result, which is the discrete filter from $t_{i-1}^+$ to $t_i^+$; moving all losses to the front raises it, from $t_{i-1}^-$ to $t_i^-$. By induction $P(t_i^+) \\le P(t_i) \\le P(t_i^-)$. ∎"))
+    r.says("Continuous time is the limit of many short gains and losses in turn. Moving all gains to the front lowers the result, which is the discrete filter from $t_{i-1}^+$ to $t_i^+$; moving all losses to the front raises it, from $t_{i-1}^-$ to $t_i^-$. By induction $P(t_i^+) \\le P(t_i) \\le P(t_i^-)$. ∎")
     count = min(max(math.ceil(HORIZON / p.dt), 8), 400)
     t, panels = np.linspace(0.0, count * p.dt, 401), {}
     for R, system, m in zip(p.R_values, systems, sampled, strict=True):
         shown, name = covariances(m, count), label(R)
-        between, routes = bucy.transient(system, shown.t).P[:, 0, 0], (_("recursion"), _("Riccati equation, integrated"))
+        between, routes = bucy.transient(system, shown.t).P[:, 0, 0], ("recursion", "Riccati equation, integrated")
         size = float(shown.P_minus.max())
         r.holds(f"P⁺ ≤ P(t), {name}", between[1:] - shown.P_plus[1:, 0, 0], routes, size=size)
         r.holds(f"P(t) ≤ P⁻, {name}", shown.P_minus[1:, 0, 0] - between[1:], routes, size=size)
-        routes = (_("recursion"), _("fixed points of one step"))
-        closed = posterior_variances(p.Q, R, p.P0, p.dt, count)
-        r.check(fill(_("P⁺ along the measurements, {name}"), name=name), shown.P_plus[:, 0, 0], closed, routes)
-        r.check(fill(_("gain along the measurements, {name}"), name=name), shown.K[1:, 0, 0], closed[1:] * p.dt / R, routes)
+        routes = ("recursion", "fixed points of one step")
+        closed = by_hand.posterior_variances(p.Q, R, p.P0, p.dt, count)
+        r.check(text("P⁺ along the measurements, {name}", name=name), shown.P_plus[:, 0, 0], closed, routes)
+        r.check(text("gain along the measurements, {name}", name=name), shown.K[1:, 0, 0], closed[1:] * p.dt / R, routes)
         panels[name] = (shown, bucy.transient(system, t).P[:, 0, 0], answer["variance_steady_continuous"][p.R_values.index(R)])
     for i, (name, (shown, P, limit)) in enumerate(list(panels.items())[:SHOWN], start=1):
-        figure = plots.sampled({name: shown}, t, P, xlabel=TIME, ylabel=_("variance, m²"), limit=limit)
-        r.figure(f"sawtooth{i}", figure, _("The discrete filter over the continuous one, {name}."), name=name)
+        figure = plots.sampled({name: shown}, t, P, xlabel=TIME, ylabel="variance, m²", limit=limit)
+        r.figure(f"sawtooth{i}", figure, "The discrete filter over the continuous one, {name}.", name=name)
     first = next(iter(panels.values()))[0]
-    r.figure("gains", plots.gains(t[1:], bucy.transient(systems[0], t[1:]).K, first, names=[_("gain K, or K/dt")], units=["1/s"], xlabel=TIME),
-             _("The continuous gain, and that of the discrete filter divided by its period, {name}."), name=label(p.R_values[0]))  # fmt: skip
+    r.figure("gains", plots.gains(t[1:], bucy.transient(systems[0], t[1:]).K, first, names=["gain K, or K/dt"], units=["1/s"], xlabel=TIME),
+             "The continuous gain, and that of the discrete filter divided by its period, {name}.", name=label(p.R_values[0]))
     convergence(r, p, systems)
     if not steps:
-        r.says(_("No path is simulated: within one period x would grow so much that its rounding errors reach the error of the estimate. The variances above need no path."))
+        r.says("No path is simulated: within one period x would grow so much that its rounding errors reach the error of the estimate. The variances above need no path.")
         return
     portrait(r, experiment, sampled[0], steps, prefix="discrete_", xlabel=TIME, limits=(answer["prior_variance_steady"][0], answer["posterior_variance_steady"][0]))
-    r.says(_("The figures show {name}. All R:"), name=label(p.R_values[0]))
+    r.says("The figures show {name}. All R:", name=label(p.R_values[0]))
     rows = []
     for stream, (R, m) in enumerate(zip(p.R_values, sampled, strict=True), start=1):
         stats, theory = experiment.statistics(m, steps=steps, stream=stream), covariances(m, steps)
         worst = agreement(r, label(R), stats, theory.P_plus)
         size = math.sqrt(p.P0 * math.exp(2 * theory.t[-1]) + 0.5 * p.Q * math.expm1(2 * theory.t[-1]))
         rows.append((R, theory.t[-1], size, theory.sd_plus[-1, 0], stats.rms[-1, 0], stats.bias[-1, 0], worst))
-    r.table("ensemble", ["R, m²·s", _("at t, s"), _("RMS of x, m"), _("σ of theory, m"), _("RMS error, m"), _("mean error, m"), _("largest deviation, σ")], rows, _("The ensembles at the last instant; the last column is over all instants and tests."))
+    r.table("ensemble", ["R, m²·s", "at t, s", "RMS of x, m", "σ of theory, m", "RMS error, m", "mean error, m", "largest deviation, σ"], rows, "The ensembles at the last instant; the last column is over all instants and tests.")
 
 
 def convergence(r, p, systems):
@@ -386,11 +282,11 @@ def convergence(r, p, systems):
         periods = [tau / n for n in (8, 16, 32, 64)]
         found = [steady.solve(discretise(system, dt)) for dt in periods]
         minus, plus = (np.array([getattr(s, name)[0, 0] for s in found]) for name in ("P_minus", "P_plus"))
-        errors = {"P⁻": (minus - exact, 1.0), "P⁺": (exact - plus, 1.0), _("mean of P⁻ and P⁺"): (0.5 * (minus + plus) - exact, 2.0)}
+        errors = {"P⁻": (minus - exact, 1.0), "P⁺": (exact - plus, 1.0), "mean of P⁻ and P⁺": (0.5 * (minus + plus) - exact, 2.0)}
         for name, (values, order) in errors.items():
-            r.order(fill(_("order of {name}, {R}"), name=name, R=label(R)), np.abs(values), order, (_("discrete filter"), _("continuous filter")))
+            r.order(text("order of {name}, {R}", name=name, R=label(R)), np.abs(values), order, ("discrete filter", "continuous filter"))
         rows += [(R, dt, *(float(values[i]) for values, _order in errors.values())) for i, dt in enumerate(periods)]
-    r.table("convergence", ["R, m²·s", "dt, s", "P⁻ − P∞, m²", "P∞ − P⁺, m²", _("mean − P∞, m²")], rows, _("As the period is halved the bounds come nearer by half, their mean by three quarters."))
+    r.table("convergence", ["R, m²·s", "dt, s", "P⁻ − P∞, m²", "P∞ − P⁺, m²", "mean − P∞, m²"], rows, "As the period is halved the bounds come nearer by half, their mean by three quarters.")
 
 
 def conclusions(r, p, answer, steps):
@@ -398,18 +294,33 @@ def conclusions(r, p, answer, steps):
     lines = []
     for i, R in enumerate(p.R_values):
         end, prior, posterior = (answer[name][i] for name in ("variance_steady_continuous", "prior_variance_steady", "posterior_variance_steady"))
-        words = _("is constant") if math.isclose(p.P0, end, rel_tol=1e-12) else _("rises") if p.P0 < end else _("falls")
-        lines.append(fill(_("{name}: from P0 = {P0} m² the variance {words} (limit {end} m²), the filter's pole is {pole} 1/s. The discrete filter swings between {prior} and {posterior} m²."),
-                          name=label(R), P0=p.P0, words=words, end=end, pole=answer["filter_pole"][i], prior=prior, posterior=posterior))  # fmt: skip
-    lines.append(_("The plant is unstable with the pole +1 1/s, its filter uniformly and exponentially stable with a pole at −1 1/s or beyond: measurements hold the error, not the state."))
+        words = "is constant" if math.isclose(p.P0, end, rel_tol=1e-12) else "rises" if p.P0 < end else "falls"
+        lines.append(text("{name}: from P0 = {P0} m² the variance {words} (limit {end} m²), the filter's pole is {pole} 1/s. The discrete filter swings between {prior} and {posterior} m².",
+                          name=label(R), P0=p.P0, words=words, end=end, pole=answer["filter_pole"][i], prior=prior, posterior=posterior))
+    lines.append("The plant is unstable with the pole +1 1/s, its filter uniformly and exponentially stable with a pole at −1 1/s or beyond: measurements hold the error, not the state.")
     share = max(abs(c) for c in answer["error_of_the_approximation"])
-    lines.append(fill(_("An unstable plant does not forgive an error of the model: with 1 + dt in place of exp(dt) the error tends to {percent} % of x (the largest over R) and grows with it."), percent=100 * share))
+    lines.append(text("An unstable plant does not forgive an error of the model: with 1 + dt in place of exp(dt) the error tends to {percent} % of x (the largest over R) and grows with it.", percent=100 * share))
     spread = max(a / b for a, b in zip(answer["prior_variance_steady"], answer["posterior_variance_steady"], strict=True))
-    lines.append(_("At this period the discrete filters are nearly the continuous ones.") if spread < 1.2 else
-                 fill(_("At this period P⁻ is up to {spread} times P⁺, so sampling is felt."), spread=spread) if spread < 4 else
-                 fill(_("At this period P⁻ is up to {spread} times P⁺: the filter relies almost on the last measurement alone."), spread=spread))  # fmt: skip
-    lines.append(largest(r) if steps else _("No ensemble was run, for the period is too long for the growth of x."))
+    lines.append("At this period the discrete filters are nearly the continuous ones." if spread < 1.2 else
+                 text("At this period P⁻ is up to {spread} times P⁺, so sampling is felt.", spread=spread) if spread < 4 else
+                 text("At this period P⁻ is up to {spread} times P⁺: the filter relies almost on the last measurement alone.", spread=spread))
+    lines.append(largest(r) if steps else "No ensemble was run, for the period is too long for the growth of x.")
     r.items(lines)
+
+
+PARTS = Skeleton(
+    analysis=(part_a, part_b, part_c),
+    plan=plan,
+    experiment=(part_d,),
+    conclusions=conclusions,
+)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    answer, systems = by_hand.analytic(p), [model(p, R) for R in p.R_values]
+    sampled = [discretise(system, p.dt) for system in systems]
+    return PARTS.report(META, p, experiment, answer=answer, systems=systems, sampled=sampled)
 
 
 if __name__ == "__main__":

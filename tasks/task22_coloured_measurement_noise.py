@@ -13,19 +13,24 @@ x̂1/z = c1(s+a)/(s + a c1), c1 = √(Q1/(Q1+Q2)); for the sheet's reading a = 2
 import math
 
 import numpy as np
+from ctlabs.tasks._task22_bounds import NO_LIMIT, TIME, bounds, time_scale, white
+from ctlabs.tasks.answers import task22 as by_hand
+from ctlabs.tasks.answers.task22 import WITHIN
 from pydantic import model_validator
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import bucy, reduced, settling, steady
+from ctlabs.labs.comparison import same_as_whole, same_estimates
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, largest, portrait
-from ctlabs.models import ContinuousModel, DiscreteModel, observability
+from ctlabs.labs.skeleton import Skeleton
+from ctlabs.models import ContinuousModel, observability
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import Count, LabParameters, Positive, Variance, given
 from ctlabs.reporting.plots import Arrow, Node
 from ctlabs.reporting.report import EXACT, Report
-from ctlabs.text import _, fill
+from ctlabs.text import text
 
 META = {
     "name": "task22",
@@ -33,12 +38,6 @@ META = {
     "source": "Semushin & Tsyganova 2001, task 22",
     "parts": ["a", "b", "c", "d"],
 }
-
-#: The band of the settling time, as a fraction of the limit.
-WITHIN = 0.01
-TIME = _("t, s")
-NO_LIMIT = _("with a = 0 both states are integrators, their difference is never seen, and its variance grows without bound")
-TO_ZERO = _("the limit is 0, and a variance that decays to 0 never stays within 1 % of it")
 
 
 class Parameters(LabParameters):
@@ -60,151 +59,53 @@ class Parameters(LabParameters):
         return self
 
 
-def analytic(p):
-    """The sheet's answers, by hand."""
-    b, apart, q1, q2 = sampled(p.a, p.dt, p.Q1, p.Q2)
-    discrete = discrete_limit(p.a, p.dt, p.Q1, p.Q2)
-    gain = (apart * (discrete or 0.0) + q1) / (apart**2 * (discrete or 0.0) + q1 + q2)
-    pole = 1 - apart * gain
-    c1 = math.sqrt(p.Q1 / (p.Q1 + p.Q2))
-    k = c1 if p.a else c1**2
-    return {
-        "c1": c1,
-        "filter_transfer_function": [[k, k * p.a], [1.0, p.a * k]],
-        "variance_steady_continuous": limit(p.a, p.Q1, p.Q2),
-        "variance_after_first_measurement": first_variance(p.sigma1_2, p.sigma2_2),
-        "posterior_variance": variances(p.a, p.dt, p.Q1, p.Q2, first_variance(p.sigma1_2, p.sigma2_2), p.steps),
-        "posterior_variance_steady": discrete,
-        "gain_steady": gain,
-        "filter_pole": pole,
-        "filter_z_transfer_function": [[gain, -gain * b], [1.0, -pole]],
-        "settling_time": settling_time(p.a, p.Q1, p.Q2, first_variance(p.sigma1_2, p.sigma2_2)),
-    }
-
-
-def first_variance(x, y):
-    """P(t0⁺): two independent quantities of which the sum is known."""
-    return x * y / (x + y) if x + y else 0.0
-
-
-def limit(a, Q1, Q2):
-    """P∞ of part (a), the root of (aP + Q1)² = Q1(Q1+Q2), written so that nothing cancels; None for a = 0."""
-    return Q2 * math.sqrt(Q1) / (math.sqrt(Q1 + Q2) + math.sqrt(Q1)) / a if a else None
-
-
-def variance(a, Q1, Q2, start, t):
-    """P(t) of part (a): P' = α − 2βP − γP² solved with τ = tanh(λt)/λ, λ = √(β² + αγ) = a c1."""
-    alpha, beta, gamma = Q1 * Q2 / (Q1 + Q2), a * Q1 / (Q1 + Q2), a**2 / (Q1 + Q2)
-    rate = a * math.sqrt(Q1 / (Q1 + Q2))
-    tau = math.tanh(rate * t) / rate if rate else t
-    return (start * (1 - beta * tau) + alpha * tau) / (1 + (beta + gamma * start) * tau)
-
-
-def settling_time(a, Q1, Q2, start):
-    """(P − P∞)/(P + [√(Q1(Q1+Q2)) + Q1]/a) decays like e^(−2λt); None where P∞ is 0 or infinite."""
-    end = limit(a, Q1, Q2)
-    if not end:
-        return 0.0 if end == 0 and start == 0 else None
-    other = math.sqrt(Q1) * (math.sqrt(Q1 + Q2) + math.sqrt(Q1)) / a
-    ratio = (start - end) / (start + other)
-    edge = math.copysign(WITHIN, ratio) * end / (end * (1 + math.copysign(WITHIN, ratio)) + other)
-    return max(0.0, math.log(ratio / edge) / (2 * a * math.sqrt(Q1 / (Q1 + Q2)))) if ratio else 0.0
-
-
-def sampled(a, dt, Q1, Q2):
-    """b, 1 − b, q1, q2 of the discrete model."""
-    return math.exp(-a * dt), -math.expm1(-a * dt), Q1 * dt, Q2 * (-math.expm1(-2 * a * dt) / (2 * a) if a else dt)
-
-
-def variances(a, dt, Q1, Q2, start, steps):
-    """p from t0: each step is a fraction linear in p above and below, so i steps are the i-th power of its matrix."""
-    b, apart, q1, q2 = sampled(a, dt, Q1, Q2)
-    step = np.array([[q2 + b**2 * q1, q1 * q2], [apart**2, q1 + q2]])
-    step /= np.abs(np.linalg.eigvals(step)).max()
-    powers = [np.linalg.matrix_power(step, i) @ [start, 1.0] for i in range(steps + 1)]
-    return [float(above / below) for above, below in powers]
-
-
-def discrete_limit(a, dt, Q1, Q2):
-    """The positive root of (1−b)²p² + q1(1−b²)p − q1q2 = 0; None for a = 0."""
-    _b, apart, q1, q2 = sampled(a, dt, Q1, Q2)
-    if not a:
-        return None
-    if not q1 * q2:
-        return 0.0
-    linear = -q1 * math.expm1(-2 * a * dt)
-    return 2 * q1 * q2 / (linear + math.sqrt(linear**2 + 4 * apart**2 * q1 * q2))
-
-
-def white_variance(a, dt, Q1, Q2, K):
-    """The true variance of a filter with the gain K that takes x2 for white noise: e = (1−K)(e − w1) + K x2."""
-    b, _apart, q1, _q2 = sampled(a, dt, Q1, Q2)
-    noise = Q2 / (2 * a)
-    cross = K * noise / (1 - (1 - K) * b)
-    return ((1 - K) ** 2 * q1 + K**2 * noise + 2 * K * (1 - K) * b * cross) / (K * (2 - K))
-
-
 def model(p, **change):
     """Object and shaping filter; there is no white noise in the measurement."""
     q = p.model_copy(update=change)
-    return ContinuousModel(
-        F=[[0, 0], [0, -q.a]], G=np.eye(2), Q=np.diag([q.Q1, q.Q2]), H=[[1, 1]], P0=np.diag([q.sigma1_2, q.sigma2_2]),
-        states=["x1", "x2"], measurements=["z"], units=["m", "m"],
-    )  # fmt: skip
-
-
-def report(p, experiment: Experiment) -> Report:
-    """Answer the sheet, item by item."""
-    r = Report(META, p, experiment.runs, experiment.seed)
-    answer, system = analytic(p), model(p)
-    small, discrete = reduced.continuous(system, keep=["x1"]), discretise(system, p.dt, R=[[0]])
-    r.heading(_("Part I. Analysis"))
-    part_a(r, p, answer, system, small)
-    part_b(r, p, answer, discrete)
-    part_c(r, p, answer, discrete)
-    r.heading(_("Plan of the experiment"))
-    steps = plan(r, p, experiment, answer, discrete)
-    r.heading(_("Part II. Experiment"))
-    part_d(r, p, experiment, answer, small, discrete, steps)
-    r.heading(_("Conclusions"))
-    conclusions(r, p, answer)
-    return r
+    return ContinuousModel(F=[[0, 0], [0, -q.a]], G=np.eye(2), Q=np.diag([q.Q1, q.Q2]), H=[[1, 1]],
+                           P0=np.diag([q.sigma1_2, q.sigma2_2]), states=["x1", "x2"], measurements=["z"],
+                           units=["m", "m"])
 
 
 def part_a(r, p, answer, system, small):
     """The continuous filter."""
-    r.section("a", _("The continuous filter and its limit"))
+    r.section("a", "The continuous filter and its limit")
     nodes = {
         "w1": Node((0, 1), "$w_1$", "signal"), "F": Node((1.4, 1), r"$\dfrac{1}{s}$"), "w2": Node((0, 0), "$w_2$", "signal"),
         "N": Node((1.4, 0), r"$\dfrac{1}{s+a}$"), "+": Node((3.0, 1), "", "sum"), "z": Node((4.4, 1), "$z(t)$", "signal"),
-    }  # fmt: skip
+    }
     arrows = [Arrow("w1", "F"), Arrow("F", "+", "$x_1$", "+"), Arrow("w2", "N"), Arrow("N", "+", "$x_2$", "+"), Arrow("+", "z")]
-    r.figure("diagram", plots.block_diagram(nodes, arrows), _("The system (figure 5 of the sheet)."))
+    r.figure("diagram", plots.block_diagram(nodes, arrows), "The system (figure 5 of the sheet).")
     r.model(system)
-    r.says(_("**No white noise.** The Kalman–Bucy filter divides by the strength of the measurement noise, which is zero here. Instead, $z$ is known exactly, so $\\hat{x}_2 = z - \\hat{x}_1$ and only $x_1$ has to be estimated. What $z$ tells of it at each moment is in its derivative; with $\\dot{z} = w_1 - ax_2 + w_2$ and $x_2 = z - x_1$"))
+    r.says("**No white noise.** The Kalman–Bucy filter divides by the strength of the measurement noise, which is zero here. Instead, $z$ is known exactly, so $\\hat{x}_2 = z - \\hat{x}_1$ and only $x_1$ has to be estimated. What $z$ tells of it at each moment is in its derivative; with $\\dot{z} = w_1 - ax_2 + w_2$ and $x_2 = z - x_1$")
     r.math(r"\dot z + az = a\,x_1 + (w_1 + w_2), \qquad \dot x_1 = w_1")
-    r.says(_("is a measurement of $x_1$ with white noise of strength $Q_1 + Q_2$ that correlates with the process noise, $N = Q_1$. The filter for correlated noises gives"))
+    r.says("is a measurement of $x_1$ with white noise of strength $Q_1 + Q_2$ that correlates with the process noise, $N = Q_1$. The filter for correlated noises gives")
     r.math(r"\dot{\hat x}_1 = k\,(\dot z + az - a\hat x_1), \qquad k(t) = \frac{aP + Q_1}{Q_1 + Q_2}, \qquad \dot P = Q_1 - \frac{(aP + Q_1)^2}{Q_1 + Q_2}")
     r.model(small.model)
-    r.says(_("**The start.** At $t_0$ the value $z(t_0)$ comes without noise: $E\\{z^2(t_0)\\} = \\sigma_z^2 = \\sigma_1^2 + \\sigma_2^2$ and $E\\{z(t_0)x_1(t_0)\\} = \\sigma_1^2$ give"))
+    r.says("**The start.** At $t_0$ the value $z(t_0)$ comes without noise: $E\\{z^2(t_0)\\} = \\sigma_z^2 = \\sigma_1^2 + \\sigma_2^2$ and $E\\{z(t_0)x_1(t_0)\\} = \\sigma_1^2$ give")
     r.math(r"\hat x_1(t_0^+) = \frac{\sigma_1^2}{\sigma_z^2}z(t_0), \qquad P(t_0^+) = \sigma_1^2 - \frac{\sigma_1^4}{\sigma_z^2} = \frac{\sigma_1^2\sigma_2^2}{\sigma_1^2 + \sigma_2^2}")
-    r.says(_("**Without differentiation.** Put $\\hat{x}_1 = \\xi + kz$. Then $k\\dot{z}$ cancels, and what has to be built is"))
+    r.says("**Without differentiation.** Put $\\hat{x}_1 = \\xi + kz$. Then $k\\dot{z}$ cancels, and what has to be built is")
     r.math(r"\dot\xi = -ak\,\xi + [ak(1-k) - \dot k]\,z, \qquad \hat x_1 = \xi + kz, \qquad \xi(t_0) = \hat x_1(t_0^+) - k(t_0)z(t_0)")
     nodes = {
         "z": Node((0, 1), "$z$", "signal"), "o": Node((0.8, 1), "", "branch"), "B": Node((2.0, 1), "$ak(1-k)$"), "+": Node((3.3, 1), "", "sum"), "I": Node((4.5, 1), r"$\dfrac{1}{s}$"),
         "p": Node((5.5, 1), "", "branch"), "*": Node((6.5, 1), "", "sum"), "x": Node((7.5, 1), r"$\hat{x}_1$", "signal"), "K": Node((4.5, 2), "$k$"), "A": Node((4.5, 0), "$ak$"),
-    }  # fmt: skip
+    }
     arrows = [Arrow("z", "o"), Arrow("o", "B"), Arrow("B", "+", "", "+"), Arrow("+", "I"), Arrow("I", "p", r"$\xi$"), Arrow("p", "*", "", "+"), Arrow("*", "x"), Arrow("o", "K", turn="along"),
-              Arrow("K", "*", "", "+"), Arrow("p", "A", turn="along"), Arrow("A", "+", "", "−")]  # fmt: skip
-    r.figure("filter", plots.block_diagram(nodes, arrows), _("The steady filter: z goes to the estimate directly through k, and through one integrator; nothing is differentiated."))
-    r.says(_("**The limit.** With $u = aP + Q_1$ and $u_\\infty = \\sqrt{Q_1(Q_1+Q_2)}$ the equation is $\\dot{u} = a(u_\\infty^2 - u^2)/(Q_1+Q_2)$, so that $(u - u_\\infty)/(u + u_\\infty)$ decays like $e^{-2ac_1t}$ from any $P \\ge 0$ (for $a > 0$, $Q_1 > 0$). Hence $u \\to u_\\infty$,"))
+              Arrow("K", "*", "", "+"), Arrow("p", "A", turn="along"), Arrow("A", "+", "", "−")]
+    r.figure("filter", plots.block_diagram(nodes, arrows), "The steady filter: z goes to the estimate directly through k, and through one integrator; nothing is differentiated.")
+    r.says("**The limit.** With $u = aP + Q_1$ and $u_\\infty = \\sqrt{Q_1(Q_1+Q_2)}$ the equation is $\\dot{u} = a(u_\\infty^2 - u^2)/(Q_1+Q_2)$, so that $(u - u_\\infty)/(u + u_\\infty)$ decays like $e^{-2ac_1t}$ from any $P \\ge 0$ (for $a > 0$, $Q_1 > 0$). Hence $u \\to u_\\infty$,")
     r.math(r"P_\infty = \frac{\sqrt{Q_1(Q_1+Q_2)} - Q_1}{a}, \qquad k_\infty = \frac{u_\infty}{Q_1+Q_2} = \sqrt{\frac{Q_1}{Q_1+Q_2}} = c_1")
-    r.says(_("and with the constant gain the transfer function from z is $c_1 + ac_1(1-c_1)/(s + ac_1)$, that is"))
+    r.says("and with the constant gain the transfer function from z is $c_1 + ac_1(1-c_1)/(s + ac_1)$, that is")
     r.math(r"\frac{\hat x_1(s)}{z(s)} = \frac{c_1(s+a)}{s + ac_1}, \qquad c_1 = \sqrt{\frac{Q_1}{Q_1+Q_2}}")
-    r.says(_("a time-invariant filter. ∎ Its zero at −a cancels the colour of the noise; slow changes of z pass with gain 1, fast ones with gain $c_1$."))
-    routes, settles = (_("Riccati equation"), _("closed form")), answer["variance_steady_continuous"] is not None
+    r.says("a time-invariant filter. ∎ Its zero at −a cancels the colour of the noise; slow changes of z pass with gain 1, fast ones with gain $c_1$.")
+    filter_a(r, p, answer, small)
+
+
+def filter_a(r, p, answer, small):
+    """The limit and the transfer function of the continuous filter."""
+    routes, settles = ("Riccati equation", "closed form"), answer["variance_steady_continuous"] is not None
     begin = reduced.transient(small, [0.0])
-    r.value("variance_after_first_measurement", begin[0, 0, 0], "m²", agrees=answer, routes=(_("perfect update"), _("by hand")), kind=EXACT)
+    r.value("variance_after_first_measurement", begin[0, 0, 0], "m²", agrees=answer, routes=("perfect update", "by hand"), kind=EXACT)
     if settles:
         r.value("c1", bucy.steady(small.model).K[0, 0], agrees=answer, routes=routes)
         r.value("variance_steady_continuous", reduced.steady(small).P[0, 0], "m²", agrees=answer, routes=routes)
@@ -214,81 +115,68 @@ def part_a(r, p, answer, system, small):
         r.value("c1", math.sqrt(k), agrees=answer, routes=routes)
         r.value("variance_steady_continuous", None, reason=NO_LIMIT, agrees=answer, routes=routes)
         transfer = [[k, 0.0], [1.0, 0.0]]
-        r.says(_("Here $a = 0$ and there is no limit: {reason}, $P(t) = P(0^+) + Q_1Q_2t/(Q_1+Q_2)$. The gain is constant all the same, $k = Q_1/(Q_1+Q_2) = c_1^2$ (not $c_1$), and the filter is $\\hat{x}_1 = kz + $ const."), reason=NO_LIMIT)
-    r.value("filter_transfer_function", transfer, agrees=answer, routes=(_("reduced model"), _("closed form")))
+        r.says("Here $a = 0$ and there is no limit: {reason}, $P(t) = P(0^+) + Q_1Q_2t/(Q_1+Q_2)$. The gain is constant all the same, $k = Q_1/(Q_1+Q_2) = c_1^2$ (not $c_1$), and the filter is $\\hat{x}_1 = kz + $ const.", reason=NO_LIMIT)
+    r.value("filter_transfer_function", transfer, agrees=answer, routes=("reduced model", "closed form"))
     invariant = bool(settles and p.Q1 > 0)
     r.value("verdict_a", invariant)
-    r.says(_("Criterion of `verdict_a`: the gain tends to a constant with which the filter is stable. It {does}."), does=_("does") if invariant else _("does not (its pole is at the origin)"))
+    r.says("Criterion of `verdict_a`: the gain tends to a constant with which the filter is stable. It {does}.", does="does" if invariant else "does not (its pole is at the origin)")
     end = 5 * time_scale(p)
     t = np.linspace(0.0, end, 201)
     curve = reduced.transient(small, t)[:, 0, 0]
     start = answer["variance_after_first_measurement"]
-    closed = [variance(p.a, p.Q1, p.Q2, start, x) for x in t]
-    r.check(_("P(t) at 201 times"), curve, closed, (_("Riccati equation, integrated"), _("closed form")))
+    closed = [by_hand.variance(p.a, p.Q1, p.Q2, start, x) for x in t]
+    r.check("P(t) at 201 times", curve, closed, ("Riccati equation, integrated", "closed form"))
     r.math(r"P(t) = \frac{P(0^+)(1 - \beta\tau) + \alpha\tau}{1 + [\beta + \gamma P(0^+)]\,\tau}, \quad \tau = \frac{\tanh ac_1t}{ac_1}, \qquad \alpha = \frac{Q_1Q_2}{Q_1+Q_2}, \quad \beta = \frac{aQ_1}{Q_1+Q_2}, \quad \gamma = \frac{a^2}{Q_1+Q_2}")
-    figure = plots.transient(t, {"P(t)": curve}, ylabel=_("variance of x1, m²"), xlabel=TIME, limits={"P(t)": answer["variance_steady_continuous"]} if settles else None)
-    r.figure("transient", figure, _("Error variance of x1 in the continuous filter, from just after the first value of z."))
-
-
-def time_scale(p):
-    """The time in which the continuous filter forgets, s."""
-    rate = p.a * math.sqrt(p.Q1 / (p.Q1 + p.Q2))
-    return 1 / rate if rate else max(1 / p.a if p.a else 0.0, 10 * p.dt)
+    figure = plots.transient(t, {"P(t)": curve}, ylabel="variance of x1, m²", xlabel=TIME, limits={"P(t)": answer["variance_steady_continuous"]} if settles else None)
+    r.figure("transient", figure, "Error variance of x1 in the continuous filter, from just after the first value of z.")
 
 
 def part_b(r, p, answer, discrete):
     """The discrete filter and its steady state."""
-    r.section("b", _("The discrete filter and its steady state"))
+    r.section("b", "The discrete filter and its steady state")
     r.math(r"x(t_{i+1}) = \begin{bmatrix} 1 & 0 \\ 0 & b \end{bmatrix}x(t_i) + w_d(t_i), \quad z(t_i) = \begin{bmatrix} 1 & 1 \end{bmatrix}x(t_i), \qquad b = e^{-a\Delta t}, \quad q_1 = Q_1\Delta t, \quad q_2 = \frac{Q_2(1-b^2)}{2a}")
     r.model(discrete)
-    _b, _apart, q1, q2 = sampled(p.a, p.dt, p.Q1, p.Q2)
-    r.check("Q_d", discrete.Qd, np.diag([q1, q2]), (_("doubling of the short interval"), _("by hand")))
-    r.says(_("(The sheet calls the measurement $z_1(t_i)$; it is the z of part (a), sampled.) The filter predicts and updates with $R = 0$, beginning with $z(t_0)$; since $\\hat{x}_1 + \\hat{x}_2 = z$ after every update, the covariance has one free element:"))
+    _b, _apart, q1, q2 = by_hand.sampled(p.a, p.dt, p.Q1, p.Q2)
+    r.check("Q_d", discrete.Qd, np.diag([q1, q2]), ("doubling of the short interval", "by hand"))
+    r.says("(The sheet calls the measurement $z_1(t_i)$; it is the z of part (a), sampled.) The filter predicts and updates with $R = 0$, beginning with $z(t_0)$; since $\\hat{x}_1 + \\hat{x}_2 = z$ after every update, the covariance has one free element:")
     r.math(r"\hat x_1^- = \hat x_1^+(t_{i-1}), \quad \hat x_2^- = b\,\hat x_2^+(t_{i-1}), \qquad P^- = \begin{bmatrix} p_{i-1} + q_1 & -b\,p_{i-1} \\ -b\,p_{i-1} & b^2p_{i-1} + q_2 \end{bmatrix}, \qquad \hat x^+ = \hat x^- + K(z_i - \hat x_1^- - \hat x_2^-)")
     r.math(r"K_1 = \frac{(1-b)\,p_{i-1} + q_1}{(1-b)^2p_{i-1} + q_1 + q_2}, \quad K_2 = 1 - K_1, \qquad P^+ = p_i\begin{bmatrix} 1 & -1 \\ -1 & 1 \end{bmatrix}, \qquad p_i = \frac{(q_2 + b^2q_1)\,p_{i-1} + q_1q_2}{(1-b)^2p_{i-1} + q_1 + q_2}")
-    plan, routes = covariances(discrete, p.steps, first=0), (_("recursion of matrices"), _("power of the fraction's matrix"))
+    plan, routes = covariances(discrete, p.steps, first=0), ("recursion of matrices", "power of the fraction's matrix")
     r.value("posterior_variance", plan.P_plus[:, 0, 0], "m²", at=plan.t, agrees=answer, routes=routes)
     form = plan.P_plus[:, 0, 0, None, None] * np.array([[1, -1], [-1, 1]])
-    r.check(_("P⁺ = p[[1, −1], [−1, 1]]"), plan.P_plus, form, (_("recursion of matrices"), _("proof")), EXACT, scale=float(plan.P_minus.max()))
-    r.says(_("**Steady state**: the positive root of $(1-b)^2p^2 + q_1(1-b^2)\\,p - q_1q_2 = 0$, the gain with it, and the pole $1 - (1-b)K_1$."))
+    r.check("P⁺ = p[[1, −1], [−1, 1]]", plan.P_plus, form, ("recursion of matrices", "proof"), EXACT, scale=float(plan.P_minus.max()))
+    r.says("**Steady state**: the positive root of $(1-b)^2p^2 + q_1(1-b^2)\\,p - q_1q_2 = 0$, the gain with it, and the pole $1 - (1-b)K_1$.")
     limited = answer["posterior_variance_steady"] is not None
     found = steady.solve(discrete) if limited else None
-    routes = (_("Riccati equation"), _("root of the quadratic"))
+    routes = ("Riccati equation", "root of the quadratic")
     r.value("posterior_variance_steady", found.P_plus[0, 0] if found else None, "m²", reason=NO_LIMIT, agrees=answer, routes=routes)
     r.value("gain_steady", found.K[0, 0] if found else plan.K[-1, 0, 0], agrees=answer, routes=routes)
     if found:
-        r.says(_("Here $p_\\infty = {limit}$ m², $K_1 = {gain}$, $K_2 = {other}$; before an update the variance of $x_1$ is {prior} m². The continuous filter has {continuous} m²: it never does worse, as it has all of z between the samples."),
-               limit=float(found.P_plus[0, 0]), gain=float(found.K[0, 0]), other=float(found.K[1, 0]), prior=float(found.P_minus[0, 0]), continuous=answer["variance_steady_continuous"])  # fmt: skip
+        r.says("Here $p_\\infty = {limit}$ m², $K_1 = {gain}$, $K_2 = {other}$; before an update the variance of $x_1$ is {prior} m². The continuous filter has {continuous} m²: it never does worse, as it has all of z between the samples.",
+               limit=float(found.P_plus[0, 0]), gain=float(found.K[0, 0]), other=float(found.K[1, 0]), prior=float(found.P_minus[0, 0]), continuous=answer["variance_steady_continuous"])
 
 
 def part_c(r, p, answer, discrete):
     """The basis (z, x1) and the reduced filter."""
-    r.section("c", _("The basis (z, x1) and the reduced filter"))
+    r.section("c", "The basis (z, x1) and the reduced filter")
     r.math(r"x^* = \begin{bmatrix} z \\ x_1 \end{bmatrix} = Tx, \quad T = \begin{bmatrix} 1 & 1 \\ 1 & 0 \end{bmatrix}, \qquad \Phi^* = \begin{bmatrix} b & 1-b \\ 0 & 1 \end{bmatrix}, \quad Q_d^* = \begin{bmatrix} q_1+q_2 & q_1 \\ q_1 & q_1 \end{bmatrix}, \quad H^* = \begin{bmatrix} 1 & 0 \end{bmatrix}, \qquad P^{*+} = \begin{bmatrix} 0 & 0 \\ 0 & p_i \end{bmatrix}")
-    r.says(_("The first state is known after each update. The other is measured by the difference $z_i - bz_{i-1} = (1-b)x_1(t_{i-1}) + w_1 + w_2$, the discrete counterpart of $\\dot{z} + az$, and the reduced filter is"))
+    r.says("The first state is known after each update. The other is measured by the difference $z_i - bz_{i-1} = (1-b)x_1(t_{i-1}) + w_1 + w_2$, the discrete counterpart of $\\dot{z} + az$, and the reduced filter is")
     r.math(r"\hat x_1(t_i^+) = \hat x_1(t_{i-1}^+) + K_{1,i}\,[z_i - b\,z_{i-1} - (1-b)\,\hat x_1(t_{i-1}^+)], \qquad \hat x_1(t_0^+) = \frac{\sigma_1^2}{\sigma_1^2+\sigma_2^2}z_0, \qquad \frac{\hat x_1}{z} = K_1\frac{1 - b\,z^{-1}}{1 - [1 - (1-b)K_1]\,z^{-1}}")
     small = reduced.discrete(discrete, keep=["x1"], first=0)
-    P, K = reduced.covariances(small, p.steps)
-    full = covariances(discrete, p.steps, first=0)
-    routes = (_("reduced filter"), _("two-state filter"))
-    r.check(_("P⁺ of the reduced filter"), P, full.P_plus, routes, EXACT, scale=float(full.P_minus.max()))
-    r.check(_("gains of the reduced filter"), K, full.K, routes)
-    star, expected = small.basis.T @ full.P_plus @ small.basis.T.T, np.zeros((p.steps + 1, 2, 2))
-    expected[:, 1, 1] = answer["posterior_variance"]
-    r.check("P* = diag(0, p)", star, expected, (_("two-state filter, transformed"), _("power of the fraction's matrix")), EXACT, scale=float(full.P_minus.max()))
+    full = same_as_whole(r, small, discrete, p.steps, answer["posterior_variance"])
     if answer["posterior_variance_steady"] is None:
         g = full.K[-1, 0, 0]
         pole = small.model.Phi[0, 0] - g * small.model.H[0, 0]
         transfer = [[g, small.B_y[0, 0] - g * small.A_0[0, 0]], [1.0, -pole]]
     else:
         pole, transfer = float(reduced.steady(small).poles[0].real), list(reduced.transfer_function(small))
-    r.value("filter_pole", pole, agrees=answer, routes=(_("reduced model"), _("by hand")))
-    r.value("filter_z_transfer_function", transfer, agrees=answer, routes=(_("reduced model"), _("by hand")))
+    r.value("filter_pole", pole, agrees=answer, routes=("reduced model", "by hand"))
+    r.value("filter_z_transfer_function", transfer, agrees=answer, routes=("reduced model", "by hand"))
     if p.a and p.Q1:
         rate = p.a * answer["c1"]
         num, den = answer["filter_transfer_function"]
-        figure = plots.bode({_("continuous"): (num, den), fill(_("discrete, dt = {dt} s"), dt=p.dt): (*transfer, p.dt)}, np.geomspace(rate / 30, max(30 * p.a, 3 / p.dt), 400), marks={"$ac_1$": rate, "$a$": p.a})
-        r.figure("bode", figure, _("Both steady filters lag: slow changes of z pass with gain 1, fast ones only with the share of them that is due to the object."))
+        figure = plots.bode({"continuous": (num, den), text("discrete, dt = {dt} s", dt=p.dt): (*transfer, p.dt)}, np.geomspace(rate / 30, max(30 * p.a, 3 / p.dt), 400), marks={"$ac_1$": rate, "$a$": p.a})
+        r.figure("bode", figure, "Both steady filters lag: slow changes of z pass with gain 1, fast ones only with the share of them that is due to the object.")
 
 
 def sets(p):
@@ -298,8 +186,8 @@ def sets(p):
         for factor in factors:
             value = getattr(p, name) * factor
             if value:
-                found[fill(_("{name} = {value}"), name=name, value=value)] = {name: value}
-    return {_("given"): {}, **found}
+                found[text("{name} = {value}", name=name, value=value)] = {name: value}
+    return {"given": {}, **found}
 
 
 def visible(p, steps):
@@ -307,7 +195,7 @@ def visible(p, steps):
     found = steps
     for change in sets(p).values():
         q = p.model_copy(update=change)
-        curve = variances(q.a, q.dt, q.Q1, q.Q2, first_variance(q.sigma1_2, q.sigma2_2), steps)
+        curve = by_hand.variances(q.a, q.dt, q.Q1, q.Q2, by_hand.first_variance(q.sigma1_2, q.sigma2_2), steps)
         found = min([found, *(i - 1 for i, x in enumerate(curve) if 0 < x < 1e-9 * max(curve))])
     return max(found, 1)
 
@@ -316,73 +204,39 @@ def plan(r, p, experiment, answer, discrete):
     """Every number chosen."""
     settled = settling(discrete, first=0) if answer["posterior_variance_steady"] else None
     steps = visible(p, max(p.steps, min(80, 2 * (settled or 20)), 10))
-    r.says(_("The continuous filter is shown by its equations, the discrete one by simulation: the ensemble against the recursion for the given numbers and for sets in which one parameter is changed, the reduced filter on the same records, and a filter that takes the noise for white."))
-    r.table("plan", [_("quantity"), _("value"), _("why")], [
-        [_("period, s"), p.dt, _("given")],
-        [_("measurements after t0"), steps, _("twice the settling time, 10 at least and 80 at most, and the length of the list; fewer where the error sinks into the rounding of the states")],
-        [_("parameter sets"), "; ".join(list(sets(p))[1:]), _("a quarter and four times a, a tenth and ten times Q1 and Q2")],
-        [_("settling"), "1 %", _("the variance stays within this fraction of its limit from then on")],
-        [_("runs"), experiment.runs, fill(_("a standard error of the variance of {percent} %"), percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
-        [_("seed"), experiment.seed, _("another stream of random numbers for each set")],
-    ], _("Plan of the experiment."))  # fmt: skip
-    return steps
+    r.says("The continuous filter is shown by its equations, the discrete one by simulation: the ensemble against the recursion for the given numbers and for sets in which one parameter is changed, the reduced filter on the same records, and a filter that takes the noise for white.")
+    r.table("plan", ["quantity", "value", "why"], [
+        ["period, s", p.dt, "given"],
+        ["measurements after t0", steps, "twice the settling time, 10 at least and 80 at most, and the length of the list; fewer where the error sinks into the rounding of the states"],
+        ["parameter sets", "; ".join(list(sets(p))[1:]), "a quarter and four times a, a tenth and ten times Q1 and Q2"],
+        ["settling", "1 %", "the variance stays within this fraction of its limit from then on"],
+        ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
+        ["seed", experiment.seed, "another stream of random numbers for each set"],
+    ], "Plan of the experiment.")
+    return {"steps": steps}
 
 
 def part_d(r, p, experiment, answer, small, discrete, steps):
     """Bounds, settling, ensembles."""
-    r.section("d", _("Bounds and settling for several parameter sets"))
+    r.section("d", "Bounds and settling for several parameter sets")
     bounds(r, p, answer, small, discrete)
     table(r, p)
     if p.a and p.Q1 * p.Q2:
         order(r, p)
     limited = steady.solve(discrete) if answer["posterior_variance_steady"] is not None else None
     portrait(r, experiment, discrete, steps, xlabel=TIME, first=0, limits=None if limited is None else (limited.P_minus[0, 0], limited.P_plus[0, 0]))
-    some = experiment.histories(discrete, steps=steps, first=0)
-    again = reduced.estimates(reduced.discrete(discrete, keep=["x1"], first=0), some.z)
-    r.check(_("estimates of 25 runs"), again.x_plus, some.x_plus, (_("reduced filter"), _("two-state filter")), EXACT, scale=float(np.abs(some.x_plus).max()))
+    same_estimates(r, experiment, reduced.discrete(discrete, keep=["x1"], first=0), discrete, steps)
     rows = []
     for i, (name, change) in enumerate(list(sets(p).items())[1:], start=1):
         truth = discretise(model(p, **change), p.dt, R=[[0]])
         own, stats = covariances(truth, steps, first=0), experiment.statistics(truth, steps=steps, stream=i, first=0)
         worst = agreement(r, name, stats, own.P_plus)
         actual, wrong = sensitivity.actual(truth, discrete, steps, first=0), experiment.statistics(truth, discrete, steps=steps, stream=i, first=0)
-        worst = max(worst, agreement(r, fill(_("{name}, given filter"), name=name), wrong, actual.P_plus, consistent=False))
+        worst = max(worst, agreement(r, text("{name}, given filter", name=name), wrong, actual.P_plus, consistent=False))
         rows.append((name, own.sd_plus[-1, 0], stats.rms[-1, 0], math.sqrt(actual.P_plus[-1, 0, 0]), wrong.rms[-1, 0], round(worst, 2)))
-    r.table("ensembles", [_("truth"), _("σ of theory, m"), _("RMS, m"), _("σ of the given filter, m"), _("its RMS, m"), _("largest deviation, σ")], rows,
-            _("The error of x1 at the last measurement: the filter that knows the parameters, and the one designed for the given ones, on the same data."))  # fmt: skip
+    r.table("ensembles", ["truth", "σ of theory, m", "RMS, m", "σ of the given filter, m", "its RMS, m", "largest deviation, σ"], rows,
+            "The error of x1 at the last measurement: the filter that knows the parameters, and the one designed for the given ones, on the same data.")
     white(r, p, experiment, answer, discrete, steps)
-
-
-def bounds(r, p, answer, small, discrete):
-    """Monotone between the start and the limit; below the variance of z itself."""
-    r.says(_("**Bounds.** $(u - u_\\infty)/(u + u_\\infty)$ keeps its sign, so P(t) goes from $P(0^+)$ to $P_\\infty$ without turning back and stays between them: its bounds are these two numbers. The limit itself is bounded by what two simple estimates reach:"))
-    r.math(r"P_\infty = \frac{\sqrt{Q_1}}{\sqrt{Q_1+Q_2}+\sqrt{Q_1}}\,\frac{Q_2}{a} \le \min\Bigl(\frac{Q_2}{2a},\; \frac{\sqrt{Q_1Q_2}}{a}\Bigr)")
-    r.says(_("The first is the stationary variance of $x_2$, the error of $\\hat{x}_1 = z$, approached when the object moves much (large $Q_1$); the second is the error of a filter for white noise of the strength $Q_2/a^2$ that $x_2$ has at low frequency, approached when it moves little. ∎ The samples are part of the record, so $p_i \\ge P(t_i)$ for every period."))
-    start, end = answer["variance_after_first_measurement"], answer["variance_steady_continuous"]
-    t = np.linspace(0.0, 5 * time_scale(p), 201)
-    curve = reduced.transient(small, t)[:, 0, 0]
-    size = float(curve.max()) or 1.0
-    routes = (_("Riccati equation, integrated"), _("bound proved"))
-    if end is not None:
-        low, high = min(start, end), max(start, end)
-        r.holds(_("P(t) between P(0⁺) and P∞"), np.minimum(curve - low, high - curve), routes, size=size * 100)
-        r.holds("P∞ ≤ Q2/(2a), √(Q1Q2)/a", min(p.Q2 / (2 * p.a), math.sqrt(p.Q1 * p.Q2) / p.a) - end, (_("closed form"), _("bound proved")), size=size)
-    sampled_ = covariances(discrete, min(max(p.steps, 8), 200), first=0)
-    r.holds("p(i) ≥ P(t_i)", sampled_.P_plus[:, 0, 0] - reduced.transient(small, sampled_.t)[:, 0, 0], (_("discrete recursion"), _("Riccati equation, integrated")), size=size * 100)
-    fine = np.linspace(0.0, sampled_.t[-1], 201)
-    figure = plots.sampled({fill(_("dt = {dt} s"), dt=p.dt): sampled_}, fine, reduced.transient(small, fine)[:, 0, 0], xlabel=TIME, ylabel=_("variance of x1, m²"), limit=end)
-    r.figure("sampled", figure, _("The discrete filter over the continuous one: P⁺ runs just above P(t), P⁻ a period's noise higher."))
-    settled = settling(discrete, WITHIN, first=0) if answer["posterior_variance_steady"] is not None else None
-    when = bucy.settling_time(small.model, WITHIN) if end is not None else None
-    reason = NO_LIMIT if end is None else TO_ZERO
-    r.value("settling_time", when, "s", reason=reason, agrees=answer, routes=(_("search along P(t)"), _("closed form")))
-    r.value("settling_step", settled, reason=reason)
-    if settled is not None:
-        curve = np.abs(np.array(variances(p.a, p.dt, p.Q1, p.Q2, start, settled)) / answer["posterior_variance_steady"] - 1)
-        routes = (_("power of the fraction's matrix"), _("search along the recursion"))
-        r.holds(_("in the band at the settling step"), WITHIN - curve[-1], routes, size=1.0)
-        if settled:
-            r.holds(_("outside one step earlier"), curve[-2] - WITHIN, routes, size=1.0)
 
 
 def table(r, p):
@@ -391,32 +245,32 @@ def table(r, p):
     t = np.linspace(0.0, 3 * time_scale(p), 101)
     for name, change in sets(p).items():
         q = p.model_copy(update=change)
-        start, end = first_variance(q.sigma1_2, q.sigma2_2), limit(q.a, q.Q1, q.Q2)
+        start, end = by_hand.first_variance(q.sigma1_2, q.sigma2_2), by_hand.limit(q.a, q.Q1, q.Q2)
         small, discrete = reduced.continuous(model(q), keep=["x1"]), discretise(model(q), q.dt, R=[[0]])
         curves[name] = reduced.transient(small, t)[:, 0, 0]
         if end is None:
             rows.append((name, start, None, None, None, None, None))
             continue
         found = reduced.steady(small)
-        r.check(fill(_("P∞, {name}"), name=name), found.P[0, 0], end, (_("Riccati equation"), _("closed form")))
-        when, by_hand = bucy.settling_time(small.model, WITHIN), settling_time(q.a, q.Q1, q.Q2, start)
-        r.check(fill(_("settling time, {name}"), name=name), when, by_hand, (_("search along P(t)"), _("closed form")))
+        r.check(text("P∞, {name}", name=name), found.P[0, 0], end, ("Riccati equation", "closed form"))
+        when, expected = bucy.settling_time(small.model, WITHIN), by_hand.settling_time(q.a, q.Q1, q.Q2, start)
+        r.check(text("settling time, {name}", name=name), when, expected, ("search along P(t)", "closed form"))
         sampled_ = steady.solve(discrete).P_plus[0, 0]
-        r.check(fill(_("discrete limit, {name}"), name=name), sampled_, discrete_limit(q.a, q.dt, q.Q1, q.Q2), (_("Riccati equation"), _("root of the quadratic")))
+        r.check(text("discrete limit, {name}", name=name), sampled_, by_hand.discrete_limit(q.a, q.dt, q.Q1, q.Q2), ("Riccati equation", "root of the quadratic"))
         rows.append((name, start, end, sampled_, math.sqrt(q.Q1 / (q.Q1 + q.Q2)), when, settling(discrete, WITHIN, first=0)))
-    r.table("sets", [_("set"), "P(0⁺), m²", "P∞, m²", _("p∞ sampled, m²"), "c1", _("settled, s"), _("settled at i")], rows,
-            _("Bounds of the error variance of x1 (P(0⁺) and P∞) and settling within 1 %; no number where there is no limit or it is 0."))  # fmt: skip
-    figure = plots.lines(t, curves, xlabel=TIME, ylabel=_("P(t), m²"))
-    r.figure("sets", figure, _("P(t) for the parameter sets. The rate is $2ac_1$: a faster noise and a livelier object shorten the transient."))
+    r.table("sets", ["set", "P(0⁺), m²", "P∞, m²", "p∞ sampled, m²", "c1", "settled, s", "settled at i"], rows,
+            "Bounds of the error variance of x1 (P(0⁺) and P∞) and settling within 1 %; no number where there is no limit or it is 0.")
+    figure = plots.lines(t, curves, xlabel=TIME, ylabel="P(t), m²")
+    r.figure("sets", figure, "P(t) for the parameter sets. The rate is $2ac_1$: a faster noise and a livelier object shorten the transient.")
 
 
 def order(r, p):
     """dt → 0."""
     periods = [0.2 / p.a / 2**i for i in range(4)]
-    errors = [discretised(p, dt) - limit(p.a, p.Q1, p.Q2) for dt in periods]
-    r.order(_("p∞ → P∞ as dt → 0"), errors, 2.0, (_("discrete Riccati equation"), _("continuous closed form")))
-    r.says(_("As dt → 0 the sampled variance approaches the continuous one at second order: at a period of {dt} s it is {first} % above it, at half of it {second} %."),
-           dt=periods[0], first=100 * errors[0] / limit(p.a, p.Q1, p.Q2), second=100 * errors[1] / limit(p.a, p.Q1, p.Q2))  # fmt: skip
+    errors = [discretised(p, dt) - by_hand.limit(p.a, p.Q1, p.Q2) for dt in periods]
+    r.order("p∞ → P∞ as dt → 0", errors, 2.0, ("discrete Riccati equation", "continuous closed form"))
+    r.says("As dt → 0 the sampled variance approaches the continuous one at second order: at a period of {dt} s it is {first} % above it, at half of it {second} %.",
+           dt=periods[0], first=100 * errors[0] / by_hand.limit(p.a, p.Q1, p.Q2), second=100 * errors[1] / by_hand.limit(p.a, p.Q1, p.Q2))
 
 
 def discretised(p, dt):
@@ -424,49 +278,42 @@ def discretised(p, dt):
     return float(steady.solve(discretise(model(p), dt, R=[[0]])).P_plus[0, 0])
 
 
-def white(r, p, experiment, answer, discrete, steps):
-    """The filter that takes x2 for white noise."""
-    if not (p.a and p.Q1 and p.Q2):
-        return
-    noise, C = p.Q2 / (2 * p.a), [[1.0, 0.0]]
-    design = DiscreteModel([[1]], [[p.Q1 * p.dt]], [[1]], [[noise]], x0=[0], P0=[[p.sigma1_2]], dt=p.dt, states=["x1"], units=["m"])
-    claimed, found = steady.solve(design), sensitivity.steady(discrete, design, compare=C)
-    K = float(claimed.K[0, 0])
-    r.check(_("true variance of the filter for white noise"), found.P_plus[0, 0], white_variance(p.a, p.dt, p.Q1, p.Q2, K), (_("sensitivity analysis"), _("by hand")))
-    best = answer["posterior_variance_steady"]
-    r.holds(_("the filter for white noise is not better"), found.P_plus[0, 0] - best, (_("sensitivity analysis"), _("root of the quadratic")), size=best)
-    r.says(_("**A filter that takes $x_2$ for white noise** of the same variance $Q_2/2a$ has one state and the gain {K}. It claims {claimed} m² and has {true} m², where the optimal filter has {best} m²: neighbouring samples carry nearly the same noise, and averaging them does not remove it."),
-           K=K, claimed=float(claimed.P_plus[0, 0]), true=float(found.P_plus[0, 0]), best=best)  # fmt: skip
-    stats = experiment.statistics(discrete, design, steps=steps, compare=C, first=0)
-    actual = sensitivity.actual(discrete, design, steps, compare=C, first=0)
-    agreement(r, _("filter for white noise"), stats, actual.P_plus, consistent=False)
-    own = covariances(discrete, steps, first=0)
-    figure = plots.lines(own.t, {_("optimal"): own.P_plus[:, 0, 0], _("white noise assumed: claimed"): actual.claimed.P_plus[:, 0, 0], _("white noise assumed: true"): actual.P_plus[:, 0, 0]},
-                         xlabel=TIME, ylabel=_("variance of x1, m²"), points={_("ensemble"): (stats.t, stats.rms[:, 0] ** 2)})  # fmt: skip
-    r.figure("white", figure, _("What the filter for white noise claims and what it has."))
-
-
 def conclusions(r, p, answer):
     """What the numbers say."""
     end, lines = answer["variance_steady_continuous"], []
     if end is None:
-        lines.append(fill(_("There is no steady state: {reason}."), reason=NO_LIMIT))
+        lines.append(text("There is no steady state: {reason}.", reason=NO_LIMIT))
     elif end == 0:
-        which = _("the noise is not driven, so that its value becomes known") if p.Q1 else _("the object stands still, and averaging finds its place")
-        lines.append(fill(_("The error variance tends to 0: {which}."), which=which))
+        which = "the noise is not driven, so that its value becomes known" if p.Q1 else "the object stands still, and averaging finds its place"
+        lines.append(text("The error variance tends to 0: {which}.", which=which))
     else:
-        lines.append(fill(_("The error variance of x1 goes monotonically from {start} to {end} m², and the filter becomes time-invariant with c1 = {c1} and the pole −{pole} 1/s."),
-                          start=answer["variance_after_first_measurement"], end=end, c1=answer["c1"], pole=p.a * answer["c1"]))  # fmt: skip
-        lines.append(fill(_("Sampled every {dt} s it is {above} % larger in the steady state."), dt=p.dt, above=100 * (answer["posterior_variance_steady"] / end - 1)))
+        lines.append(text("The error variance of x1 goes monotonically from {start} to {end} m², and the filter becomes time-invariant with c1 = {c1} and the pole −{pole} 1/s.",
+                          start=answer["variance_after_first_measurement"], end=end, c1=answer["c1"], pole=p.a * answer["c1"]))
+        lines.append(text("Sampled every {dt} s it is {above} % larger in the steady state.", dt=p.dt, above=100 * (answer["posterior_variance_steady"] / end - 1)))
     settled = r.values["settling_time"].value
     if settled is not None:
-        lines.append(fill(_("The continuous filter settles in {when} s, the discrete one at measurement {step}."), when=settled, step=r.values["settling_step"].value))
+        lines.append(text("The continuous filter settles in {when} s, the discrete one at measurement {step}.", when=settled, step=r.values["settling_step"].value))
     seen = observability.analyse(discretise(model(p), p.dt, R=[[0]]))
-    lines.append(_("Perfect measurements cost nothing but an equation: one of the two states is known after each of them, and the filter reduces to one state, whose derived measurement has noise correlated with the process. No measurement has to be differentiated."))
+    lines.append("Perfect measurements cost nothing but an equation: one of the two states is known after each of them, and the filter reduces to one state, whose derived measurement has noise correlated with the process. No measurement has to be differentiated.")
     if not seen.ok:
-        lines.append(_("The model is not observable: object and noise cannot be told apart."))
+        lines.append("The model is not observable: object and noise cannot be told apart.")
     lines.append(largest(r))
     r.items(lines)
+
+
+PARTS = Skeleton(
+    analysis=(part_a, part_b, part_c),
+    plan=plan,
+    experiment=(part_d,),
+    conclusions=conclusions,
+)
+
+
+def report(p, experiment: Experiment) -> Report:
+    """Answer the sheet, item by item."""
+    answer, system = by_hand.analytic(p), model(p)
+    small, discrete = reduced.continuous(system, keep=["x1"]), discretise(system, p.dt, R=[[0]])
+    return PARTS.report(META, p, experiment, answer=answer, system=system, small=small, discrete=discrete)
 
 
 if __name__ == "__main__":

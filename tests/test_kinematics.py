@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 import pint
 import pytest
-from ctlabs.tasks import _kinematics_analytic as by_hand
 from ctlabs.tasks import task03_wiener_velocity as lab3
 from ctlabs.tasks import task04_wiener_acceleration as lab4
+from ctlabs.tasks.answers import kinematics as by_hand
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -272,7 +272,7 @@ def test_the_spectral_factorisation_is_the_riccati_solution(n: int, ratio: float
 def test_alpha_and_beta_are_the_poles_gains(ratio: float) -> None:
     """The two equations of lab 3 and the spectral factorisation give the same gains."""
     rho = 10.0**ratio
-    assert close(lab3.alpha_beta(rho, 1.0), by_hand.steady_state(2, rho, 1.0, 1.0)[2], SOLVER)
+    assert close(lab3.by_hand.alpha_beta(rho, 1.0), by_hand.steady_state(2, rho, 1.0, 1.0)[2], SOLVER)
 
 
 @pytest.mark.parametrize("n", [2, 3])
@@ -283,7 +283,7 @@ def test_perfect_measurements_are_the_limit_of_good_ones(n: int) -> None:
     assert all(close(a, b, 1e-9) for a, b in zip(exact, near, strict=True))
     if n == 2:
         assert close(exact[2], [1.0, 3 - math.sqrt(3)], EXACT)
-        assert lab3.alpha_beta(1.0, 0.0) == [1.0, 3 - math.sqrt(3)]
+        assert lab3.by_hand.alpha_beta(1.0, 0.0) == [1.0, 3 - math.sqrt(3)]
     assert not any(part.any() for part in by_hand.steady_state(n, 0.0, 1.0, 1.0))
 
 
@@ -316,8 +316,8 @@ def test_the_polynomial_through_the_last_measurements_bounds_the_filter(n: int) 
 
 def test_the_sheets_own_numbers() -> None:
     """The values the sheets give for the default parameters."""
-    velocity = lab3.analytic(lab3.Parameters())
-    acceleration = lab4.analytic(lab4.Parameters())
+    velocity = lab3.by_hand.analytic(lab3.Parameters())
+    acceleration = lab4.by_hand.analytic(lab4.Parameters())
     assert np.allclose(velocity["gain_steady"], [0.756738, 0.493216], atol=5e-7)
     assert math.isclose(velocity["posterior_covariance_steady"][1, 1], 1.034294, abs_tol=5e-7)
     assert np.allclose(acceleration["gain_steady"], [0.864663, 0.797614, 0.367882], atol=5e-7)

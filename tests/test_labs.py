@@ -1,5 +1,6 @@
 """The catalogue: what a lab may be called, which parameters it has, and what is read without importing it."""
 
+import ast
 import importlib.util
 import json
 import subprocess
@@ -12,6 +13,7 @@ import pytest
 
 from ctlabs import cli
 from ctlabs.labs import catalogue as labs
+from ctlabs.labs import sheet
 from ctlabs.labs.experiment import Experiment
 from ctlabs.reporting.params import LabParameters, Positive, Variance, given
 from ctlabs.reporting.report import Report
@@ -269,6 +271,34 @@ def test_a_lab_is_run_and_written_with_a_summary(two, tmp_path, monkeypatch):
     stored = json.loads((tmp_path / "task07/results.json").read_text(encoding="utf-8"))
     assert (stored["runs"], stored["seed"], stored["parameters"]["Q"]) == (5, 2, 3.0)
     assert "seconds" not in json.dumps(stored)
+
+
+@pytest.mark.parametrize("name", sorted(labs.catalogue()))
+def test_every_lab_has_a_sheet_with_its_items(name):
+    """What is given, and a question for each part that the report answers, in its order; mathematics is closed."""
+    found = sheet(name)
+    assert tuple(found.items) == labs.catalogue()[name].parts
+    assert len(found.statement) > 100
+    assert found.statement.endswith((".", "?", ":"))
+    for text in (found.statement, *found.items.values()):
+        assert text.endswith((".", "?", ":", ";"))
+        assert text.count("$") % 2 == 0
+
+
+def test_there_are_no_other_sheets_and_unknown_labs_have_none():
+    """A sheet without a lab would be read by no one."""
+    assert {path.stem for path in (labs.folder() / "sheets").iterdir()} == set(labs.catalogue())
+    with pytest.raises(KeyError, match="task99"):
+        sheet("task99")
+
+
+@pytest.mark.parametrize("path", sorted(labs.folder().rglob("*.py")), ids=lambda path: path.stem)
+def test_a_lab_can_be_read(path):
+    """A file has at most 350 lines, a function at most 40."""
+    source = path.read_text(encoding="utf-8")
+    functions = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.FunctionDef)]
+    assert len(source.splitlines()) <= 350
+    assert [node.name for node in functions if node.end_lineno - node.lineno + 1 > 40] == []
 
 
 @pytest.mark.parametrize("name", sorted(labs.catalogue()))

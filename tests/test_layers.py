@@ -28,7 +28,7 @@ ROOMS: dict[str, set[str]] = {
     "montecarlo": {"text", "linalg", "models", "filtering"},
     "files": {"text", "_front", "linalg", "models", "filtering"},
     "reporting": {"text", "_front", "linalg", "filtering", "montecarlo"},
-    "labs": {"text", "models", "filtering", "montecarlo", "reporting"},
+    "labs": {"text", "models", "filtering", "analysis", "montecarlo", "reporting"},
     "studies": {"text", "linalg", "models", "filtering", "analysis", "montecarlo", "files", "reporting", "labs"},
     "workbench": {
         "text",

@@ -51,7 +51,10 @@ def test_every_folder_with_code_is_a_listed_package():
 
 def test_every_data_file_is_listed_package_data():
     """Templates, style sheets and the typing marker reach the wheel."""
-    folders = {ROOT / package.replace(".", "/"): found for package, found in SETUPTOOLS["package-data"].items()}
+    home = SETUPTOOLS["package-dir"]
+    folders = {
+        ROOT / home.get(package, package.replace(".", "/")): found for package, found in SETUPTOOLS["package-data"].items()
+    }
     listed = {path for folder, patterns in folders.items() for pattern in patterns for path in folder.glob(pattern)}
     data = {path for path in source_files() if path.suffix != ".py"}
     assert ROOT / "ctlabs/py.typed" in data

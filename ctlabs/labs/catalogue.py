@@ -47,14 +47,19 @@ class Lab:
         return str(int(self.name[4:])) if re.fullmatch(r"task\d+", self.name) else self.name
 
 
-@cache
-def catalogue() -> dict[str, Lab]:
-    """All labs by name, the practicum's first."""
+def folder() -> Path:
+    """Where the labs' scripts, answers and sheets lie."""
     spec = importlib.util.find_spec("ctlabs.tasks")
     if spec is None or not spec.submodule_search_locations:
         msg = "labs: expected the package ctlabs.tasks (`pip install -e .` in a checkout), received none"
         raise RuntimeError(msg)
-    found = [_lab(path) for path in Path(next(iter(spec.submodule_search_locations))).glob("[a-z]*.py")]
+    return Path(next(iter(spec.submodule_search_locations)))
+
+
+@cache
+def catalogue() -> dict[str, Lab]:
+    """All labs by name, the practicum's first."""
+    found = [_lab(path) for path in folder().glob("[a-z]*.py")]
     for lab in found:
         if sum(other.name == lab.name for other in found) > 1:
             msg = f"labs: expected one script for {lab.name}, received several"

@@ -6,7 +6,7 @@ band, the variances before and after each update, the gain, and the errors; so i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,13 +17,13 @@ from ctlabs.filtering.results import Covariances
 from ctlabs.labs.experiment import covariances
 from ctlabs.montecarlo import chance
 from ctlabs.reporting import plots
-from ctlabs.text import _, fill, squared
+from ctlabs.text import squared, text
 
 if TYPE_CHECKING:
     from ctlabs.labs.experiment import Experiment
     from ctlabs.models import DiscreteModel
     from ctlabs.montecarlo import Statistics
-    from ctlabs.reporting.report import Report
+    from ctlabs.reporting.report import Chance, Report
 
 
 #: Measurements shown in the sawtooth of variances: the transient and a few steady teeth.
@@ -46,19 +46,24 @@ def agreement(
     ``P`` (steps+1, n, n) and ``bias`` (steps+1, n; zero by default) are the theory's; a filter that is not
     ``consistent`` (its own P is not the truth) is tested in bias and variance only.
     """
-    tests = [
-        (_("mean error"), chance.bias(stats, P, bias)),
-        (_("error variance"), chance.variance(stats, P, bias)),
-    ]
+    tests: dict[str, Chance] = {
+        "mean error": chance.bias(stats, P, bias),
+        "error variance": chance.variance(stats, P, bias),
+    }
     if consistent:
-        tests += [
-            ("NEES", chance.nees(stats)),
-            ("NIS", chance.nis(stats)),
-            (_("NIS of all instants together"), chance.pooled_nis(stats)),
-        ]
-    for what, test in tests:
-        report.chance(f"{what}, {name}" if name else what, test)
-    return max(abs(test.value) for _what, test in tests)
+        tests |= {
+            "NEES": chance.nees(stats),
+            "NIS": chance.nis(stats),
+            "NIS of all instants together": chance.pooled_nis(stats),
+        }
+    return tested(report, name, tests)
+
+
+def tested(report: Report, name: str, tests: Mapping[str, Chance]) -> float:
+    """Put exact tests of the ensemble ``name`` into the report, by what they test; returns the largest deviation, in sigmas."""
+    for what, test in tests.items():
+        report.chance(text("{what}, {name}", what=what, name=name) if name else what, test)
+    return max(abs(test.value) for test in tests.values())
 
 
 def portrait(
@@ -68,7 +73,7 @@ def portrait(
     steps: int,
     *,
     prefix: str = "",
-    xlabel: str | None = None,
+    xlabel: str = "measurement number i",
     state: int = 0,
     measurement: int = 0,
     limits: tuple[float, float] | None = None,
@@ -80,29 +85,29 @@ def portrait(
     ``prefix`` tells the figures of several filters apart; ``state`` is the one shown, ``measurement`` the one that
     measures it; ``limits`` are its steady variances before and after an update. Returns the statistics.
     """
-    xlabel = xlabel or _("measurement number i")
     name, unit = model.states[state], model.units[state]
     first = begins(model, first)
     schedule = covariances(model, steps, first)
     some = experiment.histories(model, steps=steps, stream=stream, first=first)
     stats = experiment.statistics(model, steps=steps, stream=stream, first=first)
-    labelled = fill("{name}, {unit}", name=name, unit=unit)
+    labelled = text("{name}, {unit}", name=name, unit=unit)
     measured = measurement if model.H[..., measurement, state].any() else None  # another state's is not drawn over it
     report.figure(
         f"{prefix}record",
         plots.record(some, xlabel=xlabel, ylabel=labelled, state=state, measurement=measured),
-        _("One run: truth, measurements, and the estimate of {name} with its ±σ band."),
+        "One run: truth, measurements, and the estimate of {name} with its ±σ band.",
         name=name,
     )
     report.figure(
         f"{prefix}sawtooth",
         plots.sawtooth({"": covariances(model, min(steps, SHOWN), first)}, xlabel=xlabel,
-                       ylabel=fill(_("variance of {name}, {unit}"), name=name, unit=squared(unit)),
+                       ylabel=text("variance of {name}, {unit}", name=name, unit=squared(unit)),
                        state=state, limits=None if limits is None else [limits]),
-        _("Error variance of {name} before and after each update.") + (_(" Dotted: the limits.") if limits else ""),
+        "Error variance of {name} before and after each update. Dotted: the limits." if limits
+        else "Error variance of {name} before and after each update.",
         name=name,
     )  # fmt: skip
-    report.figure(f"{prefix}gain", _gains(model, schedule, xlabel, first), _("The gain, known before any measurement."))
+    report.figure(f"{prefix}gain", _gains(model, schedule, xlabel, first), "The gain, known before any measurement.")
     report.figure(
         f"{prefix}errors",
         plots.errors(
@@ -113,19 +118,19 @@ def portrait(
             measurement=measurement,
             measured_unit=_measured_unit(model, measurement),
         ),
-        _("Innovations, prediction and filtering errors of 25 runs inside the bands of the theory."),
+        "Innovations, prediction and filtering errors of 25 runs inside the bands of the theory.",
     )
     report.figure(
         f"{prefix}ensemble",
         plots.ensemble_against_theory(stats, schedule.P_plus, xlabel=xlabel, units=model.units, names=model.states),
-        _("RMS and mean of the filtering errors of {runs} runs against theory, in the bands of 95 % of ensembles; "
-          "NEES and NIS averaged over the runs."),
+        "RMS and mean of the filtering errors of {runs} runs against theory, in the bands of 95 % of ensembles; "
+        "NEES and NIS averaged over the runs.",
         runs=experiment.runs,
     )  # fmt: skip
     worst = agreement(report, prefix.strip("_"), stats, schedule.P_plus)
     worst = max(worst, together(report, prefix.strip("_"), experiment, model, stream=stream, first=first))
     report.says(
-        _("The largest deviation of the ensemble from theory, over all tests, is {worst} standard errors."),
+        "The largest deviation of the ensemble from theory, over all tests, is {worst} standard errors.",
         worst=round(worst, 2),
     )
     return stats
@@ -141,33 +146,27 @@ def together(
     if model.horizon is not None:
         return 0.0
     stats = experiment.statistics(model, steps=TOGETHER, stream=stream + APART, first=first)
-    tests = [(_("NIS of {steps} instants together"), chance.pooled_nis(stats))]
+    tests: dict[str, Chance] = {text("NIS of {steps} instants together", steps=TOGETHER): chance.pooled_nis(stats)}
     if model.N is None:
         plan = covariances(model, TOGETHER, first)
-        tests.append(
-            (
-                _("error variances of {steps} instants together"),
-                chance.pooled_variance(stats, plan.P_plus, chance.error_correlation(model, plan)),
-            )
-        )
-    for what, test in tests:
-        text = fill(what, steps=TOGETHER)
-        report.chance(f"{text}, {name}" if name else text, test)
-    return max(abs(test.value) for _what, test in tests)
+        correlation = chance.error_correlation(model, plan)
+        what = text("error variances of {steps} instants together", steps=TOGETHER)
+        tests[what] = chance.pooled_variance(stats, plan.P_plus, correlation)
+    return tested(report, name, tests)
 
 
 def largest(report: Report) -> str:
     """A conclusion: how far all ensembles of the report are from theory."""
     chances = [check for check in report.checks if check.kind == "CHANCE" and check.value is not None]
     if not chances:
-        return _("No ensemble was tested: no filter here has a finite limit to compare with.")
+        return text("No ensemble was tested: no filter here has a finite limit to compare with.")
     worst = max(chances, key=lambda check: abs(check.value or 0.0))
-    text = _(
+    said = (
         "In {tests} tests of the ensemble the largest deviation from theory is {worst} standard errors ({name}); "
         "a right filter deviates as much in one of its tests with probability {p}."
     )
     p = min(1.0, len(chances) * min(chance.adjusted(check.value or 0.0, check.tolerance) for check in chances))
-    return fill(text, tests=len(chances), worst=round(abs(worst.value or 0.0), 2), name=worst.name, p=float(f"{p:.2g}"))
+    return text(said, tests=len(chances), worst=round(abs(worst.value or 0.0), 2), name=worst.name, p=float(f"{p:.2g}"))
 
 
 def _measured_unit(model: DiscreteModel, measurement: int) -> str:
@@ -176,7 +175,7 @@ def _measured_unit(model: DiscreteModel, measurement: int) -> str:
         units = {unit for unit, h in zip(model.units, model.H[measurement], strict=True) if h}
         if len(units) == 1 and units != {""}:
             return units.pop()
-    return _("units of z")
+    return "units of z"
 
 
 def _gains(model: DiscreteModel, schedule: Covariances, xlabel: str, first: int) -> plots.Figure:
@@ -188,5 +187,5 @@ def _gains(model: DiscreteModel, schedule: Covariances, xlabel: str, first: int)
         for j in range(model.m)
     }
     return plots.lines(
-        schedule.t[first:], {k: np.asarray(v) for k, v in curves.items()}, xlabel=xlabel, ylabel=_("gain K"), marker="."
+        schedule.t[first:], {k: np.asarray(v) for k, v in curves.items()}, xlabel=xlabel, ylabel="gain K", marker="."
     )

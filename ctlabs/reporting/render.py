@@ -32,7 +32,7 @@ from ctlabs.reporting.mathml import STYLE, lines, mathml
 from ctlabs.reporting.paper import to_matplotlib
 from ctlabs.reporting.params import plain
 from ctlabs.reporting.report import Check, Heading, Picture, Report, Table, Text, Value
-from ctlabs.text import _, fill, number
+from ctlabs.text import _, fill, number, translated
 
 #: Resolution of figures, dots per inch.
 DPI = 130
@@ -76,7 +76,7 @@ def write_index(out: Path) -> None:
 
 def _row(result: dict[str, Any]) -> dict[str, Any]:
     """What the index says of one results.json."""
-    row = {key: result[key] for key in ("lab", "title", "source")}
+    row = {key: translated(result[key]) for key in ("lab", "title", "source")}
     failed = [check["name"] for check in result["checks"] if not check["passed"]]
     return row | {"checks": len(result["checks"]), "failed": failed}
 
@@ -86,8 +86,8 @@ def markdown(report: Report) -> str:
     checks = report.checks
     failed = [check.name for check in checks if not check.passed]
     lines = [
-        f"# {report.meta['title']}",
-        fill(_head(report), source=report.meta["source"], runs=report.runs, seed=report.seed,
+        f"# {translated(report.meta['title'])}",
+        fill(_head(report), source=translated(report.meta["source"]), runs=report.runs, seed=report.seed,
              verdict=_verdict(len(checks), failed)),
         _parameters(report),
     ]  # fmt: skip
@@ -128,12 +128,12 @@ def html(report: Report, pictures: dict[str, bytes]) -> str:
         )
     sections = [(block.part, block.text) for block in report.blocks if isinstance(block, Heading)]
     template = _environment().get_template("report.html")
-    return template.render(title=report.meta["title"], body=body, passed=report.passed, sections=sections, matrices=STYLE, _=_)
+    return template.render(title=translated(report.meta["title"]), body=body, passed=report.passed, sections=sections, matrices=STYLE, _=_)
 
 
 def summary(report: Report, tables: Sequence[str] = ()) -> list[str]:
     """The report's short values, and the ``tables`` of these names, as aligned lines for a terminal."""
-    lines = [report.meta["title"]]
+    lines = [translated(report.meta["title"])]
     values = [
         value
         for value in report.values.values()
@@ -269,7 +269,10 @@ def _verdict(checks: int, failed: list[str]) -> str:
 
 def _parameters(report: Report) -> str:
     values = report.parameters.plain()
-    rows = [[f"`{name}`", _cell(values[name]), unit, meaning] for name, unit, meaning in report.parameters.described()]
+    rows = [
+        [f"`{name}`", _cell(values[name]), translated(unit), translated(meaning)]
+        for name, unit, meaning in report.parameters.described()
+    ]
     return _grid([_("parameter"), _("value"), _("unit"), _("meaning")], rows)
 
 

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ctlabs.reporting.params import plain
-from ctlabs.text import fill, latex_matrix
+from ctlabs.reporting.wording import in_words_of_the_reader
+from ctlabs.text import fill, latex_matrix, text, translated
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -142,9 +143,9 @@ class Report:
     files: dict[str, bytes] = field(default_factory=dict)
     more: dict[str, Any] = field(default_factory=dict)
 
-    def heading(self, text: str) -> None:
+    def heading(self, title: str) -> None:
         """Begin one of the report's large divisions (analysis, plan, experiment, conclusions)."""
-        self.blocks.append(Heading(text, 2))
+        self.blocks.append(Heading(translated(title), 2))
 
     def section(self, part: str, title: str) -> None:
         """Begin the answer to a lettered item of the sheet."""
@@ -152,11 +153,11 @@ class Report:
             msg = f"section: expected one of the parts {self.meta['parts']}, received {part!r}"
             raise ValueError(msg)
         self.part = part
-        self.blocks.append(Heading(title, 3, part))
+        self.blocks.append(Heading(translated(title), 3, part))
 
-    def says(self, text: str, /, **values: object) -> None:
+    def says(self, /, *sentences: str, **values: object) -> None:
         """A paragraph; ``{name}`` is replaced by a value, with five significant digits."""
-        self.blocks.append(Text(fill(text, **values)))
+        self.blocks.append(Text(text(*sentences, **values)))
 
     def math(self, latex: str, /, **values: object) -> None:
         """A displayed equation; ``{name}`` is replaced by a number or matrix in LaTeX."""
@@ -169,32 +170,34 @@ class Report:
 
     def items(self, lines: Iterable[str], /, **values: object) -> None:
         """A list of points, with placeholders as in :meth:`says`."""
-        self.blocks.append(Text("\n".join(f"- {fill(line, **values)}" for line in lines)))
+        self.blocks.append(Text("\n".join(f"- {text(line, **values)}" for line in lines)))
 
     def table(
         self, name: str, columns: Sequence[str], rows: Iterable[Sequence[Any]], caption: str, /, **values: object
     ) -> None:
         """A table in the text and as ``tables/NAME.csv`` (there with full precision)."""
         self._new(Table, name)
-        found = tuple(tuple(row) for row in rows)
+        found = tuple(tuple(map(_cell, row)) for row in rows)
         for row in found:
             if len(row) != len(columns):
                 msg = f"table {name}: expected {len(columns)} cells in a row, received {len(row)}"
                 raise ValueError(msg)
-        self.blocks.append(Table(name, tuple(columns), found, fill(caption, **values), 1 + self._count(Table)))
+        heads = tuple(map(translated, columns))
+        self.blocks.append(Table(name, heads, found, text(caption, **values), 1 + self._count(Table)))
 
     def csv(self, name: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> None:
         """A file ``NAME.csv`` beside the report, for other programs; NaN and None are empty cells."""
-        text = io.StringIO()
-        writer = csv.writer(text, lineterminator="\n")
+        file = io.StringIO()
+        writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows([["" if cell is None or cell != cell else cell for cell in row] for row in rows])
-        self.files[f"{name}.csv"] = text.getvalue().encode()
+        self.files[f"{name}.csv"] = file.getvalue().encode()
 
     def figure(self, name: str, figure: Drawing | Figure, caption: str, /, **values: object) -> None:
         """A figure and a caption that says what it shows."""
         self._new(Picture, name)
-        self.blocks.append(Picture(name, figure, fill(caption, **values), 1 + self._count(Picture)))
+        shown = in_words_of_the_reader(figure)
+        self.blocks.append(Picture(name, shown, text(caption, **values), 1 + self._count(Picture)))
 
     def value(
         self,
@@ -217,8 +220,8 @@ class Report:
         if _has_null(value) and not reason:
             msg = f"value {name}: expected a reason beside null, received none"
             raise ValueError(msg)
-        when, why = None if at is None else tuple(map(float, at)), reason if _has_null(value) else ""
-        self.blocks.append(Value(name, value, unit, self.part, when, why))
+        when, why = None if at is None else tuple(map(float, at)), translated(reason) if _has_null(value) else ""
+        self.blocks.append(Value(name, value, translated(unit), self.part, when, why))
         if agrees is not None:
             self.check(name.replace("_", " "), value, agrees[name], routes, kind)
 
@@ -238,7 +241,7 @@ class Report:
         variance is judged like the largest in whatever units. An expected 0 is measured by the largest element. Where
         elements pass through zero, ``scale`` (a number, or one for each element) says what they are measured by.
         """
-        self._two(routes)
+        name, routes = translated(name), self._two(routes)
         if kind not in KINDS:
             msg = f"check {name}: expected the tolerance EXACT or SOLVER, received {kind}"
             raise ValueError(msg)
@@ -248,7 +251,7 @@ class Report:
 
     def holds(self, name: str, margin: ArrayLike, routes: tuple[str, str], *, size: float) -> None:
         """An inequality between two routes: ``margin`` ≥ 0 everywhere, up to rounding (EXACT relative to ``size``)."""
-        self._two(routes)
+        name, routes = translated(name), self._two(routes)
         least = float(_numbers(margin).min())
         self.blocks.append(
             Check(name, self.part, routes, min(least, 0.0), 0.0, EXACT * size, "EXACT", least >= -EXACT * size)
@@ -256,14 +259,14 @@ class Report:
 
     def chance(self, name: str, result: Chance, routes: tuple[str, str] = ("ensemble", "covariance theory")) -> None:
         """An ensemble agrees with theory: the worst deviation, in sigmas, is below what chance gives once in 10⁶."""
-        self._two(routes)
+        name, routes = translated(name), self._two(routes)
         self.blocks.append(Check(name, self.part, routes, result.value, 0.0, result.critical, "CHANCE", result.passed))
 
     def order(
         self, name: str, errors: Sequence[float], expected: float, routes: tuple[str, str], *, within: float = 0.2
     ) -> None:
         """Errors for a period halved again and again shrink like 2^−expected (of the last pair)."""
-        self._two(routes)
+        name, routes = translated(name), self._two(routes)
         found = math.log2(errors[-2] / errors[-1])
         self.blocks.append(
             Check(name, self.part, routes, found, expected, within, "ORDER", abs(found - expected) <= within)
@@ -320,10 +323,12 @@ class Report:
             msg = f"{kind.__name__.lower()} {name}: expected a new name, received one that is taken"
             raise ValueError(msg)
 
-    def _two(self, routes: tuple[str, str]) -> None:
+    def _two(self, routes: tuple[str, str]) -> tuple[str, str]:
+        """The names of two routes, translated."""
         if len(set(routes)) != 2:
             msg = f"check: expected two different routes, received {routes}"
             raise ValueError(msg)
+        return translated(routes[0]), translated(routes[1])
 
 
 def _worst(value: Any, expected: Any, scale: ArrayLike | None) -> tuple[float | None, float | None, float, float]:
@@ -361,6 +366,10 @@ def _sizes(wanted: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.
         if (finite <= both * (1 + 1e-9)).all():
             size = both
     return np.where(size > 0, size, finite.max(initial=0.0) or 1.0)
+
+
+def _cell(cell: Any) -> Any:
+    return translated(cell) if isinstance(cell, str) else cell
 
 
 def _known(element: float) -> float | None:

@@ -13,7 +13,7 @@ from ctlabs.filtering.results import Covariances
 from ctlabs.reporting.drawing import CYCLE, Curve, Drawing, Mark, Panel
 from ctlabs.reporting.plots.base import BLACK, BLUE, GREEN, GREY, ORANGE, legend, panels, styled
 from ctlabs.reporting.plots.filters import against_theory
-from ctlabs.text import _, fill
+from ctlabs.text import _, fill, translated
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -155,7 +155,7 @@ def gains(
             label=_("discrete filter, gain over the period"),
         )  # fmt: skip
         _scale(axes, log)
-        axes.set_ylabel(f"{name}, {unit}")
+        axes.set_ylabel(f"{translated(name)}, {unit}")
     grid[-1, 0].set_xlabel(xlabel)
     legend(figure, grid[0, 0])
     return figure
@@ -188,7 +188,7 @@ def estimates(
         colour = (BLUE, ORANGE, GREEN)[i % 3]
         estimate, sd = np.asarray(estimate, dtype=np.float64), np.asarray(sd, dtype=np.float64)
         axes.fill_between(t, estimate - sd, estimate + sd, color=colour, alpha=0.16, linewidth=0)
-        axes.plot(t, estimate, color=colour, label=f"{name} ± σ", marker="." if np.size(t) <= POINTS else "")
+        axes.plot(t, estimate, color=colour, label=f"{translated(name)} ± σ", marker="." if np.size(t) <= POINTS else "")
     if truth is not None:
         axes.plot(*truth, color=BLACK, linewidth=1.2, label=_("truth"))
     _scale(axes, log)

@@ -39,9 +39,7 @@ def answers(p, Phi, factor):
 def spread(n, strength, t):
     """Covariance at t of n integrators that start from rest: σ_w² ∫ of the products of the powers sⁱ/i!."""
     order = [n - 1 - i for i in range(n)]
-    return np.array(
-        [[strength * t ** (i + j + 1) / (math.factorial(i) * math.factorial(j) * (i + j + 1)) for j in order] for i in order]
-    )
+    return np.array([[strength * t ** (i + j + 1) / (math.factorial(i) * math.factorial(j) * (i + j + 1)) for j in order] for i in order])
 
 
 def spread_by_sum(Phi, unit_lower, variances, k):

@@ -1,0 +1,60 @@
+"""The frame of a report: parts in order, each given what it names."""
+
+import pytest
+
+from ctlabs.labs.experiment import Experiment
+from ctlabs.labs.skeleton import Skeleton
+from ctlabs.reporting.params import LabParameters, Variance, given
+from ctlabs.reporting.report import Heading, Text
+
+META = {"name": "task99", "title": "A test", "source": "A book, task 99", "parts": ["a"]}
+
+
+class Parameters(LabParameters):
+    """Of a lab that does not exist."""
+
+    Q: Variance = given(0.5, unit="m²", meaning="variance of the process noise")
+
+
+def analysis(r, p, system):
+    """Part (a)."""
+    r.says("{system} with Q = {Q}", system=system, Q=p.Q)
+
+
+def plan(r, experiment):
+    """How many steps."""
+    r.says("{runs} runs", runs=experiment.runs)
+    return {"steps": 40}
+
+
+def measured(r, steps):
+    """Part (b)."""
+    r.says("{steps} steps", steps=steps)
+    return {"worst": 2.5}
+
+
+def conclusions(r, worst, steps):
+    """What it comes to."""
+    r.says("{worst} after {steps}", worst=worst, steps=steps)
+
+
+PARTS = Skeleton(analysis=(analysis,), plan=plan, experiment=(measured,), conclusions=conclusions)
+
+
+def test_parts_are_run_in_the_order_of_the_report():
+    """Each below its heading, with what was given, and with what the parts before it have returned."""
+    report = PARTS.report(META, Parameters(), Experiment(runs=7, seed=3), system="a tank")
+    assert [block.text for block in report.blocks] == [
+        "Part I. Analysis", "a tank with Q = 0.5",
+        "Plan of the experiment", "7 runs",
+        "Part II. Experiment", "40 steps",
+        "Conclusions", "2.5 after 40",
+    ]  # fmt: skip
+    assert [type(block) for block in report.blocks] == [Heading, Text] * 4
+    assert (report.meta, report.runs, report.seed) == (META, 7, 3)
+
+
+def test_a_part_that_asks_for_what_is_not_there_is_refused():
+    """The message names the part, what it asks for, and what there is."""
+    with pytest.raises(TypeError, match=r"^analysis: expected arguments among \['experiment', 'p', 'r'\], received \['system'\]$"):
+        PARTS.report(META, Parameters(), Experiment())

@@ -1,0 +1,121 @@
+"""The reader's language: what a lab says in plain words is translated where it enters the report, every word of it."""
+
+import ast
+import re
+from pathlib import Path
+
+import pytest
+from matplotlib.figure import Figure
+
+import ctlabs.text
+from ctlabs.labs import catalogue as labs
+from ctlabs.labs.experiment import Experiment
+from ctlabs.reporting.drawing import Band, Curve, Drawing, Mark, Panel
+from ctlabs.reporting.report import Check, Heading, Picture, Report, Table, Text, Value
+from ctlabs.reporting.wording import in_words_of_the_reader
+from ctlabs.text import text, translated
+
+ROOT = Path(__file__).parents[1]
+LABS = labs.catalogue()
+QUICK = {"task07", "task14", "task16", "task23"}
+#: What a sentence has that a symbol, a unit or the name of a parameter has not: two words in a row.
+WORDS = re.compile(r"[a-z]{3,} [a-z]{3,}")
+
+
+def sources() -> set[str]:
+    """Every literal text of the labs and of the library: what a translator is given."""
+    files = [path for folder in ("ctlabs", "tasks") for path in (ROOT / folder).rglob("*.py")]
+    nodes = (node for path in files for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    return {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+
+
+@pytest.fixture
+def marked(monkeypatch):
+    """A language in which every literal text of the sources stands in quotation marks, and nothing else does."""
+    known = sources()
+    monkeypatch.setattr(ctlabs.text, "_", lambda words: f"«{words}»" if words in known else words)
+
+
+@pytest.fixture
+def foreign(monkeypatch):
+    """A language of five words."""
+    words = {"gain": "усиление", "t, s": "t, с", "limit": "предел", "The gain is {K}.": "Усиление: {K}.", "great": "велико"}
+    monkeypatch.setattr(ctlabs.text, "_", lambda word: words.get(word, word or "head of the catalogue"))
+
+
+def test_a_text_is_translated_before_it_is_filled(foreign):
+    """Sentence by sentence, with the words among its values; numbers, names and the empty text are no words."""
+    assert text("The gain is {K}.", K="great") == "Усиление: велико."
+    assert text("The gain is {K}.", "", " Why?", K=0.123456789) == "Усиление: 0.12346. Why?"
+    assert translated("") == ""
+
+
+def test_the_words_of_a_figure_are_translated(foreign):
+    """Titles, labels, texts and legends, of the figure and of its axes; what has no translation is left alone."""
+    figure = Figure()
+    axes = figure.subplots()
+    axes.plot([0, 1], [0, 1], label="gain")
+    axes.set_xlabel("t, s")
+    axes.set_ylabel("P, m²")
+    axes.set_title("limit")
+    axes.text(0.5, 0.5, "great")
+    axes.legend()
+    figure.legend()
+    shown = in_words_of_the_reader(figure)
+    assert (axes.get_xlabel(), axes.get_ylabel(), axes.get_title()) == ("t, с", "P, m²", "предел")
+    assert axes.texts[0].get_text() == "велико"
+    assert [legend.get_texts()[0].get_text() for legend in (axes.get_legend(), *figure.legends)] == ["усиление"] * 2
+    assert shown is figure
+
+
+def test_the_words_of_a_drawing_are_translated_unless_they_are_a_users(foreign):
+    """Names of curves, bands, levels and marks, labels of axes; a user's "gain" is a name of his."""
+    panel = Panel("gain", (Curve("gain", [0], [1]),), (Band("limit", [0], [0], [1]),), levels=(Mark("limit", 1.0),))
+    drawing = Drawing("gain", "t, s", (panel,), marks=(Mark("great", 0.0),))
+    shown = in_words_of_the_reader(drawing)
+    (found,) = shown.panels
+    assert (shown.name, shown.label, shown.marks[0].name) == ("усиление", "t, с", "велико")
+    assert (found.label, found.curves[0].name) == ("усиление", "усиление")
+    assert (found.bands[0].name, found.levels[0].name) == ("предел", "предел")
+    users = Drawing("gain", "t, s", (panel,), verbatim=True)
+    assert in_words_of_the_reader(users) is users
+
+
+def pieces(report: Report):
+    """Every text of a report that a reader sees, but equations and the machine's names of values."""
+    for block in report.blocks:
+        match block:
+            case Text(words) if not words.startswith("$$"):
+                yield from words.split("\n")
+            case Heading(words):
+                yield words
+            case Table():
+                yield block.caption
+                yield from block.columns
+                yield from (cell for row in block.rows for cell in row if isinstance(cell, str))
+            case Picture():
+                yield block.caption
+            case Check():
+                yield from block.route
+            case Value():
+                yield block.reason
+
+
+@pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in LABS])
+def test_every_sentence_of_a_lab_can_be_translated(name, marked):
+    """What a reader sees in words begins with a text of the sources: none is glued from what no translator has seen."""
+    lab = LABS[name]
+    report = labs.run(lab, labs.parameters([lab], {})[name], Experiment(25, 1, workers=1))
+    found = list(pieces(report))
+    assert sum("«" in piece for piece in found) > 50
+    assert [piece for piece in found if "«" not in piece and WORDS.search(piece)] == []
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "tasks").rglob("*.py")), ids=lambda path: path.stem)
+def test_a_lab_speaks_plainly(path):
+    """No translation by hand, no filling by hand, no pragma of the formatter."""
+    source = path.read_text(encoding="utf-8")
+    calls = {ast.unparse(node.func) for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Call)}
+    assert not calls & {"_", "fill"}
+    assert "fmt: skip" not in source
+    assert "fmt: off" not in source
