@@ -64,7 +64,7 @@ def fine(system: ContinuousModel, dt: float, steps: int, scale: float) -> Fine:
 
 
 def same_as_whole(
-    report: Report, small: reduced.Discrete, whole: DiscreteModel, steps: int, variance: ArrayLike
+    report: Report, small: reduced.ReducedDiscrete, whole: DiscreteModel, steps: int, variance: ArrayLike
 ) -> Covariances:
     """A filter reduced to one state of two against the whole one, and against the ``variance`` (steps+1,) by hand.
 
@@ -84,7 +84,7 @@ def same_as_whole(
 
 
 def same_estimates(
-    report: Report, experiment: Experiment, small: reduced.Discrete, whole: DiscreteModel, steps: int
+    report: Report, experiment: Experiment, small: reduced.ReducedDiscrete, whole: DiscreteModel, steps: int
 ) -> Filtered:
     """A reduced filter and the whole one on the same 25 records; returns those of the whole one."""
     some = experiment.histories(whole, steps=steps, first=0)
