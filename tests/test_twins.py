@@ -122,6 +122,7 @@ def test_a_way_back_that_loses_digits_says_so(seed: list[int]) -> None:
         ("smooth", [2, 295]),
         ("smooth", [2, 9]),
         ("filter_record", [13, 149]),  # eight states of which one sensor leaves directions of 1e-10
+        ("filter_record", [14, 1402]),
     ],
 )
 def test_models_that_were_wrong_once(verb: str, seed: list[int]) -> None:

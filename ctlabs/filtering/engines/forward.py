@@ -47,7 +47,7 @@ DONE, PERFECT, OVERFLOW, INDEFINITE, LOSING = 0, 1, 2, 3, 4
 #: What rounding may leave of a variance before square roots are carried instead (:mod:`ctlabs.filtering.engines.roots`).
 LOST = 1e-10
 #: The least share of a variance that has digits enough in Joseph's form.
-THIN = 1e-8
+THIN = 1e-7
 
 
 class Histories(NamedTuple):
