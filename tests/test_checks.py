@@ -207,12 +207,12 @@ class TestLabs:
     def test_what_an_alarm_misses(self):
         """Lab 9: by quadrature over the voltage, the share of dangerous moments that no alarm announces."""
         case = cases.read(cases.NUMERICS / "k5_lab9_alarm.json")
-        module = labs.load(labs.find(["9"])[0])
+        by_hand = labs.load(labs.find(["9"])[0]).by_hand
         for row in case["right"]["table"]:
             left, limit, k = row["P"] / row["V"], row["Umax_in_sd"], row["margin_in_sd"]
-            for route in (module.unannounced, module.by_estimate):
+            for route in (by_hand.unannounced, by_hand.by_estimate):
                 np.testing.assert_allclose(route(left, limit, k), row["joint"], rtol=1e-6)
-            share = module.unannounced(left, limit, k) / ndtr(-limit)
+            share = by_hand.unannounced(left, limit, k) / ndtr(-limit)
             np.testing.assert_allclose(share, row["missed_of_dangerous"], rtol=1e-6)
 
 
