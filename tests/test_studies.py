@@ -4,6 +4,7 @@ import csv
 import dataclasses
 import io
 import re
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from scipy.optimize import minimize
 from ctlabs.analysis import diagnosis, sensitivity
 from ctlabs.analysis.naming import selection
 from ctlabs.files import clock, datafile, modelfile
+from ctlabs.files.mapping import Mapping
 from ctlabs.filtering import steady
 from ctlabs.filtering.algorithms import catalogue
 from ctlabs.reporting import render
@@ -603,11 +605,23 @@ class TestCommon:
 
 
 def test_the_page_on_own_data_shows_files_that_are_read():
-    """Its model is the Nile's, its table a record with a missing year."""
+    """Its model is the Nile's, its table a record with a missing year; the receiver's is refused, and read, as the page says."""
     page = (Path(__file__).parents[1] / "docs" / "own-data.md").read_text(encoding="utf-8")
-    shown = dict(re.findall(r"^```(toml|text)\n(.*?)^```$", page, re.MULTILINE | re.DOTALL))
-    model = modelfile.loads(shown["toml"])
+    found = re.findall(r"^```(toml|text|ini|console)\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    (text,) = (each for kind, each in found if kind == "toml")
+    flow, track = (each for kind, each in found if kind == "text")
+    model = modelfile.loads(text)
     assert model.constants == {"q": Q, "r": R}
     assert analysis.study(model).values["gain_steady"] == analysis.study(modelfile.loads(NILE)).values["gain_steady"]
-    record = datafile.parse(shown["text"].encode(), model.measurements)
+    record = datafile.parse(flow.encode(), model.measurements)
     np.testing.assert_array_equal(record.z[:, 0], [*FLOW[:4], np.nan, FLOW[5]])
+    (said,) = (each for kind, each in found if kind == "console" and each.startswith("$ ctlabs models copy"))
+    with pytest.raises(ValueError, match="expected the column position") as refused:
+        datafile.parse(track.encode(), ["position"], "gps.csv")
+    assert str(refused.value) in said
+    told = tomllib.loads(next(each for kind, each in found if kind == "ini" and "timestamp_ms" in each))["data"]
+    time = told["columns"].pop("t")
+    mapping = Mapping(columns=told["columns"], time=time, unit=told["time_unit"], t0=told["t0"])
+    record = datafile.parse(track.encode(), ["position"], "gps.csv", mapping)
+    np.testing.assert_array_equal(record.z[:, 0], [2.12, 2.70])
+    assert np.diff(record.t) == [1.0]
