@@ -126,8 +126,8 @@ REFUSED = [
     ("flow\n1\n2\n3,4\n", r"line 4: expected 1 column \(flow\), received 2 .*"),
     ("flow,x\n1,1\n\n2,2\n", r"line 3: expected 2 columns, received a blank line, .*--blank missing or --blank skip"),
     ("t,flow\n,2\n", r"line 2, column t: expected a time, received none: only measurements may be missing"),
-    ("t,flow\n1,2\n1,3\n", r"line 3, column t: expected a time after 1 \(.*\), received 1; --time none takes the rows for one period apart"),
-    ("t,flow\n2,2\n1,3\n3,4\n2,5\n", r"line 3, column t: expected a time after 2 .*, received 1 \(so are 1 more, next in line 5\); --time none .*"),
+    ("t,flow\n1,2\n1,3\n", r"line 3, column t: expected a time after 1 \(.*\), received 1; --time none .*"),
+    ("t,flow\n2,2\n1,3\n3,4\n2,5\n", r"line 3, column t: expected .*, received 1 \(so are 1 more, next in line 5\); --time none .*"),
     ("t;flow\n1,5;2.5\n", r'line 2, column flow: expected one decimal mark in the file, received "2\.5" after "1,5" in line 2; .*'),
     ('t,flow\n1,"2\n3,4\n', r"line 2: expected separated values, received: .*"),
 ]  # fmt: skip
