@@ -377,39 +377,54 @@ def put(
     out.nis[k] = nis if count > 0 else np.nan
 
 
+@partial(helper, forceinline=True)
+def moved(Phi: Array, c: Array, k: int, x: Array, x_minus: Array) -> None:
+    """x̂⁻ = Φx̂ + c from the instant k on; c (steps or 1 or 0, n)."""
+    row = 0 if c.shape[0] <= 1 else k
+    for i in range(x.shape[0]):
+        s = c[row, i] if c.shape[0] > 0 else 0.0
+        for j in range(x.shape[0]):
+            s += Phi[i, j] * x[j]
+        x_minus[i] = s
+
+
+@partial(helper, forceinline=True)
+def estimated(
+    z: Array, k: int, H: Array, C: Array, Kt: Array, pick: Array, count: int, x_minus: Array, x: Array, nu: Array, e: Array
+) -> float:
+    """x̂ = x̂⁻ + Kν with ν = z_k − Hx̂⁻ of the elements picked, and νᵀS⁻¹ν, S = CCᵀ."""
+    n, nis = x.shape[0], 0.0
+    for a in range(count):
+        s = z[k, pick[a]]
+        for j in range(n):
+            s -= H[pick[a], j] * x_minus[j]
+        nu[a] = s
+        for b in range(a):
+            s -= C[a, b] * e[b]
+        e[a] = s / C[a, a]
+        nis += e[a] * e[a]
+    for i in range(n):
+        s = x_minus[i]
+        for a in range(count):
+            s += Kt[a, i] * nu[a]
+        x[i] = s
+    return nis
+
+
 @helper
 def coasted(
     k: int, Phi: Array, c: Array, H: Array, C: Array, Kt: Array, half: float, pick: Array, count: int, z: Array, used: Array,
     x: Array, x_minus: Array, nu: Array, e: Array, P_minus: Array, P: Array, S: Array, total: float, out: Histories,
 ) -> tuple[int, float]:  # fmt: skip
     """From the instant k on with fixed covariances, as long as the same elements are measured: where that ends, and the log-likelihood."""
-    n, m, rows, keep = x.shape[0], z.shape[1], z.shape[0], out.nis.shape[0] > 0
+    m, rows, keep = z.shape[1], z.shape[0], out.nis.shape[0] > 0
     while k < rows:
         for a in range(m):
             if used[k, a] != used[k - 1, a]:
                 return k, total
-        varying = k - 1 if c.shape[0] > 1 else 0
-        for i in range(n):
-            s = c[varying, i] if c.shape[0] > 0 else 0.0
-            for j in range(n):
-                s += Phi[i, j] * x[j]
-            x_minus[i] = s
-        nis = 0.0
-        for a in range(count):
-            s = z[k, pick[a]]
-            for j in range(n):
-                s -= H[pick[a], j] * x_minus[j]
-            nu[a] = s
-            for b in range(a):
-                s -= C[a, b] * e[b]
-            e[a] = s / C[a, a]
-            nis += e[a] * e[a]
+        moved(Phi, c, k - 1, x, x_minus)
+        nis = estimated(z, k, H, C, Kt, pick, count, x_minus, x, nu, e)
         total -= 0.5 * nis + half
-        for i in range(n):
-            s = x_minus[i]
-            for a in range(count):
-                s += Kt[a, i] * nu[a]
-            x[i] = s
         if keep:
             put(k, x_minus, x, P_minus, P, Kt, nu, S, nis, pick, count, out)
         k += 1
@@ -457,11 +472,7 @@ def forward(
                     if 0.0 < LOST * ahead[i, i] < MARGIN * n * EPS * size[i] * size[i]:
                         return LOSING, k, np.nan
                 before, P_minus, ahead = P_minus, ahead, before
-            for i in range(n):
-                s = system.c[(k - 1) % system.c.shape[0], i] if system.c.shape[0] > 0 else 0.0
-                for j in range(n):
-                    s += Phi[i, j] * x[j]
-                x_minus[i] = s
+            moved(Phi, system.c, k - 1, x, x_minus)
             if correlated:
                 for a in range(m):
                     if used[k - 1, a]:
@@ -493,22 +504,8 @@ def forward(
                     look = k + wait
             else:
                 fixed, wait, look = False, 1, 0
-        nis = 0.0
-        for a in range(count):
-            s = z[k, pick[a]]
-            for j in range(n):
-                s -= H[pick[a], j] * x_minus[j]
-            nu[a] = s
-            for b in range(a):
-                s -= C[a, b] * e[b]
-            e[a] = s / C[a, a]
-            nis += e[a] * e[a]
+        nis = estimated(z, k, H, C, Kt, pick, count, x_minus, x, nu, e)
         total -= 0.5 * nis + half
-        for i in range(n):
-            s = x_minus[i]
-            for a in range(count):
-                s += Kt[a, i] * nu[a]
-            x[i] = s
         if keep:
             put(k, x_minus, x, P_minus, P, Kt, nu, S, nis, pick, count, out)
         k += 1
