@@ -389,21 +389,28 @@ def moved(Phi: Array, c: Array, k: int, x: Array, x_minus: Array) -> None:
 
 
 @partial(helper, forceinline=True)
-def estimated(
-    z: Array, k: int, H: Array, C: Array, Kt: Array, pick: Array, count: int, x_minus: Array, x: Array, nu: Array, e: Array
-) -> float:
-    """x̂ = x̂⁻ + Kν with ν = z_k − Hx̂⁻ of the elements picked, and νᵀS⁻¹ν, S = CCᵀ."""
-    n, nis = x.shape[0], 0.0
+def whitened(z: Array, k: int, H: Array, C: Array, pick: Array, count: int, x_minus: Array, nu: Array, e: Array) -> float:
+    """ν = z_k − Hx̂⁻ of the elements picked, e = C⁻¹ν with CCᵀ = S in the leading part of C, and eᵀe = νᵀS⁻¹ν."""
+    nis = 0.0
     for a in range(count):
         s = z[k, pick[a]]
-        for j in range(n):
+        for j in range(x_minus.shape[0]):
             s -= H[pick[a], j] * x_minus[j]
         nu[a] = s
         for b in range(a):
             s -= C[a, b] * e[b]
         e[a] = s / C[a, a]
         nis += e[a] * e[a]
-    for i in range(n):
+    return nis
+
+
+@partial(helper, forceinline=True)
+def estimated(
+    z: Array, k: int, H: Array, C: Array, Kt: Array, pick: Array, count: int, x_minus: Array, x: Array, nu: Array, e: Array
+) -> float:
+    """x̂ = x̂⁻ + Kν of the elements picked, and νᵀS⁻¹ν."""
+    nis = whitened(z, k, H, C, pick, count, x_minus, nu, e)
+    for i in range(x.shape[0]):
         s = x_minus[i]
         for a in range(count):
             s += Kt[a, i] * nu[a]

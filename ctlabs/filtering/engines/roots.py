@@ -21,7 +21,17 @@ from __future__ import annotations
 import numpy as np
 
 from ctlabs.filtering.engines.common import EPS, System, copied, emptied, entry, helper, motion, picked, root, triangle
-from ctlabs.filtering.engines.forward import DONE, INDEFINITE, LOG_2PI, OVERFLOW, PERFECT, Histories, put
+from ctlabs.filtering.engines.forward import (
+    DONE,
+    INDEFINITE,
+    LOG_2PI,
+    OVERFLOW,
+    PERFECT,
+    Histories,
+    moved,
+    put,
+    whitened,
+)
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import kernel
 
@@ -182,13 +192,10 @@ def forward(
                 for i in range(n):
                     for j in range(n):
                         L[i, j] = W[i, j]
-            for i in range(n):
-                s = system.c[(k - 1) % system.c.shape[0], i] if system.c.shape[0] > 0 else 0.0
-                if coupled:
-                    s += N_S[i]
-                for j in range(n):
-                    s += Phi[i, j] * x[j]
-                x_minus[i] = s
+            moved(Phi, system.c, k - 1, x, x_minus)
+            if coupled:
+                for i in range(n):
+                    x_minus[i] += N_S[i]
         copied(L, before)
         if not squared(L, P_minus):
             return OVERFLOW, k, np.nan
@@ -208,22 +215,15 @@ def forward(
                     W[count + i, count + j] = L[i, j]
             turned(W, 0, count, count + n, count + n)
             for a in range(count):
-                s = z[k, pick[a]]
-                for j in range(n):
-                    s -= H[pick[a], j] * x_minus[j]
-                nu[a] = s
-                for b in range(a):
-                    s -= W[a, b] * e[b]
                 if W[a, a] == 0.0:
                     return INDEFINITE, k, np.nan
-                e[a] = s / W[a, a]
-                nis += e[a] * e[a]
                 total -= np.log(abs(W[a, a]))
                 for b in range(a + 1):
                     s = 0.0
                     for c in range(b + 1):
                         s += W[a, c] * W[b, c]
                     S[a, b], S[b, a] = s, s
+            nis = whitened(z, k, H, W, pick, count, x_minus, nu, e)
             total -= 0.5 * (nis + count * LOG_2PI)
             for i in range(n):
                 for a in range(count):
