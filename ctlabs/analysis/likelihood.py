@@ -20,7 +20,7 @@ from ctlabs.analysis.maximum import Box
 from ctlabs.analysis.score import Score, gathered
 from ctlabs.filtering import contradictions
 from ctlabs.filtering.filter import density, kalman_filter
-from ctlabs.filtering.measured import begins, perfect
+from ctlabs.filtering.measured import any_perfect, begins
 from ctlabs.filtering.problem import Problem, pose
 from ctlabs.filtering.results import Contradiction
 from ctlabs.linalg.checks import Array
@@ -188,7 +188,7 @@ class Likelihood:
     def determined(self, values: Array, box: Box) -> NDArray[np.bool_]:
         """Which constants have no other value beside this one that the record does not contradict."""
         model = (piece.build(named(self.names, values)) for piece in self.records)
-        if not any(perfect(R).any() for own in model for R in (own.R if own.R.ndim == 3 else own.R[None])):
+        if not any(any_perfect(each.R) for each in model):
             return np.zeros(len(values), dtype=bool)  # noises of their own contradict nothing
         return np.array([self._single(values, box, i) for i in range(len(values))])
 

@@ -4,19 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from ctlabs.filtering.measured import perfect
+from ctlabs.filtering.measured import any_perfect
 from ctlabs.filtering.results import Filtered
 from ctlabs.linalg.checks import Array
 from ctlabs.text import moment, number
 
 #: Doubles hold 16 digits: of an estimate so many times its standard deviation 1e-8 of that is lost at once, and 1e-6 in a hundred steps.
 FAR = 1e8
-
-
-def exact(filtered: Filtered) -> bool:
-    """Whether a measurement is perfect, so that standard deviations may be the rounding of zero."""
-    R = filtered.model.R
-    return any(perfect(each).any() for each in (R if R.ndim == 3 else R[None]))
 
 
 def remarks(filtered: Filtered, x: Array, P: Array, what: str) -> tuple[str, ...]:
@@ -27,7 +21,7 @@ def remarks(filtered: Filtered, x: Array, P: Array, what: str) -> tuple[str, ...
     """
     variance, size = np.diagonal(P, axis1=1, axis2=2), np.abs(x).reshape(*x.shape[:2], -1).max(axis=2)
     few = (variance > 0) & (size > FAR * np.sqrt(np.maximum(variance, 0.0)))
-    if not few.any() or exact(filtered):
+    if not few.any() or any_perfect(filtered.model.R):
         return ()
     sd = np.sqrt(np.where(few, variance, np.inf))
     k, i = np.unravel_index(int(np.argmax(np.where(few, size, 0.0) / sd)), sd.shape)

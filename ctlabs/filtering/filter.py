@@ -258,7 +258,7 @@ def _compiled(problem: Problem) -> Filtered:
     """
     if problem.z.shape[2] == 1:
         return compiled.record(problem)
-    if problem.model.R.ndim == 2 and not measured.perfect(problem.model.R).any() and not needed(problem.model, problem.model.P0):
+    if problem.model.R.ndim == 2 and not measured.any_perfect(problem.model.R) and not needed(problem.model, problem.model.P0):
         plan = _without_data(compiled.record(_silent(problem.model, problem.absent, problem.t, problem.first)))
         return gains.apply(problem, plan, plan.algorithm)
     return driver.run(problem, "joseph")[0]

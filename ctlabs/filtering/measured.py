@@ -69,6 +69,14 @@ def perfect(R: Array) -> Mask:
     return np.asarray(there & (ldl(np.where(there[:, None] & there, R, 0.0))[1] == 0))
 
 
+def any_perfect(R: Array) -> bool:
+    """Whether an element of R (m, m), or of any of a stack (…, m, m), is :func:`perfect`."""
+    variances = np.diagonal(R, axis1=-2, axis2=-1)
+    if variances.all() and np.count_nonzero(R) == variances.size:  # independent noises, none of them zero
+        return False
+    return any(perfect(each).any() for each in R.reshape(-1, *R.shape[-2:]))
+
+
 def informative(P: Array, H: Array, R: Array) -> Mask:
     """Which elements enter the update: those measured, but no perfect one whose value is known already.
 

@@ -26,6 +26,7 @@ from ctlabs.filtering import digits
 from ctlabs.filtering.algorithms.beginning import close, units
 from ctlabs.filtering.engines import compiled
 from ctlabs.filtering.filter import kalman_filter
+from ctlabs.filtering.measured import any_perfect
 from ctlabs.filtering.motion import motion
 from ctlabs.filtering.problem import Model
 from ctlabs.filtering.results import Contradiction, Filtered
@@ -123,7 +124,9 @@ def belongs(model: Any, filtered: Filtered) -> None:
 def _smoothed(filtered: Filtered) -> Smoothed:
     single = filtered.x_plus.ndim == 2
     way, prior, x = _way(filtered)
-    elsewhere = None if filtered.start is None or digits.exact(filtered) else _elsewhere(way, prior, x)
+    elsewhere = None
+    if filtered.start is not None and not any_perfect(filtered.model.R):  # a perfect one leaves σ that are the rounding of zero
+        elsewhere = _elsewhere(way, prior, x)
     P, lag_one = np.empty_like(filtered.P_plus), np.full_like(filtered.P_plus, np.nan)
     _compiled("smooth", way, prior, x, P, lag_one)
     remarks: tuple[str, ...] = ()

@@ -15,7 +15,7 @@ from ctlabs.filtering.algorithms.catalogue import form as named
 from ctlabs.filtering.algorithms.contract import Form, Noise, Numbers
 from ctlabs.filtering.engines import adapter
 from ctlabs.filtering.engines.record import ByInstant
-from ctlabs.filtering.measured import perfect
+from ctlabs.filtering.measured import any_perfect
 from ctlabs.filtering.problem import Problem
 from ctlabs.filtering.results import Filtered, Mask, gains
 from ctlabs.linalg.checks import Array
@@ -92,7 +92,7 @@ def entering(problem: Problem) -> Mask:
     """Which elements enter the updates, (steps+1, m)."""
     model, rows = problem.model, len(problem.z)
     matrices = model.R[:rows] if model.R.ndim == 3 else model.R[None]
-    if any(perfect(R).any() for R in matrices):
+    if any_perfect(matrices):
         return adapter.covariances(model, problem.absent).used
     return np.isfinite(np.diagonal(matrices, axis1=1, axis2=2)) & ~problem.absent
 

@@ -86,7 +86,7 @@ class Plant:
         self.given, self.R, self.t0 = given, R, t0
         self.model = model if P0 is None else replace(model, P0=checks.measurement_covariance("P0", P0, (model.n, model.n)))
         self.P0 = self.model.P0
-        self.perfect = any(measured.perfect(R).any() for R in model.R.reshape(-1, model.m, model.m))
+        self.perfect = measured.any_perfect(model.R)
         self._kept: dict[Any, Any] = {}
 
     def input(self, u: ArrayLike | None, name: str = "u") -> Array:
