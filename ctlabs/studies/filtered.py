@@ -35,10 +35,10 @@ class Run:
     """A record ready to be filtered, and what came of it.
 
     ``model``, discrete, of the record's instants, with what is known of the measurements · ``z`` (steps+1, m), as the file has them, and
-    ``t`` (steps+1,) s, by instants · ``first``, the index of the first row · ``algorithm`` · ``filtered``, ``smoothed`` or None · ``verdict`` on the model, None where (``untested`` says why)
-    nothing is left to test or the test has no digits · ``record``, as it was read · ``rows`` (steps+1,), its row at each instant, −1 where
-    there is none · ``called``, how a row of z from the first measurement on is called: by its line and time · ``notes``, what was done
-    beyond reading
+    ``t`` (steps+1,) s, by instants · ``first``, the index of the first row · ``algorithm``, the form that was used · ``filtered``,
+    ``smoothed`` or None · ``verdict`` on the model, None where nothing is left to test or the test has no digits, as ``untested`` says ·
+    ``record``, as it was read · ``rows`` (steps+1,), its row at each instant, −1 where there is none · ``called``, how a row of z from the
+    first measurement on is called: by its line and time · ``notes``, what was done beyond reading, and what has too few digits
     """
 
     model: DiscreteModel

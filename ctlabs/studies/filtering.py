@@ -111,7 +111,7 @@ def study(
 
 def add(report: Report, model: ModelFile, record: Record) -> None:
     """A filtered record in another study's report: the figures, the verdict, ``estimates.csv``."""
-    run = compute(model, record, "joseph")
+    run = compute(model, record, "auto")
     common.notes(report, run.notes)
     _figures(report, run)
     _verdict(report, run, model.measurement_units)

@@ -58,7 +58,7 @@ def study(
 
 def add(report: Report, model: ModelFile, records: Sequence[Record]) -> None:
     """Filtered records in another study's report: figures, the joint verdict, ``estimates.csv``."""
-    runs = _runs(model, records, "joseph")
+    runs = _runs(model, records, "auto")
     _notes(report, runs)
     _figures(report, runs)
     _told(report, runs)
