@@ -11,6 +11,7 @@ from ctlabs.models import observability
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
 from ctlabs.reporting.report import EXACT
+from ctlabs.text import text
 
 TIME = "t, s"
 
@@ -63,7 +64,8 @@ def trap(r, p, answer, system, double):
     r.says("Its observability matrix is [1 1; 0 0], of rank {rank}: $x_1 - x_2$ leaves no trace in z. The mode not seen has the {mode}: it does not decay, so the model is not even detectable. A program that is asked for the steady covariance must refuse, and this one does:",
            rank=seen.rank, mode=seen.undetectable_modes[0])
     said = [refusal(bucy.steady, double), refusal(steady.solve, discretise(double, p.dt))]
-    r.items([f"`bucy.steady`: “{said[0]}”", f"`steady.solve`: “{said[1]}”"])
+    names = ("`bucy.steady`", "`steady.solve`")
+    r.items([text("{solver} says: “{words}”.", solver=name, words=words) for name, words in zip(names, said, strict=True)])
     modes = [observability.analyse(system).undetectable_modes[0] for system in (double, discretise(double, p.dt))]
     named = [float(mode in words) for mode, words in zip(modes, said, strict=True)]
     r.check("both solvers name the mode that is not seen", named, [1.0, 1.0], ("message of the solver", "staircase"), EXACT)

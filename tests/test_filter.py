@@ -98,8 +98,9 @@ def test_engines_agree(model, seed, gaps, first):
     wanted = kalman_filter(model, z, first=first, algorithm="filterpy")
     names = ("x_minus", "x_plus", "P_minus", "P_plus", "S", "innovation", "nis")
     step_by_step = driver.run(pose(model, z, first=first), "joseph")[0]
-    for found in (kalman_filter(model, z, first=first), without_runs(step_by_step)):
-        assert found.algorithm == "joseph"
+    compiled = kalman_filter(model, z, first=first)
+    assert compiled.algorithm in ("joseph", "array")  # square roots, where known and unknown states are correlated to rounding
+    for found in (compiled, without_runs(step_by_step)):
         assert agree(found, wanted, EXACT, names, size)
         assert close(found.log_likelihood, wanted.log_likelihood, EXACT, z.size)
     for algorithm in ("auto", "joseph", "filterpy"):
