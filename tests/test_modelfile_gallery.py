@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 
+from ctlabs.files import clock, datafile
 from ctlabs.files.modelfile import gallery, ready
 from ctlabs.files.modelfile.catalogue import FOLDER
 from ctlabs.filtering import bayes, steady
@@ -327,6 +328,20 @@ def test_gyro_bias_has_farrenkopfs_noise():
     assert close(model.Qd, Qd, EXACT)
     assert close(model.Phi, [[1, -T], [0, 1]], EXACT)
     assert close(model.offset, [0.001 * T, 0], EXACT)
+
+
+def test_satellite_receiver_takes_the_dilution_of_each_row():
+    """R = (σ·hdop)²/2 of the row, or of the constant without a record; each axis is constant_velocity."""
+    file, line = ready("satellite_receiver"), ready("constant_velocity").continuous()
+    model = file.continuous()
+    assert np.array_equal(model.F, np.kron(line.F, np.eye(2)))
+    assert np.array_equal(model.H, np.kron(line.H, np.eye(2)))
+    record = datafile.parse(b"t,east,north,hdop\n1,0,0,1\n2,3,1,4\n3,6,2,\n", file.measurements, mapping=file.mapping)
+    R = clock.timed(file, record)[0].R
+    assert close(R[1], 4.5 * np.eye(2), EXACT)
+    assert close(R[2], 72 * np.eye(2), EXACT)
+    assert np.isinf(np.diag(R[3])).all()
+    assert close(file.discrete().R, 0.5 * 3.6**2 * np.eye(2), EXACT)
 
 
 def test_crane_keeps_its_angular_momentum_without_gravity():

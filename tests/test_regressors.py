@@ -140,13 +140,35 @@ class TestRegressors:
         with pytest.raises(ValueError, match=r"expected the regressor price, received none; --regressor price=COLUMN"):
             clock.timed(file, datafile.parse(b"demand,stock,push\n1,2,3\n4,5,6\n", file.measurements, mapping=Mapping(inputs=("push",))))
 
+    def test_a_constant_stands_in_for_a_column(self):
+        """Without a record, and with one that has none; with a column it has no effect, and cannot be fitted."""
+        file = modelfile.loads(TVP.replace('"x"', '"price"').replace("x =", "price =")).edit(("constants", "price"), 3.0).checked()
+        alone = file.edit(("data", "regressors"), {}).checked()
+        assert (file.varying, file.regressors) == ((), ("price",))
+        assert np.array_equal(file.discrete().H, [[1, 3]])
+        assert analysis.study(file).values == analysis.study(alone).values
+        table = b"y,x\n1,1\n2,5\n4,2\n"
+        column, none = (
+            reading.parsed([(table, "data")], file, Mapping(regressors={"price": told}))[0] for told in ("x", "none")
+        )
+        H = [clock.timed(file.replace({"price": value}), column)[0].H for value in (3.0, 7.0)]
+        assert np.array_equal(H[0][1:], [[[1, 1]], [[1, 5]], [[1, 2]]])
+        assert np.array_equal(H[0], H[1])
+        assert clock.notes(file, column, clock.over(file, column)) == ["price is the record's (x), in place of the constant"]
+        assert np.array_equal(clock.timed(file, none)[0].H, [[1, 3]])
+        assert clock.notes(file, none, clock.over(file, none)) == ["price is the constant 3, as the record has no such column"]
+        with pytest.raises(ValueError, match=r"expected the column price, received .y.; --regressor price=none"):
+            reading.parsed([(b"y\n1\n2\n", "data")], file, Mapping(regressors={"price": "price"}))
+        with pytest.raises(ValueError, match=r"--free price: expected a constant, .*; --regressor price=none leaves it to the constant"):
+            fitting.study(file, column, ["price"])
+
     @pytest.mark.parametrize(
         ("change", "message"),
         [
             ((("model", "Phi", 0, 0), "price"), r"Phi\[0\]\[0\]: unknown name .price.*may stand in H, R, D, measurement_offset and B"),
             ((("model", "H", 0, 1), "prices"), r"H\[0\]\[1\]: unknown name .prices.; did you mean"),
             ((("model", "H", 0, 1), "volume"), r"H\[0\]\[1\]: unknown name .volume.*regressors = \{ volume = .COLUMN. \} under \[data\]"),
-            ((("data", "regressors", "q"), "Price"), r"data.regressors.q: expected a name of its own, received q, which is a constant too"),
+            ((("data", "regressors", "q"), "Price"), r"regressors.q: expected a name of its own, .* q, which model.Qd\[0\]\[0\] needs too"),
             ((("data", "regressors", "t"), "Price"), r"regressors.*expected a name of its own"),
         ],
     )

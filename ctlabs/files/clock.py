@@ -125,6 +125,11 @@ def notes(model: ModelFile, record: Record, found: Over) -> list[str]:
             told.append(f"{name} in line{plural} {where} is left out: a regressor beside it has no value")
     if record.u is not None and model.moved and not model.driven:
         told.append(f"the known input is the record's ({', '.join(record.mapping.inputs)}), in place of u under [model]")
+    for name in model.regressors:
+        if name in model.constants:
+            column = record.mapping.regressors.get(name, "")
+            told.append(f"{name} is the record's ({column}), in place of the constant" if name in record.regressors
+                        else f"{name} is the constant {moment(model.constants[name])}, as the record has no such column")  # fmt: skip
     return told
 
 
@@ -226,7 +231,7 @@ def _inputs(model: ModelFile, record: Record, at: Placing) -> Array | None:
 
 def _regressors(model: ModelFile, record: Record, at: Placing) -> Regressors | None:
     """The columns that elements of the model name, by instants."""
-    names = model.regressors
+    names = [name for name in model.regressors if name in record.regressors or name not in model.constants]
     if not names:
         return None
     there = at.rows >= 0

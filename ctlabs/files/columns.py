@@ -8,10 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 
+import numpy as np
+
 from ctlabs.files import times
 from ctlabs.files.mapping import NO_TIME, Mapping, pasted
 from ctlabs.files.spelling import GROUPED, NUMBER, WORDS, shown
 from ctlabs.files.table import Layout, plain, rows
+from ctlabs.linalg.checks import Array
 
 #: Names (in lower case, without units) of columns that hold times.
 TIMES = {
@@ -229,7 +232,11 @@ def _refuse(
     for name in lacking:
         rest = [column for column in free if column not in looking]
         numeric = [column for column in rest if column in measured] or rest
-        best = likely(told.get(name, name), rest) or (numeric[0] if len(numeric) == 1 else "")
+        best = likely(told.get(name, name), rest)
+        if not best and name in mapping.standing:
+            options.append(("--regressor", f"{name}={NO_TIME}"))  # the constant stands in
+            continue
+        best = best or (numeric[0] if len(numeric) == 1 else "")
         if best:
             free.remove(best)
         if best or free:
@@ -255,9 +262,17 @@ def _sample(layout: Layout) -> dict[str, list[str]]:
 def _measures(cells: Sequence[str]) -> bool:
     """Whether cells may be measurements: most are numbers, and they do not count the rows."""
     numbers = [cell for cell in cells if NUMBER.fullmatch(cell) or GROUPED.fullmatch(cell)]
-    start = int(cells[0]) if cells and cells[0].isdecimal() else 0
-    counting = len(cells) > 2 and list(cells) == [str(start + i) for i in range(len(cells))]
-    return 2 * len(numbers) > len(cells) and not counting
+    whole = [float(cell) for cell in cells if cell.isdecimal()]
+    return 2 * len(numbers) > len(cells) and not (len(whole) == len(cells) and counts(whole))
+
+
+def counts(values: Sequence[float] | Array) -> bool:
+    """Whether the numbers of a column only count the rows.
+
+    >>> counts([0.0, 1.0, 2.0]), counts([1.0, 2.0]), counts([1.0, 2.0, 4.0])
+    (True, False, False)
+    """
+    return len(values) > 2 and bool((np.diff(values) == 1).all())
 
 
 def _clock(name: str, cells: Sequence[str]) -> list[tuple[str, str]]:

@@ -95,6 +95,7 @@ def several(
 
     ``grid``: first instant and period of the model's own clock; a column that looks like times is taken without a word if it is that.
     """
+    mapping = mapping.sought()
     wanted = columns_.wanted(measurements, mapping)
     layout = table.layout(text(content, source, wanted, mapping.encoding, mapping.sheet), wanted, source, mapping.skip)
     mapping = columns_.simulated(layout, measurements, mapping)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ctlabs.files import columns as columns_
 from ctlabs.files import datafile, suspicions, table, times
-from ctlabs.files.columns import is_time, likely
+from ctlabs.files.columns import counts, is_time, likely
 from ctlabs.files.mapping import NO_TIME, Mapping, pasted
 from ctlabs.files.numbers import Numbers, TwoReadings
 from ctlabs.files.rows import Rows
@@ -71,7 +71,7 @@ def survey(content: bytes, source: str, mapping: Mapping, measurements: Sequence
     >>> [column.kind for column in found.columns], found.usual, found.options
     (['numbers', 'numbers'], 1.0, '--column pos="pos [m]" --time time --t0 first --missing -9999')
     """
-    wanted = columns_.wanted(measurements, mapping)
+    wanted = columns_.wanted(measurements, mapping.sought())
     layout = table.layout(datafile.text(content, source, wanted, mapping.encoding, mapping.sheet), wanted, source, mapping.skip)
     lines, cells, remarks = _cells(layout, mapping, source)
     columns = tuple(
@@ -226,11 +226,12 @@ def _suggested(
 ) -> tuple[str, str]:
     """The table [data] of a model file, and the same as options."""
     free = [c.name for i, c in enumerate(columns) if i != clock and c.kind in ("numbers", "unclear")]
+    counting = {c.name: counts(c.values) for c in columns}
     named: dict[str, str] = dict(mapping.columns)
     for name in measurements:
         if name in free or name in named:
             continue
-        rest = [column for column in free if not _counts(columns, column)]
+        rest = [column for column in free if not counting[column]]
         best = likely(name, free) or (rest[0] if len(rest) == 1 else "")
         named[name] = best or "COLUMN"
         if best:
@@ -271,7 +272,10 @@ def _suggested(
         keys["missing"] = list(absent)
         options += [("--missing", word) for word in absent]
     known = [c.name for c in columns]
-    rows = {name: column if column in known else likely(column, free) or "COLUMN" for name, column in mapping.regressors.items()}
+    rows = {
+        name: column if column in (*known, NO_TIME) else likely(column, free) or (NO_TIME if name in mapping.standing else "COLUMN")
+        for name, column in mapping.regressors.items()
+    }
     if rows:
         keys["regressors"] = rows
         options += [("--regressor", f"{name}={column}") for name, column in rows.items()]
@@ -289,12 +293,6 @@ def _suggested(
         )
     lines += [f"{key} = {_toml(value)}" for key, value in keys.items()]
     return ("\n".join(lines) if len(lines) > 1 else ""), pasted(*options)
-
-
-def _counts(columns: Sequence[Column], name: str) -> bool:
-    """Whether a column only counts the rows."""
-    values = next(c.values for c in columns if c.name == name)
-    return len(values) > 2 and bool((np.diff(values) == 1).all())
 
 
 def _key(name: str) -> str:

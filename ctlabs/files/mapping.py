@@ -29,7 +29,8 @@ class Mapping:
     ``columns`` : the column of a measurement or input where it has another name (a number counts columns from 1) ·
     ``time``, ``unit`` : the column of times ("none": there are none) and how it is written · ``t0`` : "first" where the first
     row's time is that of the first instant, "model" where times count from the model's t0 · ``inputs`` : columns of known inputs,
-    ``u0`` : what they are from t0 to the first row · ``regressors`` : columns that elements of the model name, {name: column} ·
+    ``u0`` : what they are from t0 to the first row · ``regressors`` : columns that elements of the model name, {name: column}
+    ("none": a constant stands in), ``standing`` : those for which the model has a constant ·
     ``record`` : the column that tells of which of several records a row is ·
     ``missing`` : further words or numbers for "not measured" · ``scale`` : factors of measurements and inputs · ``decimal``,
     ``thousands`` : marks in numbers · ``blank`` : whether blank lines are to "skip" or "missing" rows · ``encoding`` ·
@@ -50,6 +51,7 @@ class Mapping:
     inputs: tuple[str, ...] = ()
     u0: tuple[float, ...] = ()
     regressors: Table[str, str] = field(default_factory=dict)
+    standing: tuple[str, ...] = ()
     record: str = ""
     missing: tuple[str, ...] = ()
     scale: Table[str, float] = field(default_factory=dict)
@@ -95,6 +97,15 @@ class Mapping:
         if "time" in said and said["time"] != self.time and "unit" not in said:
             said["unit"] = ""
         return replace(self, **said)
+
+
+    def sought(self) -> Mapping:
+        """The mapping without regressors for which a constant is to stand in.
+
+        >>> Mapping(regressors={"price": "Price", "hdop": "none"}).sought().regressors
+        {'price': 'Price'}
+        """
+        return replace(self, regressors={name: column for name, column in self.regressors.items() if column != NO_TIME})
 
 
 def _one_of(option: str, value: str, known: tuple[str, ...]) -> None:

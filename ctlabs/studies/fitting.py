@@ -13,6 +13,7 @@ from ctlabs.analysis.fitting import Fit
 from ctlabs.analysis.fitting import Progress as Progress
 from ctlabs.analysis.likelihood import Build
 from ctlabs.files import clock
+from ctlabs.files.mapping import NO_TIME
 from ctlabs.filtering.filter import kalman_filter
 from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
@@ -51,6 +52,12 @@ def study(
     for each in records:
         if each.missing == each.z.size:
             raise ValueError(f"{each.source}: no observations: expected one measurement at least, received none: every element is missing")
+        for name in names:
+            if name in each.regressors:
+                raise ValueError(
+                    f"--free {name}: expected a constant, received the record's column {each.mapping.regressors[name]}, which stands in "
+                    f"its place; --regressor {name}={NO_TIME} leaves it to the constant"
+                )
     first = model.experiment.first
     builds, z = zip(*(clock.building(model, each) for each in records), strict=True)
     start = {name: model.constants[name] for name in names}

@@ -149,11 +149,24 @@ def _missing(document: Document) -> Iterator[Problem]:
     if model.u is not None and model.B is None and model.D is None:
         yield Problem("model.B", "expected the matrix B by which the known input u enters, received none (nor D)")
     for name in document.data.regressors:
-        if name in document.constants:
-            text = f"expected a name of its own, received {name}, which is a constant too: remove one of them"
+        if name in document.constants and (other := _elsewhere(document, name)):
+            text = f"expected a name of its own, or a constant that stands in for the column, received {name}, which {other} needs too"
             yield Problem(place(("data", "regressors", name)), text)
     if document.kind == "continuous" and model.N is not None and model.R is not None:
         yield Problem("model.N", "expected Rc beside N (the noise that w correlates with), received R")
+
+
+def _elsewhere(document: Document, name: str) -> str:
+    """A place that needs a name where no column of a record may stand, or nothing."""
+    values = Values(document, {})
+    for constant, told in document.constants.items():
+        if name in told.value.names:
+            return place(("constants", constant))
+    for matrix in [*(n for n in SHAPES[document.kind] if n not in (*TEXTS, *BY_ROW) and values.given(n)), "dt"]:
+        for index, cell in values.cells(matrix):
+            if name in cell.names:
+                return place(("model", matrix, *index))
+    return place(("experiment", "t0")) if name in document.experiment.t0.names else ""
 
 
 def numbers(found: Values, broken: frozenset[Path], without: set[str]) -> list[Problem]:

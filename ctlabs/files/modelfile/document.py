@@ -156,7 +156,8 @@ class ModelFile:
     def mapping(self) -> Mapping:
         """[data]: how records name and write what the model measures; of a file whose matrices are wrong, too."""
         read = self._read.document
-        return (self._document if read is None else read).data.mapping()
+        document = self._document if read is None else read
+        return replace(document.data.mapping(), standing=tuple(name for name in document.data.regressors if name in document.constants))
 
     @property
     def driven(self) -> bool:
@@ -177,7 +178,7 @@ class ModelFile:
     def regressors(self) -> tuple[str, ...]:
         """The columns of a record that elements of H, R, D, B or the measurement offset name."""
         values = self._values
-        used = {name for matrix in BY_ROW if values.given(matrix) for _, cell in values.cells(matrix) for name in values.named(cell)}
+        used = {name for matrix in BY_ROW if values.given(matrix) for _, cell in values.cells(matrix) for name in cell.names}
         return tuple(name for name in self._document.data.regressors if name in used)
 
     @property
@@ -399,6 +400,8 @@ class ModelFile:
             problem = f"unknown name {shown(old)}{meant(old, known)}"
         elif new in known:
             problem = f"expected a new name, received {shown(new)}, which another constant has"
+        elif old in self._document.data.regressors:
+            problem = f"expected a constant of the file alone, received {shown(old)}, which is a column of the record, too, under [data]"
         if problem:
             raise ModelFileError(Problem("constants", problem), self.name)
         return self._changed(lambda text, _: edits.rename(text, old, new), ("constants", old))

@@ -121,12 +121,13 @@ class Values:
         return self.given(name) and any(self.named(cell) for _, cell in self.cells(name))
 
     def named(self, cell: Expression) -> frozenset[str]:
-        """The regressors in a cell."""
-        return cell.names & self._declared
+        """The regressors in a cell, but for those in whose place a constant stands, as no record has them."""
+        return cell.names & self._columns
 
     @cached_property
-    def _declared(self) -> frozenset[str]:
-        return frozenset(self.document.data.regressors)
+    def _columns(self) -> frozenset[str]:
+        told = {} if self.regressors is None else self.regressors.values
+        return frozenset(name for name in self.document.data.regressors if name in told or name not in self.document.constants)
 
     def cells(self, name: str) -> Iterator[tuple[tuple[int, ...], Expression]]:
         """The cells of a matrix, a vector or a number, with their indices."""
@@ -173,7 +174,8 @@ class Values:
         """What a regressor asks for."""
         text = (
             f'expected a record with "{regressor}", a regressor, received none: filter, fit and forecast read one; '
-            f"to do without, declare it under [constants] (--set {regressor}=VALUE then changes it), not under [data]"
+            f"to do without, let a constant stand in for it, {regressor} = VALUE under [constants] (--set {regressor}=VALUE "
+            "then changes it)"
         )
         return self.error(path, text)
 
