@@ -72,6 +72,20 @@ def _equal(A: Array, B: Array) -> bool:
     return True
 
 
+class Sums(NamedTuple):
+    """What instants with the same gain and covariances sum up to, before :func:`_added` takes it.
+
+    ``rr`` (n, n), of rrᵀ, and ``rx`` (n, n), of r·x̂⁺ᵀ, after the motion · ``uu`` (m, m), ``ub`` (m, n), ``ux`` (m, n), of uuᵀ, u·r⁻ᵀ and
+    u·x̂⁻ᵀ, of the elements that are used
+    """
+
+    rr: Array
+    rx: Array
+    uu: Array
+    ub: Array
+    ux: Array
+
+
 @partial(helper, inline="always")
 def _resting(seen: Passed, k: int) -> bool:
     """Whether the same elements are used at k as at k+1, with the same gain and covariance."""
@@ -89,16 +103,28 @@ def _resting(seen: Passed, k: int) -> bool:
 
 
 @partial(helper, inline="always")
-def _updated(k: int, J: Array, V: Array, D: Array, X: Array, pick: Array, count: int, r: Array, u: Array, before: Array,
-             seen: Passed, out: Slopes) -> None:  # fmt: skip
-    """r through the update at k, and what H, R and z gain."""
-    n, h, g = r.shape[0], k if out.H.shape[0] > 1 else 0, k if out.R.shape[0] > 1 else 0
+def _settled(seen: Passed, k: int) -> bool:
+    """Whether P⁻ of k, and P⁺ before it, are those of k+1."""
+    n = seen.K.shape[1]
+    for i in range(n):
+        for j in range(n):
+            if seen.P_minus[k, i, j] != seen.P_minus[k + 1, i, j] or seen.P_plus[k - 1, i, j] != seen.P_plus[k, i, j]:
+                return False
+    return True
+
+
+@helper
+def _updated(k: int, J: Array, V: Array, pick: Array, count: int, r: Array, u: Array, before: Array,
+             seen: Passed, sums: Sums, out: Slopes) -> None:  # fmt: skip
+    """r through the update at k, and its part of the sums."""
+    n = r.shape[0]
     for a in range(count):
         u[a] = 0.0
         for b in range(count):
             u[a] += V[a, b] * seen.innovation[k, pick[b]]
         for i in range(n):
             u[a] -= seen.K[k, i, pick[a]] * r[i]
+        out.z[k, pick[a]] = -u[a]
     for i in range(n):
         s = r[i]
         for a in range(count):
@@ -106,37 +132,23 @@ def _updated(k: int, J: Array, V: Array, D: Array, X: Array, pick: Array, count:
         before[i] = s
     for a in range(count):
         for j in range(n):
-            s = u[a] * seen.x_minus[k, j]
-            for i in range(n):
-                s += (u[a] * before[i] + X[a, i]) * seen.P_minus[k, i, j]
-            out.H[h, pick[a], j] += s
+            sums.ux[a, j] += u[a] * seen.x_minus[k, j]
+            sums.ub[a, j] += u[a] * before[j]
         for b in range(count):
-            out.R[g, pick[a], pick[b]] += 0.5 * (u[a] * u[b] - D[a, b])
-        out.z[k, pick[a]] = -u[a]
+            sums.uu[a, b] += u[a] * u[b]
     for i in range(n):
         r[i] = before[i]
 
 
-@partial(helper, inline="always")
-def _moved(k: int, F: Array, N: Array, r: Array, before: Array, G: Array, work: Array, seen: Passed, out: Slopes) -> None:
-    """r through the motion to k, and what Φ, Qd and c gain; N is that before the measurement at k."""
-    n = r.shape[0]
-    f, q, c = k - 1 if out.Phi.shape[0] > 1 else 0, k - 1 if out.Qd.shape[0] > 1 else 0, k - 1 if out.offset.shape[0] > 1 else 0
+@helper
+def _moved(k: int, F: Array, r: Array, before: Array, seen: Passed, sums: Sums, out: Slopes) -> None:
+    """r through the motion to k, and its part of the sums."""
+    n, c = r.shape[0], k - 1 if out.offset.shape[0] > 1 else 0
     for i in range(n):
         out.offset[c, i] += r[i]
         for j in range(n):
-            G[i, j] = 0.5 * (r[i] * r[j] - N[i, j])
-            out.Qd[q, i, j] += G[i, j]
-            s = 0.0
-            for b in range(n):
-                s += F[i, b] * seen.P_plus[k - 1, b, j]
-            work[i, j] = s
-    for i in range(n):
-        for j in range(n):
-            s = r[i] * seen.x_plus[k - 1, j]
-            for b in range(n):
-                s += 2.0 * G[i, b] * work[b, j]
-            out.Phi[f, i, j] += s
+            sums.rr[i, j] += r[i] * r[j]
+            sums.rx[i, j] += r[i] * seen.x_plus[k - 1, j]
     for i in range(n):
         s = 0.0
         for j in range(n):
@@ -144,6 +156,45 @@ def _moved(k: int, F: Array, N: Array, r: Array, before: Array, G: Array, work: 
         before[i] = s
     for i in range(n):
         r[i] = before[i]
+
+
+@helper
+def _measured(k: int, times: int, D: Array, X: Array, pick: Array, count: int, seen: Passed, sums: Sums, out: Slopes) -> None:
+    """What H and R gain of the sums over so many updates, the first of which is at k."""
+    n, h, g = X.shape[1], k if out.H.shape[0] > 1 else 0, k if out.R.shape[0] > 1 else 0
+    for a in range(count):
+        for j in range(n):
+            s = sums.ux[a, j]
+            for i in range(n):
+                s += (sums.ub[a, i] + times * X[a, i]) * seen.P_minus[k, i, j]
+            out.H[h, pick[a], j] += s
+        for b in range(count):
+            out.R[g, pick[a], pick[b]] += 0.5 * (sums.uu[a, b] - times * D[a, b])
+    emptied(sums.uu, 0.0)
+    emptied(sums.ub, 0.0)
+    emptied(sums.ux, 0.0)
+
+
+@helper
+def _driven(k: int, times: int, F: Array, N: Array, G: Array, work: Array, seen: Passed, sums: Sums, out: Slopes) -> None:
+    """What Φ and Qd gain of the sums over so many motions, the first of which is to k; N is that before the measurement at k."""
+    n, f, q = G.shape[0], k - 1 if out.Phi.shape[0] > 1 else 0, k - 1 if out.Qd.shape[0] > 1 else 0
+    for i in range(n):
+        for j in range(n):
+            G[i, j] = 0.5 * (sums.rr[i, j] - times * N[i, j])
+            out.Qd[q, i, j] += G[i, j]
+            s = 0.0
+            for b in range(n):
+                s += F[i, b] * seen.P_plus[k - 1, b, j]
+            work[i, j] = s
+    for i in range(n):
+        for j in range(n):
+            s = sums.rx[i, j]
+            for b in range(n):
+                s += 2.0 * G[i, b] * work[b, j]
+            out.Phi[f, i, j] += s
+    emptied(sums.rr, 0.0)
+    emptied(sums.rx, 0.0)
 
 
 @helper
@@ -201,15 +252,15 @@ def _told(
 
 @helper
 def _rested(
-    k: int, begin: int, F: Array, J: Array, V: Array, D: Array, X: Array, N: Array, pick: Array, count: int,
-    r: Array, u: Array, before: Array, G: Array, work: Array, seen: Passed, out: Slopes,
+    k: int, begin: int, F: Array, J: Array, V: Array, pick: Array, count: int,
+    r: Array, u: Array, before: Array, seen: Passed, sums: Sums, out: Slopes,
 ) -> int:  # fmt: skip
     """Back from k as long as nothing changes but r, not as far as ``begin``; the last instant that is done."""
-    while k - 1 > begin and _resting(seen, k - 1):
+    while k - 1 > begin and _resting(seen, k - 1) and _settled(seen, k - 1):
         k -= 1
         if count > 0:
-            _updated(k, J, V, D, X, pick, count, r, u, before, seen, out)
-        _moved(k, F, N, r, before, G, work, seen, out)
+            _updated(k, J, V, pick, count, r, u, before, seen, sums, out)
+        _moved(k, F, r, before, seen, sums, out)
     return k
 
 
@@ -221,6 +272,8 @@ def backward(Phi: Array, H: Array, seen: Passed, begin: int, out: Slopes) -> Non
     work, G = np.zeros((n, n)), np.zeros((n, n))
     pick, u, C, V, D = np.empty(m, dtype=np.int64), np.zeros(m), np.zeros((m, m)), np.zeros((m, m)), np.zeros((m, m))
     NK, SH, X = np.zeros((n, m)), np.zeros((m, n)), np.zeros((m, n))
+    sums = Sums(np.zeros((n, n)), np.zeros((n, n)), np.zeros((m, m)), np.zeros((m, n)), np.zeros((m, n)))
+    still = Phi.shape[0] == 1 and H.shape[0] == 1 and out.Qd.shape[0] == 1 and out.R.shape[0] == 1
     moved = True  # whether N has changed since the instant after
     k = rows
     while k > begin:
@@ -236,20 +289,26 @@ def backward(Phi: Array, H: Array, seen: Passed, begin: int, out: Slopes) -> Non
                 _gained(seen.S[k], K, J, pick, count, C, V, SH, B)
             if other or moved:
                 _told(N, K, J, pick, count, V, SH, B, NK, D, X, N_minus, work)
-            _updated(k, J, V, D, X, pick, count, r, u, before, seen, out)
+            _updated(k, J, V, pick, count, r, u, before, seen, sums, out)
+            _measured(k, 1, D, X, pick, count, seen, sums, out)
         elif other or moved:
             copied(N, N_minus)
         if k > begin:
             F = entry(Phi, k - 1)
-            _moved(k, F, N_minus, r, before, G, work, seen, out)
+            _moved(k, F, r, before, seen, sums, out)
+            _driven(k, 1, F, N_minus, G, work, seen, sums, out)
             if other or moved or Phi.shape[0] > 1:
                 emptied(G, 0.0)
                 similarity(F.T, N_minus, G, work)
                 mirror(G)
                 moved = not _equal(G, N)
                 N, G = G, N
-            if not moved and H.shape[0] == 1 and Phi.shape[0] == 1:
-                k = _rested(k, begin, F, J, V, D, X, N_minus, pick, count, r, u, before, G, work, seen, out)
+            if still and not moved:
+                first = _rested(k, begin, F, J, V, pick, count, r, u, before, seen, sums, out)
+                if first < k:
+                    _measured(first, k - first, D, X, pick, count, seen, sums, out)
+                    _driven(first, k - first, F, N_minus, G, work, seen, sums, out)
+                    k = first
     for i in range(n):
         out.x0[i] = r[i]
         for j in range(n):
