@@ -246,7 +246,7 @@ REFUSED = [
     ("t,position\n05/06/2024,1\n06/06/2024,2\n", {}, r"line 2.*several readings.*--time t:dmy --t0 first or --time t:mdy --t0 first"),
     ("t,position\n23:59:59,1\n00:00:01,2\n", {"unit": "clock", "t0": "first"}, r"line 3.*expected a time after 23:59:59 .*midnight.*"),
     ("t,position\n2024-05-31T12:00:00Z,1\n2024-05-31T12:00:01,2\n", {"unit": "iso"}, r"line .*all with a zone or all without one.*"),
-    ("t,position\n1,1\n31 May 2024,2\n", {}, r'line 3.*expected a number, received "31 May 2024"; .*--time t:iso --t0 first'),
+    ("t,position\n1,1\n31 May 2024,2\n", {}, r'line 3.*expected a number, received the date .*"31 May 2024": .*--time t:dmy --t0 first'),
     ("flow\n1\n\n2\n\n3\n", {}, r".*--column position=flow"),
     ("position\n1\n\n2\n\n3\n", {}, r"line 3: a blank line behind every value .*--blank skip or --blank missing"),
     ("position\n\n\n1\n\n\n2\n\n\n3\n", {}, r"line 5: a blank line before every value .*--blank skip or --blank missing"),
@@ -299,3 +299,43 @@ def test_the_names_of_a_logger_stand_above_its_units_and_kinds():
     found = look.survey("\r\n".join(lines).encode(), "toa5.dat", Mapping(), ["air"])
     assert [column.name for column in found.columns] == ["TIMESTAMP", "RECORD", "BattV_Avg", "AirTC_Avg"]
     assert "--time TIMESTAMP:iso --t0 first" in found.options
+
+
+#: Texts of the columns t and y (or as they are told), what is said of them, and the times and values that were meant.
+MEANT = {
+    "31-May-2024 23:59:00,1\n01-Jun-2024 00:00:30,2\n": ("dmy", [0, 90], [1, 2]),
+    "31MAY2024,1\n02JUN2024,2\n": ("dmy", [0, 172800], [1, 2]),
+    "9007199254740993,1\n9007199254740994,2\n9007199254740997,3\n": ("s", [0, 1, 4], [1, 2, 3]),
+    "sec,µg/m³\n1,7\n2,8\n": ("s", [0, 1], [7, 8]),
+    "1,1.#QNAN0\n2,-1.#IND00\n3,2.5\n": ("s", [0, 1, 2], [np.nan, np.nan, 2.5]),
+}
+
+
+@pytest.mark.parametrize(("rows", "meant"), MEANT.items())
+def test_what_has_one_reading_is_read(rows, meant):
+    """Months by their names, times of more digits than a double has, units of units, what C writes for no number."""
+    unit, t, z = meant
+    record = datafile.parse(f"t,y\n{rows}".encode(), ["y"], mapping=Mapping(time="t", unit=unit, t0="first"))
+    assert record.t.tolist() == t
+    assert np.array_equal(record.z.ravel(), z, equal_nan=True)
+
+
+#: Tables that are refused, and how the one line ends.
+ENDS = {
+    "t,y\n9007199254740993,1\n9007199254740994,2\n": "--t0 first",
+    "t,y\n1,5%\n2,4%\n": "a number stands alone in its cell, written with the digits 0 to 9, such as 5.3 or 1e3",
+    "t,y\n1,#DIV/0!\n2,4\n": "--missing '#DIV/0!'",
+    "t,y\n1,1\n2,2\nt,y\n3,3\n": "if the line is not part of the table, remove it or begin it with #",
+    "y\n1\n2\n\ny\n3\n": "if the line is not part of the table, remove it or begin it with #",
+    "t,y\n1,1\nTotal,3\n": "if the line is not part of the table, remove it or begin it with #",
+    "t,y\n1,1\n2,3\n\nMean: 2\n": "if the line is not part of the table, remove it or begin it with #",
+    "date,y\n05/06/2024,1\n05/13/2024,2\n": "--time date:mdy --t0 first takes it, --time none does not",
+    "stamp,y\n1717156801000,1\n1717156802000,2\n": "--time stamp:unix_ms --t0 first takes it, --time none does not",
+}
+
+
+@pytest.mark.parametrize(("content", "end"), ENDS.items())
+def test_a_refusal_ends_with_what_to_do(content, end):
+    """An option, or the change in the file; never one that would read something else."""
+    with pytest.raises(ValueError, match=rf"{re.escape(end)}$"):
+        datafile.parse(content.encode(), ["y"])

@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ctlabs import DiscreteModel, diagnose, fit, forecast, kalman_filter, smooth
+from ctlabs import DiscreteModel, cli, diagnose, fit, forecast, kalman_filter, smooth
 from ctlabs.files import clock, datafile, look, modelfile, read_records, reading
 from ctlabs.files.mapping import Mapping
 from ctlabs.filtering import log_likelihood
+from ctlabs.reporting import render
 from ctlabs.studies import analysis, comparison, filtered, filtering, fitting, forecasting, several, simulation
 from tests import reference
 from tests.reference import EXACT, close
@@ -570,3 +571,18 @@ class TestCalendar:
         (note,) = clock.notes(model, record, clock.over(model, record))
         assert note.startswith("18 instants of the model's grid without a row")
         assert note.endswith("(no two rows are less than 10 periods apart; --time none: they are one apart)")
+
+
+def test_days_are_the_periods_of_a_discrete_model_when_it_is_told(tmp_path, monkeypatch, capsys):
+    """A file of days and a model of dt = 1: refused with --dt 86400, with which the command runs, and leaves an instant for a lost day."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(render, "png", lambda _figure: b"png")
+    (tmp_path / "d.csv").write_text("date,flow\n2021-01-01,900\n2021-01-02,950\n2021-01-04,870\n2021-01-05,930\n", encoding="utf-8")
+    words = ["filter", "local_level", "d.csv", "--time", "date:iso", "--t0", "first", "--out", "out"]
+    with pytest.raises(SystemExit):
+        cli.main(words)
+    told = re.search(r"expected a choice, (--dt \d+) makes it that, --time none", capsys.readouterr().err)
+    with pytest.raises(SystemExit) as end:
+        cli.main([*words, *told[1].split()])
+    assert end.value.code == 0
+    assert "1 instant of the model's grid without a row" in capsys.readouterr().out

@@ -158,3 +158,15 @@ def test_times_that_go_on_are_read_as_the_seconds_beside_them(unit, text, step):
     later = [row.split(",") for row in rows]
     again = read([*stamps, *(row[1] for row in later)])
     assert [float(row[2]) for row in later] == again.t[3:].tolist()
+
+
+def test_a_constant_stands_in_for_the_rows_to_come():
+    """Of a model whose regressors are constants too: the forecast is that of the record with rows that hold the constant."""
+    model = modelfile.ready("satellite_receiver")
+    rows = b"t,east,north,hdop\n1,0,0,1\n2,3,1,4\n3,6,2,2\n"
+    record, longer = (
+        datafile.parse(text, model.measurements, mapping=model.mapping) for text in (rows, rows + b"4,,,1.2\n5,,,1.2\n")
+    )
+    found, told = forecasting.study(model, record, 2), forecasting.study(model, longer)
+    assert found.files["forecast.csv"] == told.files["forecast.csv"]
+    assert "hdop of the time to come is the constant 1.2" in " ".join(getattr(block, "text", "") for block in found.blocks)

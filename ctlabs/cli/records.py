@@ -27,6 +27,7 @@ OPTIONS = (
         "--t0", metavar="first",
         help="The first row is at the model's first instant. (model: times count from the model's t0, however far.)",
     ),
+    click.option("--dt", "dt", type=float, metavar="SECONDS", help="The period of a model in discrete time, in place of the file's."),
     click.option("--missing", multiple=True, metavar="WORD", help="A word or number that means not measured. Repeatable."),
     click.option(
         "--scale", "scales", multiple=True, metavar="NAME=FACTOR", help="Multiply a column: --scale position=0.001. Repeatable."
@@ -60,6 +61,7 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
         columns: tuple[str, ...],
         time: str | None,
         t0: str | None,
+        dt: float | None,
         missing: tuple[str, ...],
         scales: tuple[str, ...],
         inputs: tuple[str, ...],
@@ -76,7 +78,8 @@ def reading(command: Callable[..., Any]) -> Callable[..., Any]:
     ) -> Any:
         marks = {"decimal": decimal, "thousands": thousands, "blank": blank, "encoding": encoding, "skip": skip}
         marks |= {"record": record, "sheet": sheet}
-        said = {name: value for name, value in marks.items() if value}
+        said: dict[str, Any] = {name: value for name, value in marks.items() if value}
+        said |= {} if dt is None else {"dt": dt}
         return command(mapping=_mapping(columns, time, t0, missing, scales, inputs, u0, regressors, said), **others)
 
     for option in reversed(OPTIONS):

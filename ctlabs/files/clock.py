@@ -177,10 +177,12 @@ def _on_grid(model: ModelFile, record: Record, before: int) -> Placing:
         msg = f"{where.format(record.lines[row])} expected one row at each instant, received a second at {moment(t[row])}"
         raise ValueError(msg)
     by = int(np.diff(steps).min()) if len(t) > 1 else 1
-    if by > MANY and record.mapping.unit not in ("", *RELATIVE):
+    if by > 1 and record.mapping.unit not in ("", *RELATIVE) and not record.mapping.dt:
+        every = int(np.gcd.reduce(np.diff(steps).astype(np.int64)))
+        own = f"{pasted(('--dt', moment(every * dt)))} makes it that, " if every == by else ""
         msg = (
-            f"{where.format(record.lines[1])} no two rows are less than {by} periods (dt = {moment(dt)} s) apart: expected rows a few periods "
-            f"apart; set dt = {moment(by * dt)} under [model], or {pasted(('--time', NO_TIME))} takes the rows for one period apart"
+            f"{where.format(record.lines[1])} no two rows are less than {by} periods (dt = {moment(dt)} s) apart: expected a choice, "
+            f"{own}{pasted(('--time', NO_TIME))} takes the rows for one period apart, {pasted(('--dt', moment(dt)))} leaves the period"
         )
         raise ValueError(msg)
     if by > 1 and not record.mapping.unit:

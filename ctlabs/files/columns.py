@@ -11,7 +11,7 @@ from itertools import islice
 import numpy as np
 
 from ctlabs.files import times
-from ctlabs.files.mapping import NO_TIME, Mapping, pasted
+from ctlabs.files.mapping import NO_TIME, WRITTEN, Mapping, pasted
 from ctlabs.files.spelling import GROUPED, NUMBER, WORDS, shown
 from ctlabs.files.table import Layout, plain, rows
 from ctlabs.linalg.checks import Array
@@ -192,8 +192,9 @@ def _time(
         return _place(layout, "t", where), None
     looking = [name for i, name in enumerate(layout.header) if i not in (*taken, *regressors) and is_time(name)]
     if looking and (mapping.unit or mapping.t0 or None not in taken):
-        unit = f":{mapping.unit}" if mapping.unit else ""
-        options = [pasted(("--time", f"{looking[0]}{unit}")), pasted(("--time", NO_TIME))]
+        cells = [] if mapping.unit else _sample(layout).get(looking[0], [])
+        clock = [("--time", f"{looking[0]}:{mapping.unit}")] if mapping.unit else _clock(looking[0], cells)
+        options = [pasted(*clock), pasted(("--time", NO_TIME))]
         words = (
             f"{where}: expected a column t or a choice, received {shown(looking[0])}, which looks like times: "
             f"{options[0]} takes it, {options[1]} does not"
@@ -278,7 +279,8 @@ def counts(values: Sequence[float] | Array) -> bool:
 def _clock(name: str, cells: Sequence[str]) -> list[tuple[str, str]]:
     """The options for a column of times, with the unit where its looks leave no doubt."""
     dates = [cell for cell in cells if times.ways(cell) and not NUMBER.fullmatch(cell)]  # not a row of units
-    found = times.ways(dates[0]) if dates else times.calendar(cells[0]) if cells else []
+    told = set.intersection(*map(set, map(times.ways, dates))) if dates else set()
+    found = [unit for unit in WRITTEN if unit in told] if dates else times.calendar(cells[0]) if cells else []
     return [("--time", f"{name}:{found[0]}"), ("--t0", "first")] if len(found) == 1 else [("--time", name)]
 
 

@@ -28,7 +28,8 @@ class Mapping:
 
     ``columns`` : the column of a measurement or input where it has another name (a number counts columns from 1) ·
     ``time``, ``unit`` : the column of times ("none": there are none) and how it is written · ``t0`` : "first" where the first
-    row's time is that of the first instant, "model" where times count from the model's t0 · ``inputs`` : columns of known inputs,
+    row's time is that of the first instant, "model" where times count from the model's t0 · ``dt`` : the model's period for this
+    record, s, 0 for its own · ``inputs`` : columns of known inputs,
     ``u0`` : what they are from t0 to the first row · ``regressors`` : columns that elements of the model name, {name: column}
     ("none": a constant stands in), ``standing`` : those for which the model has a constant ·
     ``record`` : the column that tells of which of several records a row is ·
@@ -48,6 +49,7 @@ class Mapping:
     time: str = ""
     unit: str = ""
     t0: str = ""
+    dt: float = 0.0
     inputs: tuple[str, ...] = ()
     u0: tuple[float, ...] = ()
     regressors: Table[str, str] = field(default_factory=dict)
@@ -70,6 +72,8 @@ class Mapping:
         _one_of("--blank", self.blank, ("skip", "missing"))
         if self.decimal and self.decimal == self.thousands:
             raise ValueError(f'--thousands: expected another mark than --decimal, received "{self.thousands}" for both')
+        if not 0 <= self.dt < math.inf:
+            raise ValueError(f"--dt: expected a period > 0, s, received {self.dt!r}")
         if self.skip < 0:
             raise ValueError(f"--skip: expected a number of lines >= 0, received {self.skip}")
         for name, factor in self.scale.items():

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ctlabs.files.mapping import Mapping, pasted
-from ctlabs.files.spelling import EITHER, GROUPED, INFINITE, INSTANT, NUMBER, WORDS, short, shown
+from ctlabs.files.spelling import EITHER, FOREIGN, GROUPED, INFINITE, INSTANT, NAMED, NUMBER, WORDS, short, shown
 from ctlabs.linalg.checks import Array
 
 _CLEAN = b"0123456789+-.eE\n"
@@ -219,8 +219,13 @@ class Numbers:
         if INFINITE.fullmatch(text) or NUMBER.fullmatch(text):
             return f"expected a finite number, received {shown(text)}{_told(text)}"
         if INSTANT.fullmatch(text):
-            way = pasted(("--time", self.name + ":iso"), ("--t0", "first"))
+            way = pasted(("--time", f"{self.name}:{'dmy' if NAMED.match(text) else 'iso'}"), ("--t0", "first"))
             return f"expected a number, received the date or time of day {shown(text)}: as times, {way}"
+        if text == self.name.strip():
+            again = "the name of the column again: a second table, or names that were written twice"
+            return f"expected a number, received {shown(text)}, {again}{FOREIGN}"
+        if self.needed == "a time" and not any(c.isdecimal() for c in text):
+            return f"expected a number, received {shown(text)}{FOREIGN}"
         if self.needed == "a time":
             way = pasted(("--time", self.name + ":iso"), ("--t0", "first"))
             return f"expected a number, received {shown(text)}; dates are read as 2024-05-31T12:30:00: {way}"
@@ -236,6 +241,8 @@ def _told(text: str) -> str:
     """The option for a word, written with = where the word begins like an option."""
     if short(text) != text:
         return ""
+    if re.match(r"\W{0,2}\d", text) and not NUMBER.fullmatch(text) and not INFINITE.fullmatch(text):
+        return "; a number stands alone in its cell, written with the digits 0 to 9, such as 5.3 or 1e3"
     return "; if it means not measured: " + (
         f"--missing={text}" if text.startswith("-") else pasted(("--missing", text))
     )

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 
 from ctlabs.files.columns import Columns
 from ctlabs.files.mapping import Mapping
-from ctlabs.files.spelling import GROUPED, INSTANT, NUMBER, WORDS, short, shown
-from ctlabs.files.table import Layout, chunks, is_comment, is_data, rows
+from ctlabs.files.spelling import FOREIGN, GROUPED, INSTANT, NUMBER, WORDS, short, shown
+from ctlabs.files.table import Layout, chunks, is_comment, is_data, is_value, rows
 
 #: Rows below the names that may hold units and kinds of values.
 BELOW = 3
@@ -20,6 +20,7 @@ _UNITS = frozenset({
     "k", "c", "f", "degc", "degf", "deg", "rad", "v", "mv", "kv", "a", "ma", "w", "kw", "mw",
     "j", "kj", "hz", "khz", "mhz", "m/s", "km/h", "m/s2", "m/s^2", "m/s²", "deg/s", "rad/s", "rpm", "m3/s", "m³/s", "l/s", "l/min",
     "m2", "m3", "m²", "m³", "%", "ppm", "ppb", "g/l", "mg/l", "mol", "db", "lux", "ohm", "ω", "°c", "°f", "°", "mm/h", "n/m",
+    "µs", "µm", "µg", "ug", "l", "ml", "wh", "kwh", "ah", "μs", "μm", "μg",
 })  # fmt: skip
 
 
@@ -76,7 +77,7 @@ class Rows:
             NUMBER.fullmatch(cell) or INSTANT.fullmatch(cell) or cell.lower() in missing for cell in full
         ):
             return False
-        if any(any(c.isdigit() for c in cell) and not _units(cell) for cell in full):
+        if any(any(c.isdecimal() for c in cell) and not _units(cell) for cell in full):
             return False
         if self.columns.time is not None and self.columns.time < len(told):
             return True  # a measurement has a time
@@ -155,6 +156,8 @@ class Rows:
             hint = " (a decimal comma needs ; or a tab between columns)"
         if self.layout.mark == " ":
             hint = " (columns are parted by spaces)"
+        if len(row) < self.width and not any(is_value(cell.strip()) for cell in row if cell.strip()):
+            hint = FOREIGN
         columns = f"{self.width} column{'s' if self.width > 1 else ''} ({short(', '.join(self.layout.header))})"
         raise ValueError(f"{self.source}: line {line}: expected {columns}, received {len(row)}{hint}")
 
@@ -213,4 +216,6 @@ def _full(lines: list[int], cells: list[list[str]]) -> tuple[list[int], list[lis
 
 def _units(cell: str) -> bool:
     """Whether a cell looks like a unit."""
-    return cell.strip("[]() ").lower() in _UNITS or bool(re.fullmatch(r"[\[(][^\])]*[\])]", cell))
+    parts = re.split(r"[/*·⋅ ]", cell.strip("[]() ").lower())
+    known = all(part in _UNITS or re.sub(r"\^?[-⁻]?[1-4¹²³⁴]$", "", part) in _UNITS for part in parts)
+    return known or bool(re.fullmatch(r"[\[(][^\])]*[\])]", cell))

@@ -10,8 +10,8 @@ from ctlabs.linalg.checks import Array
 
 #: Numbers that loggers and archives write for "not measured", in either sign.
 SENTINELS = (
-    99, 999, 9999, 99999, 999999, 99.9, 999.9, 9999.9, 99.99, 999.99, 6999, 7999, 8888, 200, 1000, 32767, 32768, 65535,
-    2147483647, 2147483648,
+    99, 999, 9999, 99999, 999999, 99.9, 999.9, 9999.9, 99.99, 999.99, 9999.99, 99999.99, 999.25, 6999, 7999, 8888, 200, 1000, 32767, 32768,
+    65535, 2147483647, 2147483648,
     4294967295, 1e20, 9.96921e36, 9.969209968386869e36, 1e30, 1e35, 3.4028235e38, 1.7976931348623157e308,
 )  # fmt: skip
 #: How many times the usual spread such a value is away from the others.

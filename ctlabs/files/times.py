@@ -11,10 +11,12 @@ import numpy as np
 
 from ctlabs.files.mapping import ABSOLUTE, RELATIVE, WRITTEN, pasted
 from ctlabs.files.numbers import Numbers
-from ctlabs.files.spelling import INSTANT, NUMBER, WORDS, shown
+from ctlabs.files.spelling import FOREIGN, INSTANT, MONTHS, NAMED, NUMBER, WORDS, shown
 from ctlabs.linalg.checks import Array
 from ctlabs.text import moment
 
+#: The part of an interval between two times that rounding may take.
+LOST = 1e-2
 EPOCH = dt.datetime(1970, 1, 1, tzinfo=dt.UTC)
 _CLOCK = re.compile(r"(\d{1,3}):(\d{2})(?::(\d{2})([.,]\d*)?)?\s*([AaPp]\.?[Mm]\.?)?", re.ASCII)
 _DATE = re.compile(r"(\d{1,4})([-./ ]?)(\d{1,2})\2(\d{1,4})(?:[T ]+(.*))?", re.ASCII)
@@ -105,7 +107,8 @@ def _refuse_written(cells: Sequence[str], lines: Sequence[int], numbers: Numbers
 def _numbers(cells: Sequence[str], values: Array, unit: str, exact: bool) -> Times:
     """Numbers: as doubles, and (counted from the first) with all their digits."""
     numerator, denominator = {**RELATIVE, **ABSOLUTE}[unit or "s"]
-    since = _exactly(cells, values, numerator, denominator) if exact or (np.diff(values) <= 0).any() else None
+    close = np.spacing(np.abs(values).max()) > LOST * np.abs(np.diff(values)).min(initial=np.inf)
+    since = _exactly(cells, values, numerator, denominator) if exact or close else None
     if since is None:
         since = (values - values[0]) * numerator / denominator
     if unit == "excel":
@@ -147,7 +150,7 @@ def _written(cells: Sequence[str], lines: Sequence[int], numbers: Numbers, unit:
             others = [way for way in ways(text) if way != unit]
             hint = f" ({' or '.join(pasted(('--time', f'{numbers.name}:{way}')) for way in others)})" if others else ""
             if not others and i and i == len(cells) - 1:
-                hint = "; if the line is not part of the table, remove it or begin it with #"
+                hint = FOREIGN
             raise ValueError(f"{where}: expected {_MEANT[unit]}, received {shown(text)}{hint}") from None
         if zoned not in (None, zone):
             other = cells[int(done.argmax())] if done.any() else cells[0]
@@ -221,6 +224,11 @@ def _instant(text: str, unit: str) -> tuple[int, float, bool]:
     if unit == "clock":
         seconds, fraction = _clock(text)
         return seconds, fraction, False
+    if named := NAMED.match(text):  # 31-May-2024 as 31-05-2024
+        day, _mark, month, year = named.groups()
+        text = f"{day}-{MONTHS.index(month.lower()) + 1:02d}-{year}{re.sub('^:', ' ', text[named.end() :])}"
+        if unit != "dmy":
+            raise ValueError(text)
     found = _COMPACT.fullmatch(text) or _DATE.fullmatch(text)
     if not found:
         raise ValueError(text)
@@ -299,7 +307,7 @@ def _increasing(times: Times, cells: Sequence[str], lines: Sequence[int], number
             f"order of time{hint}), "
             f"received {now}{more}; {pasted(('--time', 'none'))} takes the rows for one period apart"
         )
-    alike = np.flatnonzero(np.diff(t) <= 0)
+    alike = np.flatnonzero(np.abs(np.diff(t) - np.diff(since)) > LOST * np.diff(since))
     if alike.size and numbers.mapping.t0 != "first":
         _refuse_digits(times, cells, lines, numbers, int(alike[0]) + 1)
 

@@ -44,7 +44,8 @@ def study(model: ModelFile, record: Record, steps: int | None = None) -> Report:
         Times that do not fit the model; a known input or a regressor without values for the time to come; a model given for fewer steps.
     """
     first, made = model.experiment.first, clock.over(model, record)
-    known = record.u is not None or bool(model.regressors)
+    standing = _standing(model, record, made)
+    known = record.u is not None or standing is None
     whole, last, later = _known(model, record, made, steps) if known else _free(model, record, made, steps)
     steps, t, z = len(later), made.t[: last + 1], made.z[: last + 1]
     discrete, held = whole.cut(last), int(made.placing.held[last])
@@ -57,7 +58,7 @@ def study(model: ModelFile, record: Record, steps: int | None = None) -> Report:
         _("{source}: {rows} rows from t = {start} to {end} s."),
         source=record.source, rows=held + 1, start=float(t[first]), end=float(t[-1]),
     )  # fmt: skip
-    common.notes(report, (*record.notes, *clock.notes(model, record, made)))
+    common.notes(report, (*record.notes, *clock.notes(model, record, made), *([] if known or standing is None else standing)))
     common.show(report, discrete)
     report.section("b", _("Forecast"))
     report.says(_("All estimates are given the whole record, and nothing after it. σ counts what the measurement adds of its own noise."))
@@ -77,14 +78,23 @@ def study(model: ModelFile, record: Record, steps: int | None = None) -> Report:
     return report
 
 
+def _standing(model: ModelFile, record: Record, made: Over) -> list[str] | None:
+    """What is said of the constants that stand in for all regressors behind a record that ends with a measurement; None where none do."""
+    names = list(made.regressors.values) if made.regressors is not None else []
+    if names and (any(name not in model.constants for name in names) or np.isnan(record.z[-1]).all()):
+        return None
+    return [f"{name} of the time to come is the constant {moment(model.constants[name])}" for name in names]
+
+
 def _free(model: ModelFile, record: Record, made: Over, steps: int | None) -> tuple[DiscreteModel, int, Array]:
     """The model over the record and beyond, the last instant of the record, and the times to come."""
     steps, t = steps or STEPS, made.t
+    regressors = made.regressors and made.regressors.continued(steps, model.constants)
     if record.t is None:
-        return model.discrete(steps=len(t) - 1 + steps), len(t) - 1, t[-1] + made.model.dt * np.arange(1, steps + 1)
+        return model.discrete(steps=len(t) - 1 + steps, regressors=regressors), len(t) - 1, t[-1] + made.model.dt * np.arange(1, steps + 1)
     interval = made.model.dt if model.kind == "discrete" else float(np.median(np.diff(t)))
     later = t[-1] + interval * np.arange(1, steps + 1)
-    return model.discrete(times=np.concatenate([t, later])), len(t) - 1, later
+    return model.discrete(times=np.concatenate([t, later]), regressors=regressors), len(t) - 1, later
 
 
 def _known(model: ModelFile, record: Record, made: Over, steps: int | None) -> tuple[DiscreteModel, int, Array]:

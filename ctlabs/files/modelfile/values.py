@@ -85,6 +85,11 @@ class Regressors(NamedTuple):
         """Where an instant is in the file."""
         return f"{self.source}: line {self.lines[k]}" if self.lines[k] else f"{self.source}: k = {k}, which has no row"
 
+    def continued(self, steps: int, constants: Mapping[str, float]) -> Regressors:
+        """The same over so many further instants, at which the constants of these names stand in."""
+        values = {name: np.concatenate([own, np.full(steps, constants[name])]) for name, own in self.values.items()}
+        return Regressors(values, np.concatenate([self.lines, np.zeros(steps, dtype=self.lines.dtype)]), self.source)
+
 
 class Sizes(NamedTuple):
     """States, measurements, noises (of a continuous model), known inputs."""
