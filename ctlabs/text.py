@@ -22,13 +22,19 @@ RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹"
 _SIMPLE = re.compile(rf"([°%‰]?[^\W\d_{RAISED}]*)([{RAISED}]*)")
 
 
+class Own(str):
+    """A user's own words, such as the name of a state or a column: no catalogue knows what "gain" means there."""
+
+    __slots__ = ()
+
+
 def translated(words: str) -> str:
-    """Words in the reader's language; what has no translation (a symbol, a name, a text that is translated already) stays.
+    """Words in the reader's language; a user's :class:`Own`, and what has no translation (a symbol, a text that has one already), stay.
 
     >>> translated("gain"), translated("")
     ('gain', '')
     """
-    return _(words) if words else ""  # gettext's translation of "" is the catalogue's head
+    return words if not words or isinstance(words, Own) else _(words)  # gettext's translation of "" is the catalogue's head
 
 
 def text(*sentences: str, **values: object) -> str:

@@ -1,6 +1,7 @@
 """The reader's language: what a lab says in plain words is translated where it enters the report, every word of it."""
 
 import ast
+import pickle
 import re
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import ctlabs.text
+from ctlabs.files import modelfile, reading
 from ctlabs.labs import catalogue as labs
 from ctlabs.labs.experiment import Experiment
 from ctlabs.reporting.drawing import Band, Curve, Drawing, Mark, Panel
@@ -48,6 +50,14 @@ def test_a_text_is_translated_before_it_is_filled(foreign):
     assert text("The gain is {K}.", K="great") == "Усиление: велико."
     assert text("The gain is {K}.", "", " Why?", K=0.123456789) == "Усиление: 0.12346. Why?"
     assert translated("") == ""
+
+
+def test_a_users_words_are_not_translated(foreign):
+    """A state or a column called gain, and a file, wherever they are put in; a lab's own gain is a word."""
+    told = modelfile.ready("local_level").edit(("model", "states", 0), "gain").edit(("model", "measurements", 0), "limit").discrete()
+    assert [text("The gain is {K}.", K=name) for name in (*told.states, *told.measurements)] == ["Усиление: gain.", "Усиление: limit."]
+    assert [translated(name) for name in (*told.states, *told.measurements, reading.source_of("great"))] == ["gain", "limit", "great"]
+    assert pickle.loads(pickle.dumps(told.states)) == ("gain",)
 
 
 def test_the_words_of_a_figure_are_translated(foreign):

@@ -11,6 +11,7 @@ from ctlabs.files import datafile, decode, modelfile
 from ctlabs.files.datafile import Record
 from ctlabs.files.mapping import Mapping
 from ctlabs.files.modelfile import ModelFile
+from ctlabs.text import Own
 
 
 def read_model(path: str | Path) -> ModelFile:
@@ -46,7 +47,7 @@ def read_records(
 
 def source_of(path: str | Path) -> str:
     """The name of a file in messages."""
-    return "stdin" if str(path) == "-" else Path(path).name
+    return Own("stdin" if str(path) == "-" else Path(path).name)
 
 
 def parsed(contents: Sequence[tuple[bytes, str]], model: ModelFile | Sequence[str], said: Mapping | None = None) -> tuple[Record, ...]:

@@ -22,6 +22,7 @@ from ctlabs.files.mapping import Mapping
 from ctlabs.files.modelfile.errors import Path, Problem, meant, place, shown
 from ctlabs.files.modelfile.expressions import NAME, RESERVED, VARIABLES, Expression, parse
 from ctlabs.filtering.algorithms.catalogue import FORMS
+from ctlabs.text import Own
 
 FORMAT = 1
 KINDS = ("continuous", "discrete")
@@ -43,7 +44,7 @@ def _label(value: Any) -> str:
     text = _text(value)
     if len(text) > LONGEST or not all(c.isprintable() for c in text):
         raise ValueError(f"expected one line of at most {LONGEST} characters, received {shown(value)}")
-    return text
+    return Own(text)
 
 
 def _name(value: Any) -> str:
