@@ -286,10 +286,10 @@ class TestPage:
         assert "<title>Gains &lt; 1 &amp; variances</title>" in text
 
     def test_every_table_is_a_table(self):
-        """Bars inside cells do not break rows: parameters, numbers of both sections, checks and the table."""
+        """Bars inside cells do not break rows: parameters, numbers of a section, the table, checks."""
         body = render.html(sample(), {})
         tables = re.findall(r"<table>.*?</table>", body, re.DOTALL)
-        assert len(tables) == 5
+        assert len(tables) == 4
         for table in tables:
             cells = {row.count("<td") + row.count("<th") for row in re.findall(r"<tr>.*?</tr>", table, re.DOTALL)}
             assert len(cells) == 1
@@ -308,13 +308,13 @@ class TestPage:
 
 class TestText:
     def test_markdown_shows_everything_in_order(self):
-        """Title, verdict, parameters, sections with their letters, captions, numbers and checks."""
+        """Title, verdict, parameters, sections with their letters, captions, numbers; the checks in the appendix."""
         text = render.markdown(sample(figures=("curve", "family")))
         marks = [
             "# Gains < 1 & variances",
             "Experiment: 10 runs, seed 1. Checks: all 2 passed.",
             "| `Q` | 0.39 | m² | variance of the process noise w |",
-            "| `R` | [1, ∞] |",
+            "| `R` | 1, ∞ |",
             "## Part I. Analysis",
             "### (a) Equations of the filter",
             "tends to 0.33333 m²",
@@ -322,12 +322,14 @@ class TestText:
             "](figures/curve.png)",
             "**Figure 1.** Variance against",
             "**Figure 2.** Variance against",
-            "| `gain` | [0.1, 0.14737, 0.19474, 0.24211, …, 1] | 1 |",
+            "| `gain` | 0.1, 0.14737, 0.19474, 0.24211, …, 1 | 1 |",
             "| `settling_step` | — (it does not settle) | 1 |",
-            "| gain | recursion – closed form |",
+            "*Confirmed by two independent routes, [Table A1](#app-checks).*",
             "### (b) Numbers",
             "**Table 1.** Numbers of",
-            "P⁺ where \\|Φ\\| = 1 | recursion – closed form | 2 | 2 | 0 | SOLVER 2e-8 | ✓ |",
+            "## Appendix",
+            "| a | gain | recursion – closed form |",
+            "| b | P⁺ where \\|Φ\\| = 1 | recursion – closed form | 2 | 2 | < 10⁻¹² | solution | ✓ |",
         ]
         places = [text.index(mark) for mark in marks]
         assert places == sorted(places)
@@ -338,6 +340,7 @@ class TestText:
         report.check("the limit", 1.0, 1.05, ROUTES)
         text = render.markdown(report)
         assert "Checks: **1 of 3 failed**: the limit." in text
+        assert "**1 of 2 checks of this section failed**: the limit." in text
         assert re.search(r"the limit \| recursion – closed form \| 1 \| 1.05 \| 0.05 .*\*\*failed\*\*", text)
 
     def test_a_report_without_checks_says_so(self):
@@ -346,15 +349,15 @@ class TestText:
 
 
 class TestData:
-    def test_tables_are_csv_with_full_precision(self, tmp_path):
-        """Every number of a table can be read back to the last bit."""
+    def test_tables_are_csv_in_the_digits_that_are_known(self, tmp_path):
+        """Every number of a table has ten digits, as results.json."""
         render.write(sample(), tmp_path / "task99")
         with (tmp_path / "task99/tables/numbers.csv").open(newline="", encoding="utf-8") as file:
             head, first, second, third = csv.reader(file)
         assert head == ["P, m²", "K*", "|Φ|"]
-        assert [float(cell) for cell in first] == [1 / 3, 2 / 3, np.inf]
+        assert [float(cell) for cell in first] == [0.3333333333, 0.6666666667, np.inf]
         assert (float(second[0]), second[1], json.loads(second[2])) == (1e-17, "", [1, "inf"])
-        assert (third[0], third[1], json.loads(third[2])) == ("7", "True", [0.1, 1 / 3])
+        assert (third[0], third[1], json.loads(third[2])) == ("7", "True", [0.1, 0.3333333333])
 
     def test_results_json_is_what_the_report_says(self, tmp_path):
         """The file parses, strictly, to the results; a line for every value and check."""
