@@ -120,7 +120,7 @@ def self_contained(text: str) -> bool:
     """Whether a page asks for nothing outside itself."""
     page = Page(text)
     inside = all(reference.startswith(("data:image/png;base64,", "#")) for reference in page.references)
-    return inside and not page.tags & {"script", "link", "iframe", "object"} and not re.search(r"@import|url\(", text)
+    return inside and not page.tags & {"script", "link", "iframe", "object"} and not re.search(r"@import|url\((?!data:)", text)
 
 
 class TestFolder:

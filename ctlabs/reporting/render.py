@@ -32,7 +32,7 @@ from ctlabs.reporting.cells import plain_words, reasons, verdict
 from ctlabs.reporting.crossrefs import ANCHOR, END, FOLD, TITLE
 from ctlabs.reporting.drawing import Drawing
 from ctlabs.reporting.markdown import markdown
-from ctlabs.reporting.mathml import STYLE, lines, mathml
+from ctlabs.reporting.mathml import STYLE, font, lines, mathml
 from ctlabs.reporting.paper import to_matplotlib
 from ctlabs.reporting.params import plain
 from ctlabs.reporting.report import Picture, Report, Table
@@ -96,7 +96,8 @@ def html(report: Report, pictures: dict[str, bytes]) -> str:
         )
     template = _environment().get_template("report.html")
     return template.render(
-        title=translated(report.meta["title"]), body=body, contents=contents, around=report.around, matrices=STYLE, _=_
+        title=translated(report.meta["title"]), body=body, contents=contents, around=report.around, matrices=STYLE,
+        font=font() if "<math" in body else "", _=_,
     )
 
 
