@@ -1,7 +1,7 @@
-"""A report as Markdown with LaTeX between dollar signs: for a repository, for the page that becomes HTML, and for pandoc.
+"""A report as Markdown with LaTeX between dollar signs: for a repository, and for the page that becomes HTML.
 
-The three differ in how they write what Markdown has no sign for: a place that a link leads to, a part that is folded, the number of
-an equation. Between, private characters stand for them.
+The two differ in how they write what Markdown has no sign for: a place that a link leads to, and a part that is folded. Between,
+private characters stand for them.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from ctlabs.reporting.crossrefs import ANCHOR, END, FOLD, TITLE, Places, anchor
 from ctlabs.reporting.report import Check, Copy, Equation, Heading, Picture, Report, Table, Text, Value
 from ctlabs.text import _, fill, translated
 
-Reader = Literal["repository", "page", "pandoc"]
+Reader = Literal["repository", "page"]
 
 
 def markdown(report: Report, reader: Reader = "repository") -> str:
     """The report as Markdown, with LaTeX between dollar signs."""
     places, failed = Places(report), [check.name for check in report.checks if not check.passed]
     lines = [
-        *([f"# {translated(report.meta['title'])}"] if reader != "pandoc" else []),
+        f"# {translated(report.meta['title'])}",
         *([_ways(report)] if reader == "repository" and report.around else []),
         fill(_head(report), source=translated(report.meta["source"]), runs=report.runs, seed=report.seed,
              verdict=verdict(len(report.checks), failed)),
         *([] if report.framed else [_parameters(report)]),
     ]  # fmt: skip
-    lines += [places.linked(line) for line in _body(report, reader)]
+    lines += [places.linked(line) for line in _body(report)]
     if places.cited:
         lines += ["## " + _("References") + anchor("sec-references")]
         lines += [
@@ -39,7 +39,7 @@ def markdown(report: Report, reader: Reader = "repository") -> str:
     return _for(reader, "\n\n".join(lines) + "\n")
 
 
-def _body(report: Report, reader: Reader) -> Iterable[str]:
+def _body(report: Report) -> Iterable[str]:
     """The blocks in order; of a section's checks one sentence at its end, and its values where they are not in the appendix."""
     pending: list[Value | Check] = []
     for block in [*report.blocks, Heading("", 2)]:
@@ -57,26 +57,24 @@ def _body(report: Report, reader: Reader) -> Iterable[str]:
         elif isinstance(block, Text):
             yield block.text
         elif isinstance(block, Equation):
-            number_ = rf"\qquad ({block.number})" if reader == "pandoc" else rf"\tag{{{block.number}}}"
-            yield f"{anchor(f'eq-{block.name}')}\n\n$$\n{block.latex} {number_}\n$$"
+            yield f"{anchor(f'eq-{block.name}')}\n\n$$\n{block.latex} \\tag{{{block.number}}}\n$$"
         elif isinstance(block, Table):
             caption = fill(_("**Table {n}.** {caption}"), n=block.number, caption=block.caption)
             yield anchor(f"tab-{block.name}") + caption
             yield grid(block.columns, ([cell(each) for each in row] for row in block.rows))
         elif isinstance(block, Copy):
-            yield from _copy(report, block, reader)
+            yield from _copy(report, block)
         else:
             yield f"![{plain_words(block.caption)}](figures/{block.name}.png)"
             caption = fill(_("**Figure {n}.** {caption}"), n=block.number, caption=block.caption)
             yield anchor(f"fig-{block.name}") + caption
 
 
-def _copy(report: Report, copy: Copy, reader: Reader) -> Iterable[str]:
-    """A small copy of a figure that leads to it; on paper the words alone."""
+def _copy(report: Report, copy: Copy) -> Iterable[str]:
+    """A small copy of a figure that leads to it."""
     if not any(isinstance(block, Picture) and block.name == copy.name for block in report.blocks):
         return
-    if reader != "pandoc":
-        yield f"[![{_('the key figure, small')}](figures/{copy.name}.png)](#fig-{copy.name})"
+    yield f"[![{_('the key figure, small')}](figures/{copy.name}.png)](#fig-{copy.name})"
     yield fill(_("*The key figure is {{fig:{name}}}.*"), name=copy.name).replace("{{", "{").replace("}}", "}")
 
 
@@ -84,11 +82,8 @@ def _for(reader: Reader, text: str) -> str:
     """The private characters in the words of the reader; a page's come out of the parser as they are."""
     if reader == "page":
         return text
-    text = ANCHOR.sub(r'<a id="\1"></a>' if reader == "repository" else r"[]{#\1}", text)
-    if reader == "repository":
-        text = re.sub(f"{FOLD}(.*?){TITLE}", r"<details><summary>\1</summary>", text)
-        return text.replace(END, "</details>")
-    return re.sub(f"{FOLD}(.*?){TITLE}", r"### \1", text).replace(END, "")
+    text = ANCHOR.sub(r'<a id="\1"></a>', text)
+    return re.sub(f"{FOLD}(.*?){TITLE}", r"<details><summary>\1</summary>", text).replace(END, "</details>")
 
 
 def _head(report: Report) -> str:

@@ -47,6 +47,9 @@ def mathml(latex: str, *, block: bool = False) -> str:
         found = str(convert(latex, display="block" if block else "inline"))
     except Exception:  # the converter has no common class of its errors
         return f"<code>{escape(latex)}</code>"
+    # As accents, the signs that stand above a letter and not beside it.
+    for sign, accent in (("5E", "2C6"), ("7E", "2DC")):
+        found = found.replace(f">&#x000{sign};</mo></mover>", f">&#x00{accent};</mo></mover>")
     found = _MATRIX.sub(r'<mtable class="ctl-matrix">\1</mtable>', found)
     found = _DOTTED.sub(lambda letter: f'<mi style="font-style: italic">{"ẋ" if letter[1] == "x" else "ẏ"}</mi>', found)
     # A bar is a fence (|Φ|) in every formula here, never a relation: no space around it.

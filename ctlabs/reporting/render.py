@@ -7,7 +7,6 @@ report that was there. Figures are palette PNGs without dates, so the same numbe
 from __future__ import annotations
 
 import base64
-import contextlib
 import csv
 import io
 import json
@@ -28,9 +27,10 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from ctlabs.reporting.agreement import known
-from ctlabs.reporting.cells import plain_words, reasons, verdict
+from ctlabs.reporting.cells import plain_words, reasons
 from ctlabs.reporting.crossrefs import ANCHOR, END, FOLD, TITLE
 from ctlabs.reporting.drawing import Drawing
+from ctlabs.reporting.keeping import keep
 from ctlabs.reporting.markdown import markdown
 from ctlabs.reporting.mathml import STYLE, font, lines, mathml
 from ctlabs.reporting.paper import to_matplotlib
@@ -55,32 +55,10 @@ def write(report: Report, folder: Path) -> None:
     try:
         place.chmod(0o755)
         _fill(report, place)
+        keep(place, folder)
         _swap(place, folder)
     finally:
         shutil.rmtree(place, ignore_errors=True)
-
-
-def write_index(out: Path) -> None:
-    """``index.html`` and ``README.md`` in ``out``: every lab there with its checks, pass or fail at a glance."""
-    rows = []
-    for path in sorted(out.glob("*/results.json"), key=lambda p: (not p.parent.name.startswith("task"), p.parent.name)):
-        if not path.parent.name.startswith("."):  # the folder of a report that is being written
-            with contextlib.suppress(ValueError, KeyError, TypeError):  # somebody else's results.json
-                rows.append(_row(json.loads(path.read_text(encoding="utf-8"))))
-    lines = [f"# {_('Reports')}", "", f"| {_('lab')} | {_('title')} | {_('checks')} |", "|---|---|---|"]
-    lines += [
-        f"| [{r['lab']}]({r['lab']}/report.md) | {r['title']} | {verdict(r['checks'], r['failed'])} |" for r in rows
-    ]
-    _replace(out / "README.md", "\n".join([*lines, "", MARK, ""]))
-    page = _environment().get_template("index.html")
-    _replace(out / "index.html", page.render(rows=rows, verdict=verdict, mark=MARK, _=_))
-
-
-def _row(result: dict[str, Any]) -> dict[str, Any]:
-    """What the index says of one results.json."""
-    row = {key: translated(result[key]) for key in ("lab", "title", "source")}
-    failed = [check["name"] for check in result["checks"] if not check["passed"]]
-    return row | {"checks": len(result["checks"]), "failed": failed}
 
 
 def html(report: Report, pictures: dict[str, bytes]) -> str:
@@ -94,11 +72,16 @@ def html(report: Report, pictures: dict[str, bytes]) -> str:
         body = body.replace(
             f'src="figures/{name}.png"', f'src="data:image/png;base64,{base64.b64encode(data).decode()}"'
         )
-    template = _environment().get_template("report.html")
+    template = environment().get_template("report.html")
     return template.render(
         title=translated(report.meta["title"]), body=body, contents=contents, around=report.around, matrices=STYLE,
         font=font() if "<math" in body else "", _=_,
     )
+
+
+def inline(text: str) -> str:
+    """A line of Markdown as HTML, without a paragraph around it."""
+    return str(_markdown_it().renderInline(text))
 
 
 def summary(report: Report, tables: Sequence[str] = ()) -> list[str]:
@@ -185,7 +168,7 @@ def _swap(place: Path, folder: Path) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def _replace(path: Path, text: str) -> None:
+def replace(path: Path, text: str) -> None:
     """Write an index, but never over a file that is not one (``--out .`` in somebody's project)."""
     if path.exists() and MARK not in path.read_text(encoding="utf-8", errors="replace"):
         return
@@ -233,7 +216,8 @@ def _csv(value: Any) -> Any:
     return "" if value is None else json.dumps(known(plain(value))) if isinstance(value, list | tuple | np.ndarray) else known(value)
 
 
-def _environment() -> Environment:
+def environment() -> Environment:
+    """The templates."""
     return Environment(loader=PackageLoader("ctlabs.reporting"), autoescape=True, trim_blocks=True, lstrip_blocks=True)
 
 
