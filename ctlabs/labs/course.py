@@ -97,7 +97,7 @@ def _reported(path: Path) -> dict[str, Any]:
 
 
 def write_index(out: Path) -> None:
-    """``index.html`` and ``README.md`` in ``out``: the course, and every report there with its checks, pass or fail at a glance; and lab 0."""
+    """``index.html`` and ``README.md`` in ``out``: the course with its reports, pass or fail at a glance; and lab 0."""
     found = rows(out)
     method.write(out)
     render.replace(out / "README.md", _markdown(found))

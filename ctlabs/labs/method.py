@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ctlabs.filtering import steady
+from ctlabs.filtering import settling, steady
 from ctlabs.labs.experiment import covariances
 from ctlabs.labs.sheets import bibliography
 from ctlabs.models import ContinuousModel
@@ -69,7 +69,7 @@ def _discretisation(r: Report, p: Parameters, system: ContinuousModel) -> np.nda
     symbolic = chain([[0, 1], [0, 0]], [[0], [1]], [[q]], tau)
     for line in symbolic.latex()[1:]:
         r.math(line)
-    r.says("with $q = \\sigma_w^2$. The last three lines split $Q_d$: with $G_d$ the two noises are independent, with $\\bar G_d$ they have unit variances as well, as a simulation wants them. In numbers:")
+    r.says("with $q = \\sigma_w^2$. The last three lines split $Q_d$: written with $G_d$ the two noises are independent, and with $\\bar G_d$ their variances are one as well, as a simulation wants them. In numbers:")
     numeric, exact = discretise(system, p.tau, R=[[p.R]]), symbolic.evaluate(q=p.sigma_w2, tau=p.tau)
     r.math(r"\Phi = {Phi}, \qquad Q_d = {Qd}, \qquad G_d = {Gd}, \qquad \bar G_d = {Gs}", Phi=numeric.Phi, Qd=numeric.Qd, Gd=exact.unit_lower, Gs=exact.standardised)
     routes = ("matrix exponential", "closed form")
@@ -90,7 +90,7 @@ def _filter(r: Report, p: Parameters, system: ContinuousModel) -> None:
     r.math(r"P(t_1^-) = {P}, \qquad K(t_1) = {K}, \qquad P(t_1^+) = {Pp}", P=plan.P_minus[1], K=plan.K[1], Pp=plan.P_plus[1])
     P = model.Phi @ model.P0 @ model.Phi.T + model.Qd
     r.check("P(t1⁺)", plan.P_plus[1], P - np.outer(P[:, 0], P[0]) / (P[0, 0] + p.R), ("recursion", "equations by hand"))
-    r.says("{fig:variances} shows twelve steps: covariances and gains need no measurement. They tend to limits, here reached after some six measurements,")
+    r.says("{fig:variances} shows twelve steps: covariances and gains need no measurement. They tend to limits, which are reached within 1 % at measurement {settled},", settled=settling(model))
     r.math(r"\bar P^+ = {P}, \qquad \bar K = {K}", P=limit.P_plus, K=limit.K)
     sd = {"σ of x, m": plan.sd_plus[:, 0], "σ of $v_x$, m/s": plan.sd_plus[:, 1]}
     levels = {"limits": ([0, STEPS], [np.sqrt(limit.P_plus[0, 0])] * 2), "_v": ([0, STEPS], [np.sqrt(limit.P_plus[1, 1])] * 2)}

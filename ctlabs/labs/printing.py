@@ -188,7 +188,8 @@ def _escaped(text: str) -> str:
 
 def _word_title(heading: str, title: Mapping[str, str]) -> str:
     """A title page in plain paragraphs, ended by a new page."""
-    named = [f"{LABELS[key]}: {title[key]}" if key in LABELS else title[key] for key in KEYS if key in title]
+    words = {key: re.sub(r"([^\w\s])", r"\\\1", value) for key, value in title.items()}
+    named = [f"{LABELS[key]}: {words[key]}" if key in LABELS else words[key] for key in KEYS if key in words]
     if not named:
         return f"# {heading}\n\n"
     end = '```{=openxml}\n<w:p><w:r><w:br w:type="page"/></w:r></w:p>\n```\n\n'
