@@ -113,7 +113,7 @@ def latex(value: object, digits: int = 5) -> str:
     if not isinstance(value, list | tuple):
         return latex_number(value, digits)  # type: ignore[arg-type]  # numbers, and whatever number() writes
     if _rectangular(value):
-        return latex_matrix(value, digits)  # type: ignore[arg-type]
+        return latex_matrix(value, digits)
     return f"({', '.join(latex(item, digits) for item in value)})"
 
 
@@ -126,7 +126,7 @@ def prose(value: object, digits: int = 5) -> str:
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, list | tuple) and _rectangular(value):
-        return f"${latex_matrix(value, digits)}$"  # type: ignore[arg-type]
+        return f"${latex_matrix(value, digits)}$"
     if isinstance(value, list | tuple):
         return f"({', '.join(prose(item, digits) for item in value)})"
     return printed(number(value, digits))

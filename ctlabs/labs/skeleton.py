@@ -121,8 +121,8 @@ def numbered(blocks: list[Block]) -> list[Block]:
 def _statement(r: Report, asked: Sheet) -> None:
     """What is given and asked, the parameters by their letters, and what the lab is for."""
     r.heading("Statement", "statement")
-    r.blocks.append(Text(asked.statement))
-    r.blocks.append(Text("\n".join(f"- **({letter})** {words}" for letter, words in asked.items.items())))
+    r.blocks.append(Text(translated(asked.statement)))
+    r.blocks.append(Text("\n".join(f"- **({letter})** {translated(words)}" for letter, words in asked.items.items())))
     values, symbols = r.parameters.plain(), getattr(r.parameters, "symbols", dict)()
     rows = [
         [
@@ -137,7 +137,7 @@ def _statement(r: Report, asked: Sheet) -> None:
     r.blocks.append(Text(grid([_("symbol"), _("value"), _("unit"), _("meaning")], rows)))
     if asked.aim:
         r.heading("Aim", "aim")
-        r.blocks.append(Text(asked.aim))
+        r.blocks.append(Text(translated(asked.aim)))
 
 
 def _answers(r: Report, answers: Mapping[str, str]) -> None:
@@ -172,7 +172,7 @@ def _questions(r: Report, asked: Sheet) -> None:
     r.heading("Control questions", "questions")
     said = _("{question} *Answer: {place}.*")
     lines = [
-        f"{i}. " + fill(said, question=question, place=place.rstrip("."))
+        f"{i}. " + fill(said, question=translated(question), place=place.rstrip("."))
         for i, (question, place) in enumerate(asked.questions, 1)
     ]
     r.blocks.append(Text("\n".join(lines)))

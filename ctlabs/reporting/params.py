@@ -24,7 +24,7 @@ INFINITE = ("inf", "+inf", "infinity", "∞")
 
 def given(default: Any, *, unit: str, meaning: str, symbol: str = "") -> Any:
     r"""A parameter's default value, unit and meaning, and its letter in LaTeX where its name does not tell it (Phi is \Phi)."""
-    extra = {"unit": unit, **({"symbol": symbol} if symbol else {})}
+    extra: dict[str, Any] = {"unit": unit, **({"symbol": symbol} if symbol else {})}
     return Field(default=default, description=meaning, json_schema_extra=extra, validate_default=True)
 
 
