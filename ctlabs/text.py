@@ -8,7 +8,10 @@ command, ``_``, ``^`` or ``}``, so that ``\bar{P}`` in a text stays LaTeX.
 from __future__ import annotations
 
 import gettext
+import math
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +19,10 @@ from numpy.typing import ArrayLike
 
 _ = gettext.translation("ctlabs", localedir=str(Path(__file__).parent / "locale"), fallback=True).gettext
 
-_PLACEHOLDER = re.compile(r"(?<![\\\w^}])\{([a-zA-Z]\w*)\}")
+_PLACEHOLDER = re.compile(r"(?<![\\\w^}])\{([a-zA-Z]\w*)(?::(\d+))?\}")
 RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹"
+#: Digits that are free of rounding: a number is taken to so many before it is shown with fewer.
+SURE = 12
 #: A unit of one letter or word, such as m, °C or %, and its power.
 _SIMPLE = re.compile(rf"([°%‰]?[^\W\d_{RAISED}]*)([{RAISED}]*)")
 
@@ -37,10 +42,42 @@ def translated(words: str) -> str:
     return words if not words or isinstance(words, Own) else _(words)  # gettext's translation of "" is the catalogue's head
 
 
+@dataclass(frozen=True, slots=True)
+class Uncertain:
+    """A number of an experiment with its standard error: written with as many digits as are known.
+
+    >>> print(Uncertain(0.756571, 0.0169, "m"))
+    0.757 ± 0.017 m
+    >>> print(Uncertain(-1.93e-6, 4e-8, "rad"), Uncertain(123456.0, 2345.0), Uncertain(0.5, 0.0), sep="; ")
+    (−1.930 ± 0.040)×10⁻⁶ rad; 123500 ± 2300; 0.5
+    """
+
+    value: float
+    error: float
+    unit: str = ""
+
+    def __str__(self) -> str:
+        unit = "" if self.unit in ("", "1") else f" {self.unit}"
+        if not (math.isfinite(self.error) and self.error > 0 and math.isfinite(self.value)):
+            return f"{number(self.value)}{unit}"
+        size = math.floor(math.log10(max(abs(self.value), self.error)))
+        power = 0 if -4 <= size < 7 else size
+        value, error = self.value / 10.0**power, self.error / 10.0**power
+        decimals = 1 - math.floor(math.log10(float(f"{error:.1e}")))
+        shown = f"{round(value, decimals):.{max(decimals, 0)}f} ± {round(error, decimals):.{max(decimals, 0)}f}".replace("-", "−")
+        return f"({shown})×10{raised(power)}{unit}" if power else f"{shown}{unit}"
+
+
+def raised(power: int) -> str:
+    """An exponent: −12 as ⁻¹²."""
+    return "⁻" * (power < 0) + "".join(RAISED[int(digit)] for digit in str(abs(power)))
+
+
 def text(*sentences: str, **values: object) -> str:
     r"""A text for the reader: each of the ``sentences`` translated, ``values`` in place of their ``{name}``.
 
-    Values that are words are translated, numbers are written as :func:`number` does.
+    Values that are words are translated, numbers are written as :func:`prose` does: ``{name}`` with five significant
+    digits, ``{name:3}`` with three.
 
     >>> text("The limit is {limit} m²", ", which is {word}." , limit=0.123456789, word="small")
     'The limit is 0.12346 m², which is small.'
@@ -50,10 +87,10 @@ def text(*sentences: str, **values: object) -> str:
 
 
 def fill(text: str, /, **values: object) -> str:
-    r"""Put ``values`` into the placeholders of ``text``; numbers as :func:`number` writes them.
+    r"""Put ``values`` into the placeholders of ``text``; numbers as :func:`prose` writes them.
 
-    >>> print(fill(r"The limit $\bar{P}$ is {limit} m².", limit=0.123456789))
-    The limit $\bar{P}$ is 0.12346 m².
+    >>> print(fill(r"The limit $\bar{P}$ is {limit} m² or {limit:2}.", limit=0.123456789))
+    The limit $\bar{P}$ is 0.12346 m² or 0.12.
     """
 
     def replace(match: re.Match[str]) -> str:
@@ -61,9 +98,55 @@ def fill(text: str, /, **values: object) -> str:
             msg = f"text: expected a value for {{{match[1]}}}, received {sorted(values)}"
             raise KeyError(msg)
         value = values[match[1]]
-        return value if isinstance(value, str) else number(value)
+        if isinstance(value, str):
+            return value
+        digits, inside = int(match[2] or 5), text.count("$", 0, match.start()) % 2
+        return latex(value, digits) if inside else prose(value, digits)
 
     return _PLACEHOLDER.sub(replace, text)
+
+
+def latex(value: object, digits: int = 5) -> str:
+    r"""A number, list or matrix inside an equation.
+
+    >>> print(latex(1.5e-7), latex([0.5, 0.25]), latex(True))
+    1.5\cdot 10^{-7} (0.5, 0.25) \text{yes}
+    """
+    if isinstance(value, bool | np.bool_):
+        return rf"\text{{{number(value)}}}"
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if not isinstance(value, list | tuple):
+        return latex_number(value, digits)  # type: ignore[arg-type]  # numbers, and whatever number() writes
+    if _rectangular(value):
+        return latex_matrix(value, digits)
+    return f"({', '.join(latex(item, digits) for item in value)})"
+
+
+def prose(value: object, digits: int = 5) -> str:
+    """A number inside a sentence: powers of ten as in print, lists as tuples, matrices as equations.
+
+    >>> prose(1.2723e-5), prose([0.5, -2.5e-7]), prose(None), prose(12)
+    ('1.2723×10⁻⁵', '(0.5, −2.5×10⁻⁷)', '—', '12')
+    """
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if isinstance(value, list | tuple) and _rectangular(value):
+        return f"${latex_matrix(value, digits)}$"
+    if isinstance(value, list | tuple):
+        return f"({', '.join(prose(item, digits) for item in value)})"
+    return printed(number(value, digits))
+
+
+def _rectangular(value: Sequence[object]) -> bool:
+    """Whether a list is a matrix: rows of one length."""
+    return bool(value) and all(isinstance(row, list | tuple) for row in value) and len({len(row) for row in value}) == 1  # type: ignore[arg-type]
+
+
+def printed(shown: str) -> str:
+    """What :func:`number` wrote, as in print: −1.5×10⁻⁷ for -1.5e-7."""
+    found = re.sub(r"(?<=\d)e(-?\d+)", lambda match: f"×10{raised(int(match[1]))}", shown)
+    return re.sub(r"(?<![\w.])-(?=[\d∞])", "−", found)
 
 
 def number(value: object, digits: int = 5) -> str:
@@ -74,6 +157,8 @@ def number(value: object, digits: int = 5) -> str:
     """
     if value is None:
         return "—"
+    if isinstance(value, Uncertain):
+        return str(value)
     if isinstance(value, bool | np.bool_):
         return _("yes") if value else _("no")
     if isinstance(value, int | np.integer):
@@ -94,6 +179,7 @@ def _real(value: float, digits: int) -> str:
         return "∞" if value > 0 else "−∞" if value < 0 else "NaN"
     if value == 0:
         return "0"
+    value = float(f"{value:.{max(SURE, digits) - 1}e}")  # so that rounding in the sixteenth digit turns no half
     if 1e-4 <= abs(value) < 1e7:
         rounded = float(f"{value:.{digits - 1}e}")
         return np.format_float_positional(rounded, trim="-")

@@ -12,19 +12,20 @@ its minimum is at K* = K̄ and equals K̄; for Q = 0 the limit is 0 for |Φ| ≤
 import math
 
 import numpy as np
+from ctlabs.tasks._task07_words import answers, conclusions, discussion, result
 from ctlabs.tasks.answers import task07 as by_hand
 from ctlabs.tasks.answers.task07 import TABLE3
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import settling, steady
 from ctlabs.labs.experiment import Experiment, covariances
-from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.portrait import agreement, mean_error, portrait, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import Count, Fraction, LabParameters, Positive, Real, Variance, Variances, given
 from ctlabs.reporting.report import EXACT, SOLVER, Report
-from ctlabs.text import text
+from ctlabs.text import Uncertain, text
 
 META = {
     "name": "task07",
@@ -45,8 +46,8 @@ class Parameters(LabParameters):
     P0: Variance = given(1.0, unit="m²", meaning="variance of x(t0)")
     K_star: Fraction = given(0.3, unit="1", meaning="a constant gain that is not optimal, parts (b) and (g)")
     Phi2: Variance = given(0.5, unit="1", meaning="Φ² of the family of curves, part (d)")
-    lambdas: Variances = given((0.1, 0.2, 0.5, 1, 2, 3, 4, 5), unit="1", meaning="ratios λ = Q/R of part (d)")
-    steps: Count = given(5, unit="1", meaning="measurements in the lists and in table 3")
+    lambdas: Variances = given((0.1, 0.2, 0.5, 1, 2, 3, 4, 5), unit="1", meaning="ratios λ = Q/R of part (d)", symbol="\\lambda")
+    steps: Count = given(5, unit="1", meaning="measurements in the lists and in table 3", symbol="N")
 
 
 def model(Phi, Q, R, P0):
@@ -62,9 +63,9 @@ def part_a(r, p, system):
     r.math(r"x(t_{i+1}) = \Phi x(t_i) + w(t_i), \qquad z(t_i) = x(t_i) + v(t_i)")
     r.model(system)
     r.says("From $\\hat{x}(t_0^+) = 0$ and $P(t_0^+) = P_0$ the filter predicts and then updates with each measurement, $i = 1, 2, \\dots$:")
-    r.math(r"\hat x(t_i^-) = \Phi\,\hat x(t_{i-1}^+), \qquad P(t_i^-) = \Phi^2P(t_{i-1}^+) + Q")
-    r.math(r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)\,[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = [1 - K(t_i)]\,P(t_i^-)")
-    r.says("The variances and the gain do not depend on the measurements, so they are computed before any data come.")
+    r.math(r"\hat x(t_i^-) = \Phi\,\hat x(t_{i-1}^+), \qquad P(t_i^-) = \Phi^2P(t_{i-1}^+) + Q", "prediction")
+    r.math(r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)\,[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = [1 - K(t_i)]\,P(t_i^-)", "update")
+    r.says("These are the equations of {ref:maybeck, section 5.3} for one state and one measurement. The variances and the gain do not depend on the measurements, so they are computed before any data come.")
     schedule = covariances(system, p.steps)
     K = schedule.K[1:, 0, 0]
     short = (1 - K) * schedule.P_minus[1:, 0, 0]
@@ -75,13 +76,13 @@ def part_b(r, p, answer, system):
     """Bounds, with proofs, and the variance under a constant gain."""
     r.section("b", "Bounds, and the price of a constant gain")
     r.says("**Prediction.** $P(t_i^-) = \\Phi^2P(t_{i-1}^+) + Q \\ge Q$, because $\\Phi^2P(t_{i-1}^+) \\ge 0$: nothing known at $t_{i-1}$ tells of $w(t_{i-1})$.")
-    r.says("**Filtering.** Put the gain into the update:")
+    r.says("**Filtering.** Put the gain into {eq:update}:")
     r.math(r"P(t_i^+) = \frac{P(t_i^-)\,R}{P(t_i^-) + R} = K(t_i)\,R, \qquad K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R}")
     r.says("Since $P(t_i^-) \\ge 0$ and $R > 0$, the fraction lies in $[0, 1]$. Hence $0 \\le K(t_i) \\le 1$ and $0 \\le P(t_i^+) \\le R$: the filter is never worse than the last measurement alone. ∎")
     r.says("**A constant gain** $K_* \\in [0, 1]$. The error $e = \\hat{x} - x$ obeys")
     r.math(r"e(t_i^+) = (1 - K_*)\,[\Phi\,e(t_{i-1}^+) - w(t_{i-1})] + K_*v(t_i)")
     r.says("and its three terms are independent, so that $P(t_i^+) = (1-K_*)^2[\\Phi^2P(t_{i-1}^+) + Q] + K_*^2R$. Where $|(1-K_*)\\Phi| < 1$ this linear recursion has the limit")
-    r.math(r"\frac{\bar P}{R} = \frac{(1-K_*)^2\lambda + K_*^2}{1 - (1-K_*)^2\Phi^2}, \qquad \lambda = \frac QR")
+    r.math(r"\frac{\bar P}{R} = \frac{(1-K_*)^2\lambda + K_*^2}{1 - (1-K_*)^2\Phi^2}, \qquad \lambda = \frac QR", "constant")
     r.says("For $|\\Phi| \\ge 1$ the condition is narrower than $K_* \\in [0, 1]$, which the sheet allows: a gain below $1 - 1/|\\Phi|$ lets the error grow without bound.")
     schedule = covariances(system, p.steps)
     P_minus, P_plus, K = schedule.P_minus[1:, 0, 0], schedule.P_plus[1:, 0, 0], schedule.K[1:, 0, 0]
@@ -94,7 +95,7 @@ def part_b(r, p, answer, system):
     r.value("verdict_b", converges)
     ratio = float(sensitivity.steady(system, system, K=[[p.K_star]]).P_plus[0, 0]) / p.R if converges else None
     reason = "" if converges else "the error variance grows without bound"
-    r.value("suboptimal_variance_ratio", ratio, reason=reason, agrees=answer, routes=("Lyapunov equation", "closed form"))
+    r.value("suboptimal_variance_ratio", ratio, reason=reason, symbol=r"\bar P/R \;(K_*)", agrees=answer, routes=("Lyapunov equation", "closed form"))
     if converges:
         r.says("Here $K_* = {gain}$ and $|(1-K_*)\\Phi| = {multiplier} < 1$, so the formula holds: $\\bar{P}/R = {ratio}$, where the optimal filter has $\\bar{K} = {best}$.",
                gain=p.K_star, multiplier=multiplier, ratio=ratio, best=answer["gain_steady"])
@@ -106,14 +107,17 @@ def part_b(r, p, answer, system):
 def part_c(r, p, answer, system):
     """The optimal constant gain."""
     r.section("c", "The optimal constant gain")
-    r.says("Setting the derivative of $\\bar{P}/R$ with respect to $K_*$ to zero gives, after a common factor is cancelled, $\\Phi^2K^2 + (\\lambda + 1 - \\Phi^2)K - \\lambda = 0$. Its root in $[0, 1]$ is")
-    r.math(r"\bar K = \frac{-(\lambda + 1 - \Phi^2) + \sqrt{(\lambda + 1 - \Phi^2)^2 + 4\Phi^2\lambda}}{2\Phi^2}, \qquad \bar K = \frac{\lambda}{1 + \lambda} \; \text{at} \; \Phi = 0")
+    r.says("Write {eq:constant} as $f(K) = [(1-K)^2\\lambda + K^2]/D(K)$ with $D = 1 - (1-K)^2\\Phi^2$. In the numerator of the derivative, $[2K - 2(1-K)\\lambda]D - [(1-K)^2\\lambda + K^2]\\cdot 2(1-K)\\Phi^2$, the cubic terms cancel, and")
+    r.math(r"f'(K) = \frac{2\,[\Phi^2K^2 + (\lambda + 1 - \Phi^2)K - \lambda]}{[1 - (1-K)^2\Phi^2]^2}", "derivative")
+    r.says("The bracket is $-\\lambda$ at $K = 0$ and $1$ at $K = 1$. For λ > 0 it is therefore negative first and positive then, for a quadratic with such values has one root between (for λ = 0 it has the roots 0 and $1 - 1/\\Phi^2$, and the larger one is meant):")
+    r.math(r"\bar K = \frac{-(\lambda + 1 - \Phi^2) + \sqrt{(\lambda + 1 - \Phi^2)^2 + 4\Phi^2\lambda}}{2\Phi^2}, \qquad \bar K = \frac{\lambda}{1 + \lambda} \; \text{at} \; \Phi = 0", "best")
+    r.says("So $f$ falls before $\\bar K$ and rises after it: the root is the minimum. There the second derivative is $2\\sqrt{(\\lambda + 1 - \\Phi^2)^2 + 4\\Phi^2\\lambda}/D^2$, as the bracket vanishes and its slope at the larger root is that square root; it is positive where λ > 0.")
     r.says("The same quadratic follows from the steady state of the optimal filter, $\\bar{P} = \\bar{K}R$ and $\\bar{P}^- = \\Phi^2\\bar{P} + Q$: the best constant gain is the limit of the optimal gain, and the least value of $\\bar{P}/R$ is $\\bar{K}$ itself.")
     limit = steady.solve(system)
     routes = ("Riccati equation", "closed form")
-    r.value("gain_steady", limit.K[0, 0], agrees=answer, routes=routes)
-    r.value("prior_variance_steady", limit.P_minus[0, 0], "m²", agrees=answer, routes=routes)
-    r.value("posterior_variance_steady", limit.P_plus[0, 0], "m²", agrees=answer, routes=routes)
+    r.value("gain_steady", limit.K[0, 0], symbol=r"\bar K", agrees=answer, routes=routes)
+    r.value("prior_variance_steady", limit.P_minus[0, 0], "m²", symbol=r"\bar P^-", agrees=answer, routes=routes)
+    r.value("posterior_variance_steady", limit.P_plus[0, 0], "m²", symbol=r"\bar P", agrees=answer, routes=routes)
     if abs((1 - answer["gain_steady"]) * p.Phi) < 1:
         least = by_hand.variance_ratio(answer["gain_steady"], p.Phi**2, p.Q / p.R)
         r.check("least P̄/R equals K̄", least, answer["gain_steady"], ("formula of (b)", "formula of (c)"), SOLVER)
@@ -140,6 +144,7 @@ def part_d(r, p, answer):
              "Steady error variance against a constant gain for Φ² = {square}. Every curve has its minimum on the line $\\bar{P}/R = K_*$, at the gain of part (c), and all meet at $K_* = 1$, where only the last measurement counts.",
              square=p.Phi2)
     solved = [float(steady.solve(model(math.sqrt(p.Phi2), ratio, 1.0, 1.0)).K[0, 0]) for ratio in p.lambdas]
+    r.says("In {fig:family} each curve has one minimum, on the straight line, and its ordinate there is the gain itself; {tab:family} has the numbers. Left of the minimum the filter trusts its model too much, right of it the measurements; at $K_* = 1$ all curves meet, as the estimate is then the last measurement.")
     r.value("gain_optimal_by_lambda", solved, agrees=answer, routes=("Riccati equation", "closed form"))
     r.table("family", ["λ", "K̄", "P̄/R"], [(ratio, k, by_hand.variance_ratio(k, p.Phi2, ratio)) for ratio, k in zip(p.lambdas, solved, strict=True)],
             "The minima of the curves: the least P̄/R equals K̄.")
@@ -173,11 +178,12 @@ def part_e(r, p, answer):
     r.figure("noiseless", figure,
              "Filtering variance without process noise: geometric decay for |Φ| < 1, R/i for |Φ| = 1, a floor for |Φ| > 1 (dashed).")
     limit = steady.solve(model(p.Phi, 0.0, p.R, 1.0)).P_plus[0, 0]
-    r.value("noiseless_limit", limit, "m²", agrees=answer, routes=("Riccati equation", "closed form"))
+    r.value("noiseless_limit", limit, "m²", symbol=r"\bar P \;(Q = 0)", agrees=answer, routes=("Riccati equation", "closed form"))
     known = bool(limit == 0)
     r.value("verdict_e", known)
-    r.says("For Φ = {Phi} the limit is {limit} m²: the state {can} be found exactly by filtering long enough.",
-           Phi=p.Phi, limit=limit, can="can" if known else "cannot")
+    r.says("{fig:noiseless} shows the three cases: a straight line on the logarithmic axis is geometric decay, the curve of $|\\Phi| = 1$ bends, and beyond it each curve ends on its floor.")
+    r.says("For Φ = {Phi} the limit is 0: the state can be found exactly by filtering long enough." if known else "For Φ = {Phi} the limit is {limit} m²: the state cannot be found exactly, however long one filters.",
+           Phi=p.Phi, limit=limit)
     if p.P0 == 0:
         r.says("(The limit is that from any P0 > 0. With the given P0 = 0 and Q = 0 the variance would stay 0.)")
 
@@ -185,7 +191,7 @@ def part_e(r, p, answer):
 def plan(r, p, experiment):
     """Every number chosen."""
     steps = length(model(p.Phi, p.Q, p.R, p.P0))
-    r.says("Part (f) needs no random numbers. Part (g) simulates the given parameters and the six variants of table 3, and compares the ensemble with the variances of (f) and, for the constant gain $K_*$, of (b).")
+    r.says("{tab:plan} lists what was chosen. Part (f) needs no random numbers. Part (g) simulates the given parameters and the six variants of table 3, and compares the ensemble with the variances of (f) and, for the constant gain $K_*$, of (b).")
     r.table("plan", ["quantity", "value", "why"], [
         ["measurements, part (f)", p.steps, "the sheet's four or five"],
         ["measurements, part (g)", steps, "several settling times; fewer where an unstable x outgrows the rounding of its error"],
@@ -212,6 +218,7 @@ def part_f(r, p, answer, system):
         for i, (row, s) in enumerate(zip(TABLE3, systems, strict=True))
     }
     figure = plots.sawtooth(four, xlabel=STEP, ylabel="variance, m²", limits=[(s.P_minus[0, 0], s.P_plus[0, 0]) for s in limits])
+    r.says("{fig:table3} and {tab:table3}: the variances are known before any measurement. Variants 1 to 5 begin above their limits and come down to them, the first four in two or three steps; in variant 6, whose noise is large beside $P_0$, they rise.")
     r.figure("table3", figure, "The six variants of table 3 from P0 over four measurements: prediction raises the variance towards or above its limit, each measurement lowers it. Dotted: steady values.")
     schedules = [covariances(s, p.steps) for s in systems]
     rows = [
@@ -234,62 +241,40 @@ def part_g(r, p, system, experiment, steps):
     """Ensemble against theory."""
     r.section("g", "Innovations and errors of the simulated filter")
     limit = steady.solve(system)
-    own = portrait(r, experiment, system, steps, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]))
+    r.says("{fig:errors} shows 25 runs, {fig:ensemble} the statistics of all {runs}. In {tab:ensemble} are the six variants at their last measurement.", runs=experiment.runs)
+    own = portrait(r, experiment, system, steps, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]), figures={
+        "errors": "The band of the innovations is wider than that of the errors by the measurement's own noise; an update narrows the band of the prediction to that of the filtering.",
+        "ensemble": "The points scatter about theory within the band, about one in twenty outside; neighbours lie on one side now and then, as errors of successive instants are correlated."})
     rows = []
     for i, row in enumerate(TABLE3, start=1):
         variant = model(*row)
         stats, theory = experiment.statistics(variant, steps=length(variant), stream=i), covariances(variant, length(variant))
-        worst = agreement(r, text("variant {n}", n=i), stats, theory.P_plus)
-        rows.append((i, theory.sd_plus[-1, 0], stats.rms[-1, 0], stats.bias[-1, 0], stats.nees[-1], stats.nis[-1], worst))
-    r.table("ensemble", ["variant", "σ of theory, m", "RMS, m", "mean error, m", "NEES", "NIS", "largest deviation, σ"], rows,
-            "The variants of table 3 at the last measurement; NEES and NIS are averages over the runs, 1 in theory. The last column is over all measurements and tests.")
+        agreement(r, text("variant {n}", n=i), stats, theory.P_plus)
+        rows.append((i, theory.sd_plus[-1, 0], rms(stats), mean_error(stats), spread(stats.nees[-1], experiment), spread(stats.nis[-1], experiment)))
+    r.table("ensemble", ["variant", "σ of theory, m", "RMS, m", "mean error, m", "NEES", "NIS"], rows,
+            "The variants of table 3 at the last measurement, with standard errors; NEES and NIS are averages over the runs, 1 in theory.")
     constant = sensitivity.fixed_gain(system, [[p.K_star]], steps)
     stats = experiment.statistics(system, steps=steps, gains=constant)
     agreement(r, "constant gain", stats, constant.P_plus, consistent=False)
-    r.says("On the same data the constant gain $K_* = {gain}$ has an RMS of {constant} m at the last measurement, the optimal filter {optimal} m.",
-           gain=p.K_star, constant=stats.rms[-1, 0], optimal=own.rms[-1, 0])
+    r.says("On the same data the constant gain $K_* = {gain}$ has an RMS error of {constant} at the last measurement (theory {claimed:4} m), the optimal filter {optimal} (theory {best:4} m).",
+           gain=p.K_star, constant=rms(stats, unit="m"), claimed=math.sqrt(constant.P_plus[-1, 0, 0]), optimal=rms(own, unit="m"),
+           best=math.sqrt(covariances(system, steps).P_plus[-1, 0, 0]))
+    return {"measured": rms(own, unit="m"), "sd": math.sqrt(covariances(system, steps).P_plus[-1, 0, 0])}
 
 
-def conclusions(r, p, answer):
-    """What the numbers say."""
-    gain, ratio, lines = answer["gain_steady"], answer["suboptimal_variance_ratio"], []
-    if p.P0 == 0 and p.Q == 0:
-        lines.append("The state is known from the start and stays known: the gain is 0 and measurements change nothing.")
-    elif gain:
-        lines.append(text(
-            "The gain tends to {gain}: a measurement lowers the error variance from {prior} to {posterior} m², and the next prediction brings it back. After an update it is the fraction {gain} of the measurement's own variance R.",
-            gain=gain, prior=answer["prior_variance_steady"], posterior=answer["posterior_variance_steady"]))
-    else:
-        lines.append("The gain tends to 0 and with it the error variance: without process noise, and with |Φ| ≤ 1, the state becomes known exactly and later measurements are hardly used.")
-    if ratio is None:
-        lines.append(text("The constant gain {gain} does not hold the unstable system: its error grows by the factor {growth} each step. The optimal gain, {best}, does.",
-                          gain=p.K_star, growth=abs((1 - p.K_star) * p.Phi), best=gain))
-    elif gain and ratio <= gain * (1 + 1e-6):
-        lines.append(text("The constant gain {gain} is the optimal one.", gain=p.K_star))
-    elif gain:
-        lines.append(text("The constant gain {gain} costs {factor} times the optimal error variance.", gain=p.K_star,
-                          factor=ratio / gain))
-    else:
-        lines.append(text("The constant gain {gain} holds the error variance at {variance} m², where the optimal filter's tends to 0.",
-                          gain=p.K_star, variance=ratio * p.R))
-    if answer["noiseless_limit"]:
-        lines.append(text("Without process noise the error variance would still not fall below {limit} m²: an unstable state cannot be known better, however long one measures.",
-                          limit=answer["noiseless_limit"]))
-    else:
-        how = "at the first step" if p.Phi == 0 else "like R/i" if abs(p.Phi) == 1 else "geometrically"
-        lines.append(text("Without process noise the state would become known exactly, {how}.", how=how))
-    settled = r.values["settling_step"].value
-    if settled is not None:
-        lines.append(text("The filter settles (its variance stays within 1 % of the limit) at measurement {settled}.",
-                          settled=settled))
-    lines.append(largest(r))
-    r.items(lines)
+def spread(average, experiment):
+    """An average of χ²(1) over the runs with its standard error."""
+    return Uncertain(float(average), math.sqrt(2 / experiment.runs))
 
 
 PARTS = Skeleton(
+    result=result,
+    key="family",
     analysis=(part_a, part_b, part_c, part_d, part_e),
     plan=plan,
     experiment=(part_f, part_g),
+    discussion=discussion,
+    answers=answers,
     conclusions=conclusions,
 )
 

@@ -17,7 +17,7 @@ from pydantic import field_validator
 
 from ctlabs.filtering import settling, steady
 from ctlabs.labs.experiment import Experiment, covariances, filtered
-from ctlabs.labs.portrait import largest, portrait
+from ctlabs.labs.portrait import largest, mean_error, portrait, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting import plots
@@ -46,11 +46,11 @@ SINCE = "time since t1, steps (i − 1)"
 class Parameters(LabParameters):
     """What may be changed."""
 
-    x1_mean: Real = given(1.0, unit="m", meaning="mean of x(t1)")
-    x1_second_moment: Variance = given(2.0, unit="m²", meaning="mean of x²(t1), at least the square of the mean")
+    x1_mean: Real = given(1.0, unit="m", meaning="mean of x(t1)", symbol=r"E\,x(t_1)")
+    x1_second_moment: Variance = given(2.0, unit="m²", meaning="mean of x²(t1), at least the square of the mean", symbol=r"E\,x^2(t_1)")
     Q: Variance = given(0.5, unit="m²", meaning="variance of the process noise w")
     R: Variance = given(0.25, unit="m²", meaning="variance of the measurement noise v")
-    steps: Count = given(5, unit="1", meaning="measurements in the lists, the first at t1")
+    steps: Count = given(5, unit="1", meaning="measurements in the lists, the first at t1", symbol="N")
 
     @field_validator("x1_second_moment")
     @classmethod
@@ -102,16 +102,16 @@ def part_a(r, p, answer, system):
     r.math(r"\hat x(t_1^-) = E\,x(t_1) = {mean}, \qquad P(t_1^-) = E\,x^2(t_1) - [E\,x(t_1)]^2 = {second} - ({mean})^2 = {P}",
            mean=p.x1_mean, second=p.x1_second_moment, P=shown(exact["prior"][0]))
     r.math(r"\Phi = 1, \qquad Q_d = {Q} \; \text{m}^2, \qquad H = 1, \qquad R = {R} \; \text{m}^2", Q=p.Q, R=p.R)
-    r.says("A measurement and the prediction that follows it do")
-    r.math(r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R}, \qquad \hat x(t_i^+) = [1 - K(t_i)]\,\hat x(t_i^-) + K(t_i)z_i, \qquad P(t_i^+) = K(t_i)R")
-    r.math(r"\hat x(t_{i+1}^-) = \hat x(t_i^+), \qquad P(t_{i+1}^-) = P(t_i^+) + Q")
+    r.says("A measurement, and the prediction that follows it, are {ref:maybeck, section 5.3}")
+    r.math(r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R}, \qquad \hat x(t_i^+) = [1 - K(t_i)]\,\hat x(t_i^-) + K(t_i)z_i, \qquad P(t_i^+) = K(t_i)R", "update")
+    r.math(r"\hat x(t_{i+1}^-) = \hat x(t_i^+), \qquad P(t_{i+1}^-) = P(t_i^+) + Q", "prediction")
     r.says("With the given numbers, exactly:")
     for i in (0, 1):
         r.math(r"P(t_{n}^-) = {prior}, \qquad K(t_{n}) = {gain}, \qquad P(t_{n}^+) = {posterior}".replace("{n}", str(i + 1)),
                prior=shown(exact["prior"][i]), gain=shown(exact["gain"][i]), posterior=shown(exact["posterior"][i]))
-    r.math(r"\hat x(t_1^-) = {mean}, \qquad \hat x(t_1^+) = \hat x(t_2^-) = {one}", mean=shown(_rational(p.x1_mean)), one=affine(exact["coefficients"][0]))
-    r.math(r"\hat x(t_2^+) = {two}", two=affine(exact["coefficients"][1]))
-    r.says("**Information.** The reciprocal of the update is $1/P(t_i^+) = 1/P(t_i^-) + 1/R$: each measurement adds $1/R$ = {added} 1/m², the same at $t_1$ and $t_2$ whatever was known before. The prediction between them takes information away:", added=answer["information_increment"][0])
+    r.math(r"\hat x(t_1^-) = {mean}, \qquad \hat x(t_1^+) = \hat x(t_2^-) = {one}", "first", mean=shown(_rational(p.x1_mean)), one=affine(exact["coefficients"][0]))
+    r.math(r"\hat x(t_2^+) = {two}", "second", two=affine(exact["coefficients"][1]))
+    r.says("**Information.** The reciprocal of the update is $1/P(t_i^+) = 1/P(t_i^-) + 1/R$: each measurement adds $1/R$ = {added} 1/m², the same at $t_1$ and $t_2$ whatever was known before. The prediction between them takes information away ({tab:information}):", added=answer["information_increment"][0])
     rows = [(f"t{i + 1}", _inverse(exact["prior"][i]), answer["information_increment"][i], _inverse(exact["posterior"][i])) for i in (0, 1)]
     r.table("information", ["", "1/P⁻, 1/m²", "added, 1/m²", "1/P⁺, 1/m²"], rows, "Information before and after the two measurements.")
     schedule = covariances(system, 1, first=0)
@@ -121,16 +121,16 @@ def part_a(r, p, answer, system):
     r.check("K at t1, t2", K, [float(x) for x in exact["gain"]], routes, EXACT)
     r.check("P⁺ at t1, t2", P_plus, [float(x) for x in exact["posterior"]], routes, EXACT)
     added = [k / after if after else answer["information_increment"][i] for i, (k, after) in enumerate(zip(K, P_plus, strict=True))]
-    r.value("information_increment", answer["information_increment"], "1/m²", at=[1, 2])
+    r.value("information_increment", answer["information_increment"], "1/m²", at=[1, 2], symbol=r"1/P^+ - 1/P^-")
     r.check("information increment", added, answer["information_increment"], ("K/P⁺ of the recursion", "1/R"), EXACT)
     if P_plus.all():
         r.check("1/P⁺ − 1/P⁻", 1 / P_plus - 1 / P_minus, answer["information_increment"], ("recursion", "1/R"), EXACT, scale=(1 / P_plus).max())
     table = responses(system, 2)
     for i in (0, 1):
         name = f"posterior_estimate_coefficients_{i + 1}"
-        r.value(name, answer[name])
+        r.value(name, answer[name], symbol=rf"\text{{coefficients of }}\hat x(t_{i + 1}^+)")
         r.check(name.replace("_", " "), table[i, : i + 2], answer[name], ("filter's answer to unit measurements", "exact fractions"), EXACT)
-    r.says("The coefficients are those of 1, z1 and z2. The constant is what is left of the initial mean; all weights (of the mean, z1, z2) add up to one, so that the estimate is unbiased.")
+    r.says("The coefficients in {eq:first} and {eq:second} are those of 1, $z_1$ and $z_2$. The constant is what is left of the initial mean; all weights (of the mean, z1, z2) add up to one, so that the estimate is unbiased.")
 
 
 def _rational(x):
@@ -160,8 +160,8 @@ def part_b(r, p, answer, system):
     """Any number of measurements; the steady state."""
     r.section("b", "Any number of measurements, and vectors")
     r.says("**Any number.** The same two steps repeat. For $i = 1, 2, \\dots$")
-    r.math(r"\frac1{P(t_i^+)} = \frac1{P(t_i^-)} + \frac1R, \qquad P(t_{i+1}^-) = P(t_i^+) + Q, \qquad K(t_i) = \frac{P(t_i^+)}R")
-    r.math(r"\hat x(t_N^+) = E\,x(t_1)\prod_{j=1}^{N}[1 - K(t_j)] + \sum_{j=1}^{N}K(t_j)z_j\prod_{l=j+1}^{N}[1 - K(t_l)]")
+    r.math(r"\frac1{P(t_i^+)} = \frac1{P(t_i^-)} + \frac1R, \qquad P(t_{i+1}^-) = P(t_i^+) + Q, \qquad K(t_i) = \frac{P(t_i^+)}R", "information")
+    r.math(r"\hat x(t_N^+) = E\,x(t_1)\prod_{j=1}^{N}[1 - K(t_j)] + \sum_{j=1}^{N}K(t_j)z_j\prod_{l=j+1}^{N}[1 - K(t_l)]", "sum")
     N, at, routes = max(p.steps, 2), list(range(1, p.steps + 1)), ("recursion", "power of the step's matrix")
     schedule = covariances(system, N - 1, first=0)
     for name, stack, unit in (("prior_variance", schedule.P_minus, "m²"), ("gain", schedule.K, "1"), ("posterior_variance", schedule.P_plus, "m²")):
@@ -170,13 +170,13 @@ def part_b(r, p, answer, system):
             "The filter along the measurements.")
     r.says("**Steady state.** With $P(t_{i+1}^-) = P(t_i^-)$ what a measurement removes is what the noise adds, $\\bar{P}^{-2}/(\\bar{P}^- + R) = Q$, so")
     exact, number = shown(by_hand.steady_exact(p)), latex_number(answer["prior_variance_steady"])
-    r.math(r"\bar P^- = \frac{Q + \sqrt{Q^2 + 4QR}}2 = {root}, \qquad \bar P^+ = \bar P^- - Q = {posterior}, \qquad \bar K = \frac Q{\bar P^-} = {gain}",
-           root=exact if exact == number else rf"{exact} \approx {number}", posterior=answer["posterior_variance_steady"], gain=answer["gain_steady"])
+    r.math(r"\bar P^- = \frac{Q + \sqrt{Q^2 + 4QR}}2 = {root}, \qquad \bar P^+ = \bar P^- - Q = {posterior}, \qquad \bar K = \frac Q{\bar P^-}{gain}", "steady",
+           root=exact if exact == number else rf"{exact} \approx {number}", posterior=answer["posterior_variance_steady"], gain=f" = {latex_number(answer['gain_steady'])}" if p.Q else r" \to 0")
     limit = steady.solve(system)
     both = ("Riccati equation", "closed form")
-    r.value("prior_variance_steady", limit.P_minus[0, 0], "m²", agrees=answer, routes=both)
-    r.value("posterior_variance_steady", limit.P_plus[0, 0], "m²", agrees=answer, routes=both)
-    r.value("gain_steady", limit.K[0, 0], agrees=answer, routes=both)
+    r.value("prior_variance_steady", limit.P_minus[0, 0], "m²", symbol=r"\bar P^-", agrees=answer, routes=both)
+    r.value("posterior_variance_steady", limit.P_plus[0, 0], "m²", symbol=r"\bar P^+", agrees=answer, routes=both)
+    r.value("gain_steady", limit.K[0, 0], symbol=r"\bar K", agrees=answer, routes=both)
     settled = answer["settling_step"]
     r.value("settling_step", settled, reason="" if settled else "without process noise the variance falls like R/i and never stays within 1 % of its limit 0")
     if settled is None or settled < SEARCHED:
@@ -207,6 +207,7 @@ def weights(r, p, answer, system, N):
         recent, {text("weight of measurement j in the estimate after measurement {n}", n=N): last[recent - 1]}, xlabel="measurement number j", ylabel="weight (gain K times later 1 − K)", marker=".", steps=True,
         straight={"steady: $\\bar{K}(1-\\bar{K})^{N-j}$": (recent, share * (1 - share) ** (N - recent))} if share else None,
     )
+    r.says("{fig:weights} shows the weights of {eq:sum}: they grow towards the last measurement, and the last is the gain." if p.Q and p.R else "{fig:weights} shows the weights of {eq:sum}.")
     r.figure("weights", figure, "Weights of the last 12 of {n} measurements in the estimate after all of them: the filter forgets old measurements because the state has moved since." if p.Q else
              "Weights of the last 12 of {n} measurements in the estimate after all of them: the state does not move, so none is forgotten.", n=N)
 
@@ -237,10 +238,10 @@ def vectors(r, p):
 
 def plan(r, p, experiment, count):
     """Every number chosen."""
-    r.says("The ensemble is compared with the variances of (b), over enough measurements to see the steady state. Index 0 is $t_1$: the first measurement is made at the start, without a prediction.")
+    r.says("{tab:plan} lists what was chosen. The ensemble is compared with the variances of (b), over enough measurements to see the steady state. Index 0 is $t_1$: the first measurement is made at the start, without a prediction.")
     r.table("plan", ["quantity", "value", "why"], [
         ["measurements", count, "several settling times, unless Q is small"],
-        ["mean and variance of x(t1)", [p.x1_mean, by_hand.start(p)], "from the given moments"],
+        ["mean and variance of x(t1), m and m²", [p.x1_mean, by_hand.start(p)], "from the given moments"],
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "any: the checks hold for all"],
     ], "Plan of the experiment.")
@@ -250,13 +251,18 @@ def part_c(r, p, answer, system, experiment, count):
     """Ensemble against theory."""
     r.section("c", "Ensemble against theory")
     limits = (answer["prior_variance_steady"], answer["posterior_variance_steady"])
-    stats = portrait(r, experiment, system, count - 1, first=0, limits=limits, xlabel=SINCE)
-    theory = covariances(system, count - 1, first=0)
-    rows = [(i + 1, theory.sd_minus[i, 0], stats.rms_minus[i, 0], theory.sd_plus[i, 0], stats.rms[i, 0], stats.bias[i, 0], known(stats.nees[i]), known(stats.nis[i])) for i in (*range(min(p.steps, 6)), count - 1)]
+    r.says("{fig:record} is one run, {fig:ensemble} the statistics of all {runs}; {tab:ensemble} has the first measurements and the last one.", runs=experiment.runs)
+    stats = portrait(r, experiment, system, count - 1, first=0, limits=limits, xlabel=SINCE, figures={
+        "record": "The estimate jumps towards each measurement and keeps still between them, for a random walk has no trend to follow.",
+        "ensemble": "The RMS falls within two measurements to its limit; the points lie on both sides of theory, about one in twenty outside the band."})
+    theory, unit = covariances(system, count - 1, first=0), "m"
+    rows = [(i + 1, theory.sd_minus[i, 0], stats.rms_minus[i, 0], theory.sd_plus[i, 0], rms(stats, i), mean_error(stats, i), known(stats.nees[i]), known(stats.nis[i])) for i in (*range(min(p.steps, 6)), count - 1)]
     r.table("ensemble", ["i", "σ⁻ of theory, m", "RMS⁻, m", "σ⁺ of theory, m", "RMS⁺, m", "mean error⁺, m", "NEES", "NIS"], rows,
             "The ensemble before (−) and after (+) the first measurements and the last one; NEES and NIS are averages over the runs, 1 in theory (— where the variance is zero).")
     r.value("rms_error", stats.rms[:2, 0], "m", at=[1, 2])
-    r.says("The RMS errors after the first two measurements are {one} and {two} m; theory has √P⁺ = {first} and {second} m.", one=stats.rms[0, 0], two=stats.rms[1, 0], first=theory.sd_plus[0, 0], second=theory.sd_plus[1, 0])
+    one, two = rms(stats, 0, unit=unit), rms(stats, 1, unit=unit)
+    r.says("The RMS errors after the first two measurements are {one} and {two}; theory has {first:4} and {second:4} m.", one=one, two=two, first=theory.sd_plus[0, 0], second=theory.sd_plus[1, 0])
+    return {"measured": two, "sd": float(theory.sd_plus[1, 0])}
 
 
 def known(x):
@@ -286,7 +292,40 @@ def conclusions(r, p, answer):
     r.items(lines)
 
 
+def result(p, answer, measured, sd):
+    """The lab in three sentences."""
+    second = answer["posterior_estimate_coefficients_2"]
+    limit = "The variance after a measurement tends to {posterior:4} m², with the gain {gain:4} ({eq:steady})." if p.Q and p.R else "The limits are zero ({eq:steady}): in the end the state is known after each measurement."
+    return [
+        text("After two measurements the estimate is a weighted mean of what was known, $z_1$ and $z_2$, with the weights {mean:3}, {one:3} and {two:3}; each measurement adds the same information 1/R.",
+             mean=1 - second[1] - second[2], one=second[1], two=second[2]),
+        text(limit, posterior=answer["posterior_variance_steady"], gain=answer["gain_steady"]),
+        text("In the experiment the RMS error after two measurements was {measured}, where theory has {sd:4} m.", measured=measured, sd=sd),
+    ]
+
+
+def discussion(r, p):
+    """What the numbers mean together."""
+    r.says("**Information and variance.** A measurement adds 1/R to the information whatever was known ({eq:information}), but the variance that this removes is large where little was known and small where much was: the second measurement removes less than the first unless the state has moved far in between.")
+    if p.Q and p.R:
+        r.says("**Forgetting.** Process noise makes old measurements worthless: the weight of a measurement that is $j$ steps old is $\\bar K(1-\\bar K)^j$, so the filter has a memory of about $1/\\bar K$ measurements ({fig:weights}). Without process noise all would keep one weight, and the estimate would be a mean.")
+    r.says("**Experiment.** A point of {fig:ensemble} outside the band is no fault: one in twenty is expected there, and errors of successive instants are correlated, so that such points come in groups. The exact tests are in {app:chance}.")
+
+
+def answers():
+    """Each item of the sheet in a sentence or two."""
+    return {
+        "a": "{eq:first} and {eq:second}; variances and gains stand above them as exact fractions. Each measurement adds 1/R to the information ({tab:information}).",
+        "b": "{eq:information} and {eq:sum} for any number of measurements, the limits in {eq:steady}; for vectors with $H = I$ the same with matrices, and each measurement adds $R^{-1}$.",
+        "c": "{fig:ensemble} and {tab:ensemble}: RMS, mean, NEES and NIS of the ensemble agree with (a) and (b).",
+    }
+
+
 PARTS = Skeleton(
+    result=result,
+    key="weights",
+    discussion=discussion,
+    answers=answers,
     analysis=(part_a, part_b, weights, vectors),
     plan=plan,
     experiment=(part_c,),

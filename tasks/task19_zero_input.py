@@ -147,7 +147,7 @@ def part_c(r, p, answer, system, sampled, steps):
     r.check("P⁺ along the measurements", shown.P_plus[:, 0, 0], plus, ("recursion", "closed form"))
     r.check("P⁻ along the measurements", shown.P_minus[1:, 0, 0], [P * math.exp(-2 * p.beta * p.dt) for P in plus[:-1]], ("recursion", "closed form"))
     r.check("gain along the measurements", shown.K[1:, 0, 0], [P * p.dt for P in plus[1:]], ("recursion", "closed form"))
-    r.says("**The sign of the error.** Both informations about x(0) are sums over the past, $\\int_0^t e^{-2\\beta\\tau}\\mathrm{d}\\tau$ and the rectangles $dt\\sum_{j=1}^k e^{-2\\beta j\\,dt}$ with their height taken at the right end. If β > 0 the integrand falls, the rectangles lie under it, the discrete filter knows less and $P^+ > P(t)$. If β < 0 it rises and $P^+ < P(t)$. If β = 0 both are t and the variances are equal for every dt. Expanded in dt at a fixed t:")
+    r.says("**The sign of the error.** Both amounts of information about x(0) are sums over the past, $\\int_0^t e^{-2\\beta\\tau}\\mathrm{d}\\tau$ and the rectangles $dt\\sum_{j=1}^k e^{-2\\beta j\\,dt}$ with their height taken at the right end. If β > 0 the integrand falls, the rectangles lie under it, the discrete filter knows less and $P^+ > P(t)$. If β < 0 it rises and $P^+ < P(t)$. If β = 0 both are t and the variances are equal for every dt. Expanded in dt at a fixed t:")
     r.math(r"P(t_k^+) - P(t_k) = P^2(t)\,\frac{e^{2\beta t} - 1}{2}\,dt + O(dt^2)")
     between = bucy.transient(system, shown.t).P[:, 0, 0]
     sign = 1 if p.beta >= 0 else -1

@@ -96,14 +96,15 @@ def homes() -> dict[str, list[str]]:
     return dict(importlib.metadata.packages_distributions())
 
 
-#: Used where they are installed, asked for by no one: tables for those who have pandas, a peer of the benchmarks.
-OPTIONAL = {"pandas", "jax"}
+#: Used where they are installed, asked for by no one: tables for those who have pandas, a peer of the benchmarks; and pandoc's
+#: interface, which has a distribution with pandoc and one without.
+OPTIONAL = {"pandas", "jax", "pypandoc"}
 
 
 @pytest.mark.parametrize(
     ("folder", "extras"),
     [
-        ("ctlabs", ["cluster", "workbench"]),
+        ("ctlabs", ["cluster", "print", "workbench"]),
         ("tasks", []),
         ("tests", ["cluster", "test", "workbench"]),
         ("benchmarks", ["cluster", "test", "workbench"]),

@@ -94,6 +94,27 @@ class TestCheck:
         report.check("wrong", wrong, right, ROUTES)
         assert [check.passed for check in report.checks] == [True, False]
 
+    def test_numbers_equal_up_to_rounding_are_written_as_equal(self, report):
+        """Whatever the last digits of a machine are, the check says the same: of many numbers, the largest one."""
+        right = np.array([0.1, 2.0, 1e-3])
+        for noise in (1e-16, -3e-15):
+            report.check("many", right * (1 + np.array([1.0, 0.1, 7.0]) * noise), right, ROUTES)
+        report.check("rounding about zero", 3e-17, -2e-18, ROUTES, scale=1.0)
+        first, second, zero = report.checks
+        assert first == second
+        assert (first.value, first.expected) == (2.0, 2.0)
+        assert (zero.value, zero.expected) == (0.0, 0.0)
+
+    def test_a_difference_that_is_no_rounding_is_written(self, report):
+        """Of a check that passes the element of largest size is shown; of one that fails, the worst."""
+        right = np.array([1.0, 2.0])
+        report.check("close", right + [5e-9, 1e-9], right, ROUTES)
+        report.check("far", right + [0.1, 0.0], right, ROUTES)
+        close, far = report.checks
+        assert (close.value, close.expected, close.passed) == (2.0 + 1e-9, 2.0, True)
+        assert close.share == pytest.approx(5e-9, rel=1e-6)
+        assert (far.value, far.expected, far.passed) == (1.1, 1.0, False)
+
     def test_expected_zero_is_compared_absolutely(self, report):
         """Where zero is expected the tolerance itself is the limit."""
         report.check("rounding", 0.5e-12, 0.0, ROUTES, EXACT)
@@ -184,7 +205,7 @@ class TestOtherKinds:
         report.holds("rounding", [3.0, -2e-13], ROUTES, size=2.0)
         report.holds("violated", [3.0, -2e-11], ROUTES, size=2.0)
         assert [check.passed for check in report.checks] == [True, True, False]
-        assert [check.value for check in report.checks] == [0.0, -2e-13, -2e-11]
+        assert [check.value for check in report.checks] == [0.0, 0.0, -2e-11]  # rounding is written as none
         assert {check.kind for check in report.checks} == {"EXACT"}
 
     def test_an_undefined_margin_is_refused(self, report):

@@ -45,7 +45,7 @@ def test_parts_are_run_in_the_order_of_the_report():
     """Each below its heading, with what was given, and with what the parts before it have returned."""
     report = PARTS.report(META, Parameters(), Experiment(runs=7, seed=3), system="a tank")
     assert [block.text for block in report.blocks] == [
-        "Part I. Analysis", "a tank with Q = 0.5",
+        "Part I. Theory", "a tank with Q = 0.5",
         "Plan of the experiment", "7 runs",
         "Part II. Experiment", "40 steps",
         "Conclusions", "2.5 after 40",

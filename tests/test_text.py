@@ -29,9 +29,9 @@ def test_braces_of_latex_are_no_placeholders(latex: str) -> None:
 
 def test_placeholders_take_numbers_words_and_matrices() -> None:
     """Numbers are rounded, strings go in as they are, and braces inside a value are not looked at again."""
-    text = "With {name}, $K = {K}$ and {poles}: {verdict}."
-    filled = fill(text, name="{K}", K=0.61803398875, poles=[0.5, np.float64(0.25)], verdict=True)
-    assert filled == "With {K}, $K = 0.61803$ and [0.5, 0.25]: yes."
+    text = "With {name}, $K = {K}$ and {poles}: {verdict}, {small}, $P = {P}$."
+    filled = fill(text, name="{K}", K=0.61803398875, poles=[0.5, np.float64(0.25)], verdict=True, small=-1.5e-7, P=2e-9)
+    assert filled == "With {K}, $K = 0.61803$ and (0.5, 0.25): yes, −1.5×10⁻⁷, $P = 2\\cdot 10^{-9}$."
     assert fill("{text}", text="its own name") == "its own name"
 
 

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 import ctlabs.text
 from ctlabs.files import modelfile, reading
 from ctlabs.labs import catalogue as labs
+from ctlabs.labs import sheet
 from ctlabs.labs.experiment import Experiment
 from ctlabs.reporting.drawing import Band, Curve, Drawing, Mark, Panel
 from ctlabs.reporting.report import Check, Heading, Picture, Report, Table, Text, Value
@@ -25,10 +26,13 @@ WORDS = re.compile(r"[a-z]{3,} [a-z]{3,}")
 
 
 def sources() -> set[str]:
-    """Every literal text of the labs and of the library: what a translator is given."""
+    """Every literal text of the labs and of the library, and those of the sheets: what a translator is given."""
     files = [path for folder in ("ctlabs", "tasks") for path in (ROOT / folder).rglob("*.py")]
     nodes = (node for path in files for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
-    return {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+    found = {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
+    for asked in map(sheet, LABS):
+        found |= {asked.statement, asked.aim, *asked.items.values(), *(question for question, _place in asked.questions)}
+    return found - {""}
 
 
 @pytest.fixture

@@ -79,6 +79,7 @@ def cli(ctx: click.Context) -> None:
     ctlabs list                      what labs there are
     ctlabs show 7                    a lab's question and parameters
     ctlabs run 7 --set Phi=1.3       run it with other numbers; writes reports/task07/report.html
+    ctlabs book                      all labs as one document
 
     \b
     ctlabs models                    ready models; `ctlabs models copy NAME` gives a file to edit
@@ -96,6 +97,7 @@ for command in (
     labs.list_,
     labs.show,
     labs.run,
+    labs.book,
     own.filter_,
     own.forecast,
     own.simulate,

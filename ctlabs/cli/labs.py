@@ -55,6 +55,61 @@ def show(lab: str) -> None:
         click.echo("")
 
 
+def _formats(_context: click.Context, _option: click.Parameter, asked: str) -> tuple[str, ...]:
+    """The formats of ``--format``: pdf, docx, tex, html, md."""
+    known = ("pdf", "docx", "tex", "html", "md")
+    found = tuple(word.strip().lower() for word in asked.split(",") if word.strip())
+    if unknown := [word for word in found if word not in known]:
+        msg = f"--format: expected some of {', '.join(known)}, received {', '.join(unknown)}"
+        raise click.ClickException(msg)
+    return found
+
+
+def _title(formats: tuple[str, ...], path: Path | None) -> dict[str, str]:
+    """What the title page says; refused before anything is computed, as is a program that is missing."""
+    if path is None and not {"pdf", "docx", "tex"} & set(formats):
+        return {}
+    from ctlabs.labs import printing
+
+    title = {} if path is None else checked(lambda: printing.title_page(path))
+    if {"pdf", "docx", "tex"} & set(formats):
+        checked(printing.programs)
+    return title
+
+
+def _print(out: Path, names: list[str], formats: tuple[str, ...], title: dict[str, str]) -> None:
+    """The files on paper of some reports."""
+    if not {"pdf", "docx", "tex"} & set(formats):
+        return
+    from ctlabs.labs import printing
+
+    for name in names:
+        for path in printing.make(out / name, formats, title):
+            click.echo(f"{'':<15} {path}")
+
+
+@click.command()
+@click.option("--out", type=click.Path(path_type=Path), default=Path("reports"), show_default=True, help="Folder of the reports.")
+@click.option("--format", "formats", metavar="KIND,…", callback=_formats, default="pdf", show_default=True, help="pdf, docx, tex or md.")
+@click.option("--title-page", type=click.Path(path_type=Path), metavar="FILE.toml", help="What a title page says, as in ctlabs run.")
+def book(out: Path, formats: tuple[str, ...], title_page: Path | None) -> int:
+    """All labs as one document, from their reports.
+
+    \b
+    ctlabs run all && ctlabs book
+    """
+    from ctlabs.labs import book as books
+
+    kinds = [kind for kind in formats if kind != "html"]
+    title = _title(formats, title_page)
+    if absent := books.missing(out):
+        msg = f"--out {out}: expected the reports of all labs (ctlabs run all --out {out}), received none of {', '.join(absent)}"
+        raise click.ClickException(msg)
+    for kind in kinds:
+        click.echo(str(books.write(out, kind, title)))
+    return 0
+
+
 @click.command()
 @click.argument("lab", nargs=-1, required=True, metavar="LAB...")
 @click.option(
@@ -97,6 +152,21 @@ def show(lab: str) -> None:
     metavar="DIR",
     help="Keep finished blocks of runs in DIR; the same command goes on from there after an interruption.",
 )
+@click.option(
+    "--format",
+    "formats",
+    metavar="KIND,…",
+    callback=_formats,
+    default="html,md",
+    show_default=True,
+    help="Also write report.pdf, report.docx or report.tex (extra: print).",
+)
+@click.option(
+    "--title-page",
+    type=click.Path(path_type=Path),
+    metavar="FILE.toml",
+    help="What a title page says: university, course, student, group, variant, teacher, date, …",
+)
 @click.option("--scheduler", metavar="ADDR", help="Compute on a Dask cluster: tcp://host:8786 (extra: cluster).")
 def run(
     lab: tuple[str, ...],
@@ -106,6 +176,8 @@ def run(
     workers: int,
     out: Path,
     resume: Path | None,
+    formats: tuple[str, ...],
+    title_page: Path | None,
     scheduler: str | None,
 ) -> int:
     """Run labs and write their reports.
@@ -117,15 +189,17 @@ def run(
     ctlabs run 7 --set Phi=1.3 --set Q=0 --runs 10000
     ctlabs run 6 --set R='[2, 4, "inf", 1, 3, 0, 5]'
     ctlabs run 3 --runs 1000000 --resume work     a long experiment that may be interrupted
+    ctlabs run 7 --format pdf --title-page me.toml     to hand in
     """
     from ctlabs.labs import catalogue as labs
 
     chosen = checked(lambda: labs.find(lab))
     values = checked(lambda: labs.parameters(chosen, settings(pairs)))
     _writable(out, [entry.name for entry in chosen])
+    title = _title(formats, title_page)
+    from ctlabs.labs import course
     from ctlabs.labs.experiment import Experiment
     from ctlabs.montecarlo import BlockFailed, Interrupted
-    from ctlabs.reporting import render
 
     together = 1 if scheduler else min(workers, len(chosen))  # labs at a time, each with its share of the workers
     jobs = [
@@ -136,6 +210,7 @@ def run(
                 runs or entry.runs, seed, max(1, workers // together), scheduler, resume and resume / entry.name
             ),
             out,
+            tuple(each.name for each in chosen),
         )
         for entry in chosen
     ]
@@ -156,7 +231,8 @@ def run(
     except Interrupted as error:
         click.echo(f"ctlabs: {error}", err=True)
         return 130
-    render.write_index(out)
+    course.write_index(out)
+    _print(out, [entry.name for entry in chosen], formats, title)
     return int(failed)
 
 
@@ -166,7 +242,7 @@ def _verdict(done: dict[str, Any]) -> str:
     return f"all {done['checks']} checks passed" if done["checks"] else "no checks, which is no success"
 
 
-def run_all(jobs: list[tuple[Lab, Any, Experiment, Path]], together: int) -> Iterator[dict[str, Any]]:
+def run_all(jobs: list[tuple[Lab, Any, Experiment, Path, tuple[str, ...]]], together: int) -> Iterator[dict[str, Any]]:
     """Run the labs, ``together`` of them at a time in processes of their own; results in the order given."""
     from ctlabs.labs import catalogue as labs
 

@@ -11,7 +11,7 @@ import importlib
 import importlib.util
 import re
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -169,12 +169,32 @@ def run(lab: Lab, values: LabParameters, experiment: Experiment) -> Report:
         raise ArithmeticError(msg) from error
 
 
-def run_and_write(lab: Lab, values: LabParameters, experiment: Experiment, out: Path) -> dict[str, Any]:
-    """Run a lab, write its folder, and say how it went: name, number of checks, failed checks, seconds."""
+def around(lab: Lab, there: Collection[str]) -> dict[str, tuple[str, str]]:
+    """Addresses and titles of the labs before and after one and of the index, as seen from its folder.
+
+    A lab that is not ``there`` has its place in the index.
+    """
+    order, found = list(catalogue().values()), {"index": ("../index.html", "All labs")}
+    names = [each.name for each in order]
+    at = names.index(lab.name) if lab.name in names else len(order)
+    for way, i in (("previous", at - 1), ("next", at + 1)):
+        if 0 <= i < len(order) and at < len(order):
+            other = order[i]
+            address = f"../{other.name}/report.html" if other.name in there else f"../index.html#{other.name}"
+            found[way] = (address, f"Lab {other.short}" if other.short.isdigit() else other.title)
+    return found
+
+
+def run_and_write(lab: Lab, values: LabParameters, experiment: Experiment, out: Path, beside: Collection[str] = ()) -> dict[str, Any]:
+    """Run a lab, write its folder, and say how it went: name, number of checks, failed checks, seconds.
+
+    ``beside`` : names of labs that are being written with it; their pages and it lead to each other
+    """
     from ctlabs.reporting import render
 
     start = time.perf_counter()
     report = run(lab, values, experiment)
+    report.around = around(lab, {*beside, *(path.parent.name for path in out.glob("*/results.json"))})
     render.write(report, out / lab.name)
     failed = [check.name for check in report.checks if not check.passed]
     return {"lab": lab.name, "checks": len(report.checks), "failed": failed, "seconds": time.perf_counter() - start}

@@ -6,7 +6,8 @@ band, the variances before and after each update, the gain, and the errors; so i
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +18,7 @@ from ctlabs.filtering.results import Covariances
 from ctlabs.labs.experiment import covariances
 from ctlabs.montecarlo import chance
 from ctlabs.reporting import plots
-from ctlabs.text import squared, text
+from ctlabs.text import Uncertain, squared, text, translated
 
 if TYPE_CHECKING:
     from ctlabs.labs.experiment import Experiment
@@ -30,6 +31,28 @@ if TYPE_CHECKING:
 SHOWN = 15
 #: Instants that are tested together, and how far the random numbers of that ensemble are from the others'.
 TOGETHER, APART = 150, 1000
+
+
+#: The figures of a portrait, and what each shows.
+FIGURES = {
+    "record": "One run: truth, measurements, and the estimate of {name} with its ±σ band.",
+    "sawtooth": "Error variance of {name} before and after each update.",
+    "gain": "The gain, known before any measurement.",
+    "errors": "Innovations, prediction and filtering errors of 25 runs inside the bands of the theory.",
+    "ensemble": "RMS and mean of the filtering errors of {runs} runs against theory, in the bands of 95 % of ensembles; "
+    "NEES and NIS averaged over the runs.",
+}
+
+
+def rms(stats: Statistics, step: int = -1, state: int = 0, unit: str = "") -> Uncertain:
+    """The RMS of the filtering errors of an ensemble at one instant, with its standard error σ/√(2·runs)."""
+    found = float(stats.rms[step, state])
+    return Uncertain(found, found / math.sqrt(2 * stats.runs), unit)
+
+
+def mean_error(stats: Statistics, step: int = -1, state: int = 0, unit: str = "") -> Uncertain:
+    """The mean of the filtering errors of an ensemble at one instant, with its standard error σ/√runs."""
+    return Uncertain(float(stats.bias[step, state]), float(stats.rms[step, state]) / math.sqrt(stats.runs), unit)
 
 
 def agreement(
@@ -79,12 +102,15 @@ def portrait(
     limits: tuple[float, float] | None = None,
     first: int | None = None,
     stream: int = 0,
+    figures: Mapping[str, str] | None = None,
 ) -> Statistics:
-    """Five figures of a filter and the tests of its ensemble, into the report's present section.
+    """Figures of a filter and the tests of its ensemble, into the report's present section.
 
     ``prefix`` tells the figures of several filters apart; ``state`` is the one shown, ``measurement`` the one that
-    measures it; ``limits`` are its steady variances before and after an update. Returns the statistics.
+    measures it; ``limits`` are its steady variances before and after an update. ``figures`` are those of :data:`FIGURES` that
+    the lab needs, each with the sentence that says what one sees in it; all five without it. Returns the statistics.
     """
+    shown = dict.fromkeys(FIGURES, "") if figures is None else figures
     name, unit = model.states[state], model.units[state]
     first = begins(model, first)
     schedule = covariances(model, steps, first)
@@ -92,47 +118,31 @@ def portrait(
     stats = experiment.statistics(model, steps=steps, stream=stream, first=first)
     labelled = text("{name}, {unit}", name=name, unit=unit)
     measured = measurement if model.H[..., measurement, state].any() else None  # another state's is not drawn over it
-    report.figure(
-        f"{prefix}record",
-        plots.record(some, xlabel=xlabel, ylabel=labelled, state=state, measurement=measured),
-        "One run: truth, measurements, and the estimate of {name} with its ±σ band.",
-        name=name,
-    )
-    report.figure(
-        f"{prefix}sawtooth",
-        plots.sawtooth({"": covariances(model, min(steps, SHOWN), first)}, xlabel=xlabel,
-                       ylabel=text("variance of {name}, {unit}", name=name, unit=squared(unit)),
-                       state=state, limits=None if limits is None else [limits]),
-        "Error variance of {name} before and after each update. Dotted: the limits." if limits
-        else "Error variance of {name} before and after each update.",
-        name=name,
-    )  # fmt: skip
-    report.figure(f"{prefix}gain", _gains(model, schedule, xlabel, first), "The gain, known before any measurement.")
-    report.figure(
-        f"{prefix}errors",
-        plots.errors(
-            some,
-            xlabel=xlabel,
-            unit=unit,
-            state=state,
-            measurement=measurement,
-            measured_unit=_measured_unit(model, measurement),
+    draw: dict[str, Callable[[], plots.Figure]] = {
+        "record": lambda: plots.record(some, xlabel=xlabel, ylabel=labelled, state=state, measurement=measured),
+        "sawtooth": lambda: plots.sawtooth(
+            {"": covariances(model, min(steps, SHOWN), first)}, xlabel=xlabel, state=state,
+            ylabel=text("variance of {name}, {unit}", name=name, unit=squared(unit)), limits=None if limits is None else [limits],
         ),
-        "Innovations, prediction and filtering errors of 25 runs inside the bands of the theory.",
-    )
-    report.figure(
-        f"{prefix}ensemble",
-        plots.ensemble_against_theory(stats, schedule.P_plus, xlabel=xlabel, units=model.units, names=model.states),
-        "RMS and mean of the filtering errors of {runs} runs against theory, in the bands of 95 % of ensembles; "
-        "NEES and NIS averaged over the runs.",
-        runs=experiment.runs,
-    )  # fmt: skip
+        "gain": lambda: _gains(model, schedule, xlabel, first),
+        "errors": lambda: plots.errors(
+            some, xlabel=xlabel, unit=unit, state=state, measurement=measurement, measured_unit=_measured_unit(model, measurement)
+        ),
+        "ensemble": lambda: plots.ensemble_against_theory(
+            stats, schedule.P_plus, xlabel=xlabel, units=model.units, names=model.states
+        ),
+    }  # fmt: skip
+    for each, sees in shown.items():
+        dotted = " Dotted: the limits." if each == "sawtooth" and limits else ""
+        said = text(FIGURES[each], dotted, name=name, runs=experiment.runs)
+        report.figure(f"{prefix}{each}", draw[each](), f"{said} {translated(sees)}".strip())
     worst = agreement(report, prefix.strip("_"), stats, schedule.P_plus)
     worst = max(worst, together(report, prefix.strip("_"), experiment, model, stream=stream, first=first))
-    report.says(
-        "The largest deviation of the ensemble from theory, over all tests, is {worst} standard errors.",
-        worst=round(worst, 2),
-    )
+    if figures is None:
+        report.says(
+            "The largest deviation of the ensemble from theory, over all tests, is {worst} standard errors.",
+            worst=round(worst, 2),
+        )
     return stats
 
 

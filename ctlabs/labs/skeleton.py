@@ -1,13 +1,21 @@
-"""The frame of a lab's report: analysis, plan, experiment, conclusions, and which functions write each of them."""
+"""The frame of a lab's report, and which functions write its parts.
+
+Statement, aim and control questions come from the lab's sheet, the listing and the books from files beside it. A lab writes what
+holds numbers: result, theory, plan, experiment, discussion, answers, conclusions.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from inspect import signature
 from typing import TYPE_CHECKING, Any
 
-from ctlabs.reporting.report import Report
+from ctlabs.labs.catalogue import catalogue
+from ctlabs.labs.sheets import Sheet, bibliography, listing, sheet
+from ctlabs.reporting.cells import cell, grid
+from ctlabs.reporting.report import Block, Copy, Equation, Heading, Picture, Report, Table, Text, Value
+from ctlabs.text import _, fill, prose, translated
 
 if TYPE_CHECKING:
     from ctlabs.labs.experiment import Experiment
@@ -15,6 +23,12 @@ if TYPE_CHECKING:
 
 #: A function that writes a section into the report, and says by name what later parts need to know.
 Part = Callable[..., Mapping[str, Any] | None]
+#: A function that says the result in three sentences.
+Result = Callable[..., list[str]]
+#: A function that answers each item of the sheet in a sentence or two, by its letter.
+Answers = Callable[..., Mapping[str, str]]
+#: Lists of at most so many numbers stand among the answers.
+SHORT = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,13 +36,21 @@ class Skeleton:
     """The parts of a lab in the order of its report.
 
     A part is given what its arguments name: ``r``, the report; ``p``, the parameters; ``experiment``; what the lab has
-    built beforehand; and what the parts before it have returned (``{"steps": 40}``, or nothing).
+    built beforehand; and what the parts before it have returned (``{"steps": 40}``, or nothing). Result and answers come last
+    although they are read first or later: they may name everything.
+
+    ``result`` : three sentences, the first of which stands for the lab in the index · ``key`` : the figure that shows it ·
+    ``answers`` : by letter
     """
 
     analysis: tuple[Part, ...]
     plan: Part
     experiment: tuple[Part, ...]
     conclusions: Part
+    result: Result | None = None
+    key: str = ""
+    discussion: Part | None = None
+    answers: Answers | None = None
 
     def report(self, meta: Mapping[str, Any], p: Parameters, experiment: Experiment, **given: Any) -> Report:
         """The report of a lab, its parts run in order.
@@ -38,21 +60,42 @@ class Skeleton:
         TypeError
             A part asks for what is neither given nor returned by a part before it.
         """
-        r = Report(meta, p, experiment.runs, experiment.seed)
+        r = Report(meta, p, experiment.runs, experiment.seed, framed=True)
         known = {"r": r, "p": p, "experiment": experiment, **given}
-        for heading, parts in (
-            ("Part I. Analysis", self.analysis),
-            ("Plan of the experiment", (self.plan,)),
-            ("Part II. Experiment", self.experiment),
-            ("Conclusions", (self.conclusions,)),
+        asked = sheet(meta["name"]) if meta["name"] in catalogue() else None
+        if asked is not None:
+            r.listing, r.bibliography = listing(meta["name"]), bibliography()
+            _statement(r, asked)
+        first = len(r.blocks)
+
+        def answered() -> None:
+            _answers(r, called(self.answers, known) if self.answers else {})
+
+        for name, heading, parts in (
+            ("theory", "Part I. Theory", self.analysis),
+            ("plan", "Plan of the experiment", (self.plan,)),
+            ("experiment", "Part II. Experiment", self.experiment),
+            ("discussion", "Discussion", () if self.discussion is None else (self.discussion,)),
+            ("answers", "Answers, item by item", () if self.answers is None else (answered,)),
+            ("conclusions", "Conclusions", (self.conclusions,)),
         ):
-            r.heading(heading)
+            if parts:
+                r.heading(heading, name)
+            r.part = r.part if name != "plan" else ""
             for part in parts:
-                known |= _written(part, known) or {}
+                known |= called(part, known) or {}
+        if asked is not None and asked.questions:
+            _questions(r, asked)
+        if self.result is not None:
+            sentences = [translated(each) for each in called(self.result, known)]
+            r.more["result"] = sentences[0]
+            found: list[Block] = [Heading(_("Result"), 2, name="result"), Text(" ".join(sentences))]
+            r.blocks[first:first] = found + ([Copy(self.key)] if self.key else [])
+        r.blocks = numbered(r.blocks)
         return r
 
 
-def _written(part: Part, known: Mapping[str, Any]) -> Mapping[str, Any] | None:
+def called(part: Callable[..., Any], known: Mapping[str, Any]) -> Any:
     """Run a part on what it names."""
     names = list(signature(part).parameters)
     missing = [name for name in names if name not in known]
@@ -60,3 +103,76 @@ def _written(part: Part, known: Mapping[str, Any]) -> Mapping[str, Any] | None:
         msg = f"{part.__name__}: expected arguments among {sorted(known)}, received {missing}"
         raise TypeError(msg)
     return part(**{name: known[name] for name in names})
+
+
+def numbered(blocks: list[Block]) -> list[Block]:
+    """Figures, tables and equations numbered anew in the order in which they stand."""
+    counts: dict[type, int] = {}
+    found: list[Block] = []
+    for block in blocks:
+        if isinstance(block, Picture | Table | Equation):
+            counts[type(block)] = counts.get(type(block), 0) + 1
+            found.append(replace(block, number=counts[type(block)]))
+        else:
+            found.append(block)
+    return found
+
+
+def _statement(r: Report, asked: Sheet) -> None:
+    """What is given and asked, the parameters by their letters, and what the lab is for."""
+    r.heading("Statement", "statement")
+    r.blocks.append(Text(translated(asked.statement)))
+    r.blocks.append(Text("\n".join(f"- **({letter})** {translated(words)}" for letter, words in asked.items.items())))
+    values, symbols = r.parameters.plain(), getattr(r.parameters, "symbols", dict)()
+    rows = [
+        [
+            f"${symbols.get(name, name)}$",
+            cell(values[name]),
+            "" if unit == "1" else translated(unit),
+            translated(meaning),
+        ]
+        for name, unit, meaning in r.parameters.described()
+    ]
+    r.blocks.append(Text(_("In this report:")))
+    r.blocks.append(Text(grid([_("symbol"), _("value"), _("unit"), _("meaning")], rows)))
+    if asked.aim:
+        r.heading("Aim", "aim")
+        r.blocks.append(Text(translated(asked.aim)))
+
+
+def _answers(r: Report, answers: Mapping[str, str]) -> None:
+    """Each item with its answer, its numbers, and where they come from."""
+    if unknown := set(answers) ^ set(r.meta["parts"]):
+        parts = ", ".join(r.meta["parts"])
+        msg = f"answers: expected one for each of {parts}, received others or none for {', '.join(sorted(unknown))}"
+        raise ValueError(msg)
+    lines = []
+    for letter in r.meta["parts"]:
+        told = [
+            shown
+            for value in r.values.values()
+            if value.part == letter and value.symbol and (shown := shown_value(value))
+        ]
+        numbers = f" {', '.join(told)}." if told else ""
+        lines.append(f"- **({letter})** {translated(answers[letter])}{numbers} *→ {{part:{letter}}}*")
+    r.blocks.append(Text("\n".join(lines)))
+
+
+def shown_value(value: Value) -> str:
+    """A value with its letter and unit, where it is short enough for a sentence."""
+    if value.value is None or (
+        isinstance(value.value, list) and (len(value.value) > SHORT or any(isinstance(x, list) for x in value.value))
+    ):
+        return ""
+    unit = "" if value.unit == "1" else f" {value.unit}"
+    return f"${value.symbol}$ = {prose(value.value)}{unit}"
+
+
+def _questions(r: Report, asked: Sheet) -> None:
+    r.heading("Control questions", "questions")
+    said = _("{question} *Answer: {place}.*")
+    lines = [
+        f"{i}. " + fill(said, question=translated(question), place=place.rstrip("."))
+        for i, (question, place) in enumerate(asked.questions, 1)
+    ]
+    r.blocks.append(Text("\n".join(lines)))

@@ -2,9 +2,14 @@ r"""Equations for a page: LaTeX as MathML, and the style of its matrices."""
 
 from __future__ import annotations
 
+import base64
 import re
-from functools import lru_cache
+from functools import cache, lru_cache
 from html import escape
+from pathlib import Path
+
+#: STIX Two Math, as much of it as equations need (templates/math-license.txt).
+FONT = Path(__file__).parent / "templates" / "math.woff2"
 
 #: Brackets of matrices as borders: not every machine has a font whose brackets grow.
 STYLE = """
@@ -17,6 +22,16 @@ mtable.ctl-matrix { margin: 0 .15em; --stroke: linear-gradient(currentColor, cur
 _MATRIX = re.compile(r"<mo>&#x0005B;</mo><mtable>(.*?)</mtable><mo>&#x0005D;</mo>", re.DOTALL)
 _DOTTED = re.compile(r"<mover><mi>([xy])</mi><mo>&#x002D9;</mo></mover>")
 _BAR = '<mo stretchy="false">&#x0007C;</mo>'
+
+
+@cache
+def font() -> str:
+    """The style of equations: a mathematical font inside the page, for not every machine has one, and without one indices go astray."""
+    data = base64.b64encode(FONT.read_bytes()).decode()
+    return (
+        f'@font-face {{ font-family: "ctlabs math"; src: url(data:font/woff2;base64,{data}) format("woff2"); }}\n'
+        'math { font-family: "ctlabs math", "STIX Two Math", "Cambria Math", "Latin Modern Math", math; }\n'
+    )
 
 
 @lru_cache(maxsize=1024)
@@ -32,6 +47,9 @@ def mathml(latex: str, *, block: bool = False) -> str:
         found = str(convert(latex, display="block" if block else "inline"))
     except Exception:  # the converter has no common class of its errors
         return f"<code>{escape(latex)}</code>"
+    # As accents, the signs that stand above a letter and not beside it.
+    for sign, accent in (("5E", "2C6"), ("7E", "2DC")):
+        found = found.replace(f">&#x000{sign};</mo></mover>", f">&#x00{accent};</mo></mover>")
     found = _MATRIX.sub(r'<mtable class="ctl-matrix">\1</mtable>', found)
     found = _DOTTED.sub(lambda letter: f'<mi style="font-style: italic">{"ẋ" if letter[1] == "x" else "ẏ"}</mi>', found)
     # A bar is a fence (|Φ|) in every formula here, never a relation: no space around it.

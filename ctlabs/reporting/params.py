@@ -17,13 +17,15 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from ctlabs.linalg import checks
+from ctlabs.reporting.symbols import symbol as symbol_of
 
 INFINITE = ("inf", "+inf", "infinity", "∞")
 
 
-def given(default: Any, *, unit: str, meaning: str) -> Any:
-    """A parameter's default value, unit and meaning."""
-    return Field(default=default, description=meaning, json_schema_extra={"unit": unit}, validate_default=True)
+def given(default: Any, *, unit: str, meaning: str, symbol: str = "") -> Any:
+    r"""A parameter's default value, unit and meaning, and its letter in LaTeX where its name does not tell it (Phi is \Phi)."""
+    extra: dict[str, Any] = {"unit": unit, **({"symbol": symbol} if symbol else {})}
+    return Field(default=default, description=meaning, json_schema_extra=extra, validate_default=True)
 
 
 class LabParameters(BaseModel):
@@ -48,6 +50,15 @@ class LabParameters(BaseModel):
     def plain(self) -> dict[str, Any]:
         """The values as JSON holds them (infinity as "inf")."""
         return {name: plain(getattr(self, name)) for name in type(self).model_fields}
+
+    @classmethod
+    def symbols(cls) -> dict[str, str]:
+        """The letter of each in LaTeX."""
+        extras = {name: info.json_schema_extra for name, info in cls.model_fields.items()}
+        return {
+            name: str(extra["symbol"]) if isinstance(extra, dict) and "symbol" in extra else symbol_of(name)
+            for name, extra in extras.items()
+        }
 
     def described(self) -> list[tuple[str, str, str]]:
         """Name, unit and meaning of each."""

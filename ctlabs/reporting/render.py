@@ -7,7 +7,6 @@ report that was there. Figures are palette PNGs without dates, so the same numbe
 from __future__ import annotations
 
 import base64
-import contextlib
 import csv
 import io
 import json
@@ -15,7 +14,7 @@ import re
 import shutil
 import tempfile
 import textwrap
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,19 +26,22 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from PIL import Image
 
+from ctlabs.reporting.agreement import known
+from ctlabs.reporting.cells import plain_words, reasons
+from ctlabs.reporting.crossrefs import ANCHOR, END, FOLD, TITLE
 from ctlabs.reporting.drawing import Drawing
-from ctlabs.reporting.mathml import STYLE, lines, mathml
+from ctlabs.reporting.keeping import keep
+from ctlabs.reporting.markdown import markdown
+from ctlabs.reporting.mathml import STYLE, font, lines, mathml
 from ctlabs.reporting.paper import to_matplotlib
 from ctlabs.reporting.params import plain
-from ctlabs.reporting.report import Check, Heading, Picture, Report, Table, Text, Value
-from ctlabs.text import _, fill, number, translated
+from ctlabs.reporting.report import Picture, Report, Table
+from ctlabs.text import Uncertain, _, number, translated
 
 #: Resolution of figures, dots per inch.
 DPI = 130
 #: What tells an index of ours from somebody's README.md or index.html.
 MARK = "<!-- index written by ctlabs -->"
-#: Lists longer than this are shown by their first and last elements (results.json holds all).
-SHOWN = 12
 #: Lists of at most so many elements are short enough for a terminal.
 SHORT = 4
 #: Of sentences on a terminal, in characters.
@@ -53,82 +55,33 @@ def write(report: Report, folder: Path) -> None:
     try:
         place.chmod(0o755)
         _fill(report, place)
+        keep(place, folder)
         _swap(place, folder)
     finally:
         shutil.rmtree(place, ignore_errors=True)
 
 
-def write_index(out: Path) -> None:
-    """``index.html`` and ``README.md`` in ``out``: every lab there with its checks, pass or fail at a glance."""
-    rows = []
-    for path in sorted(out.glob("*/results.json"), key=lambda p: (not p.parent.name.startswith("task"), p.parent.name)):
-        if not path.parent.name.startswith("."):  # the folder of a report that is being written
-            with contextlib.suppress(ValueError, KeyError, TypeError):  # somebody else's results.json
-                rows.append(_row(json.loads(path.read_text(encoding="utf-8"))))
-    lines = [f"# {_('Reports')}", "", f"| {_('lab')} | {_('title')} | {_('checks')} |", "|---|---|---|"]
-    lines += [
-        f"| [{r['lab']}]({r['lab']}/report.md) | {r['title']} | {_verdict(r['checks'], r['failed'])} |" for r in rows
-    ]
-    _replace(out / "README.md", "\n".join([*lines, "", MARK, ""]))
-    page = _environment().get_template("index.html")
-    _replace(out / "index.html", page.render(rows=rows, verdict=_verdict, mark=MARK, _=_))
-
-
-def _row(result: dict[str, Any]) -> dict[str, Any]:
-    """What the index says of one results.json."""
-    row = {key: translated(result[key]) for key in ("lab", "title", "source")}
-    failed = [check["name"] for check in result["checks"] if not check["passed"]]
-    return row | {"checks": len(result["checks"]), "failed": failed}
-
-
-def markdown(report: Report) -> str:
-    """The report as Markdown, with LaTeX between dollar signs."""
-    checks = report.checks
-    failed = [check.name for check in checks if not check.passed]
-    lines = [
-        f"# {translated(report.meta['title'])}",
-        fill(_head(report), source=translated(report.meta["source"]), runs=report.runs, seed=report.seed,
-             verdict=_verdict(len(checks), failed)),
-        _parameters(report),
-    ]  # fmt: skip
-    pending: list[Value | Check] = []
-    for block in [*report.blocks, Heading("", 2)]:
-        if isinstance(block, Value | Check):
-            pending.append(block)
-            continue
-        if isinstance(block, Heading):
-            lines += _numbers(pending)
-            pending = []
-            if block.text:
-                lines.append("#" * block.level + " " + (f"({block.part}) " if block.part else "") + block.text)
-        elif isinstance(block, Text):
-            lines.append(block.text)
-        elif isinstance(block, Table):
-            lines.append(fill(_("**Table {n}.** {caption}"), n=block.number, caption=block.caption))
-            lines.append(_grid(block.columns, ([_cell(cell) for cell in row] for row in block.rows)))
-        else:
-            lines.append(f"![{_plain(block.caption)}](figures/{block.name}.png)")
-            lines.append(fill(_("**Figure {n}.** {caption}"), n=block.number, caption=block.caption))
-    return "\n\n".join(lines) + "\n"
-
-
-def _head(report: Report) -> str:
-    """The line below the title: a study without an experiment, or without a check, does not speak of it."""
-    if report.runs:
-        return _("*{source}.* Experiment: {runs} runs, seed {seed}. Checks: {verdict}.")
-    return _("*{source}.* Checks: {verdict}.") if report.checks else "*{source}.*"
-
-
 def html(report: Report, pictures: dict[str, bytes]) -> str:
     """The report as one self-contained page: equations as MathML, figures inside, no request to any server."""
-    body = _markdown_it().render(markdown(report))
+    body = _markdown_it().render(markdown(report, "page"))
+    body = re.sub(rf"<p>{FOLD}(.*?){TITLE}</p>", r"<details><summary>\1</summary>", body).replace(f"<p>{END}</p>", "</details>")
+    body = re.sub(f"<p>({ANCHOR.pattern})</p>", r"\1", body)
+    contents = [(int(level), name, title) for level, title, name in re.findall(rf"<h([23])[^>]*>(.*?){ANCHOR.pattern}</h\1>", body)]
+    body = ANCHOR.sub(r'<a id="\1"></a>', body)
     for name, data in pictures.items():
         body = body.replace(
             f'src="figures/{name}.png"', f'src="data:image/png;base64,{base64.b64encode(data).decode()}"'
         )
-    sections = [(block.part, block.text) for block in report.blocks if isinstance(block, Heading)]
-    template = _environment().get_template("report.html")
-    return template.render(title=translated(report.meta["title"]), body=body, passed=report.passed, sections=sections, matrices=STYLE, _=_)
+    template = environment().get_template("report.html")
+    return template.render(
+        title=translated(report.meta["title"]), body=body, contents=contents, around=report.around, matrices=STYLE,
+        font=font() if "<math" in body else "", _=_,
+    )
+
+
+def inline(text: str) -> str:
+    """A line of Markdown as HTML, without a paragraph around it."""
+    return str(_markdown_it().renderInline(text))
 
 
 def summary(report: Report, tables: Sequence[str] = ()) -> list[str]:
@@ -143,13 +96,13 @@ def summary(report: Report, tables: Sequence[str] = ()) -> list[str]:
     short = [value for value in values if value.value not in sentences]
     rows = [
         [value.name, number(_single(value.value)), "" if value.unit == "1" else value.unit, reason]
-        for value, reason in zip(short, _reasons(short), strict=True)
+        for value, reason in zip(short, reasons(short), strict=True)
     ]
     lines += ["", *_columns(rows)]
     for block in report.blocks:
         if isinstance(block, Table) and block.name in tables:
             cells = [
-                [_plain(column) for column in block.columns],
+                [plain_words(column) for column in block.columns],
                 *([number(cell, 3) for cell in row] for row in block.rows),
             ]
             lines += ["", *_columns(cells)]
@@ -192,7 +145,7 @@ def _fill(report: Report, place: Path) -> None:
         if isinstance(block, Table):
             with (place / "tables" / f"{block.name}.csv").open("w", newline="", encoding="utf-8") as file:
                 csv.writer(file).writerows(
-                    [[_plain(c) for c in block.columns], *([_csv(cell) for cell in row] for row in block.rows)]
+                    [[plain_words(c) for c in block.columns], *([_csv(cell) for cell in row] for row in block.rows)]
                 )
     for name, content in report.files.items():
         (place / name).write_bytes(content)
@@ -215,7 +168,7 @@ def _swap(place: Path, folder: Path) -> None:
     shutil.rmtree(old, ignore_errors=True)
 
 
-def _replace(path: Path, text: str) -> None:
+def replace(path: Path, text: str) -> None:
     """Write an index, but never over a file that is not one (``--out .`` in somebody's project)."""
     if path.exists() and MARK not in path.read_text(encoding="utf-8", errors="replace"):
         return
@@ -257,92 +210,14 @@ def _columns(rows: Sequence[Sequence[str]]) -> list[str]:
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
-def _verdict(checks: int, failed: list[str]) -> str:
-    if failed:
-        return fill(
-            _("**{count} of {checks} failed**: {names}"), count=len(failed), checks=checks, names="; ".join(failed)
-        )
-    if checks == 1:
-        return _("1 passed")
-    return fill(_("all {checks} passed"), checks=checks) if checks else _("**no checks**")
-
-
-def _parameters(report: Report) -> str:
-    values = report.parameters.plain()
-    rows = [
-        [f"`{name}`", _cell(values[name]), translated(unit), translated(meaning)]
-        for name, unit, meaning in report.parameters.described()
-    ]
-    return _grid([_("parameter"), _("value"), _("unit"), _("meaning")], rows)
-
-
-def _reasons(values: Sequence[Value]) -> list[str]:
-    """Why values are missing, a reason that several in succession share only once."""
-    before = ["", *(value.reason for value in values)]
-    return [_("as above") if own and own == last else own for own, last in zip(before[1:], before, strict=False)]
-
-
-def _numbers(pending: list[Value | Check]) -> list[str]:
-    """The values and checks of a section, as two small tables at its end."""
-    values = [block for block in pending if isinstance(block, Value)]
-    checks = [block for block in pending if isinstance(block, Check)]
-    lines = []
-    if values:
-        reasons = zip(values, _reasons(values), strict=True)
-        rows = ([f"`{v.name}`", _cell(v.value) + (f" ({reason})" if reason else ""), v.unit] for v, reason in reasons)
-        lines.append(_grid([_("result"), _("value"), _("unit")], rows))
-    if checks:
-        rows = (
-            [
-                c.name,
-                f"{c.route[0]} – {c.route[1]}",
-                number(c.value),
-                number(c.expected),
-                _residual(c),
-                f"{c.kind} {number(c.tolerance, 2)}",
-                "✓" if c.passed else _("**failed**"),
-            ]
-            for c in checks
-        )
-        lines.append(
-            _grid([_("check"), _("routes"), _("value"), _("expected"), _("residual"), _("tolerance"), ""], rows)
-        )
-    return lines
-
-
-def _residual(check: Check) -> str:
-    if check.value is None or check.expected is None:
-        return "—"
-    return number(0.0 if check.value == check.expected else abs(check.value - check.expected), 2)
-
-
-def _grid(columns: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    heads, *body = [[cell.replace("|", "\\|") for cell in row] for row in [columns, *rows]]
-    numeric = [
-        bool(body) and heads[i] != _("unit") and all(re.match(r"^[−-]?[\d.e+-]+$|^[—∞]$", row[i]) for row in body)
-        for i in range(len(heads))
-    ]
-    rule = ["---:" if right else "---" for right in numeric]
-    return "\n".join("| " + " | ".join(line) + " |" for line in [heads, rule, *body])
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, list | tuple) and len(value) > SHOWN:
-        return f"[{', '.join(number(v) for v in value[:4])}, …, {number(value[-1])}]"
-    return number(value)
-
-
 def _csv(value: Any) -> Any:
-    return "" if value is None else json.dumps(plain(value)) if isinstance(value, list | tuple | np.ndarray) else value
+    if isinstance(value, Uncertain):
+        return known(float(value.value))
+    return "" if value is None else json.dumps(known(plain(value))) if isinstance(value, list | tuple | np.ndarray) else known(value)
 
 
-def _plain(text: str) -> str:
-    """Markdown and LaTeX out of a caption, for alternative texts and CSV headers."""
-    text = re.sub(r"\\(?:bar|hat|tilde|mathrm)\b|\*\*|[`$\\{}]", "", text)
-    return text.replace("[", "(").replace("]", ")")
-
-
-def _environment() -> Environment:
+def environment() -> Environment:
+    """The templates."""
     return Environment(loader=PackageLoader("ctlabs.reporting"), autoescape=True, trim_blocks=True, lstrip_blocks=True)
 
 
@@ -354,7 +229,9 @@ def _markdown_it() -> Any:
     def shown(latex: str, options: dict[str, Any]) -> str:
         if not options["display_mode"]:
             return mathml(latex)
-        return "".join(mathml(line, block=True) for line in lines(latex))
+        latex, _tag, number = latex.partition(r"\tag{")
+        told = f'<span class="number">({number.strip().rstrip("}")})</span>' if number else ""
+        return "".join(mathml(line, block=True) for line in lines(latex)) + told
 
     parser = MarkdownIt("commonmark", {"html": False}).enable("table")
     # Words of a model file may not make the page ask another machine for anything.

@@ -13,9 +13,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
-import numpy as np
 from numpy.typing import ArrayLike
 
+from ctlabs.reporting.agreement import DIGITS, ROUNDING, compared, known, numbers
 from ctlabs.reporting.params import plain
 from ctlabs.reporting.wording import in_words_of_the_reader
 from ctlabs.text import fill, latex_matrix, text, translated
@@ -40,12 +40,29 @@ class Text:
 
 
 @dataclass(frozen=True, slots=True)
+class Equation:
+    """A displayed equation that the text refers to, by its number."""
+
+    name: str
+    latex: str
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class Copy:
+    """A small copy of a figure of the report, beside its result."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
 class Heading:
-    """A heading; ``part`` is the sheet's letter where the section answers one."""
+    """A heading; ``part`` is the sheet's letter where the section answers one, ``name`` what a text calls it by."""
 
     text: str
     level: int
     part: str | None = None
+    name: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +88,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class Value:
-    """A number the sheet asks for; ``at`` are the times of a list, ``reason`` says why a value is null."""
+    """A number the sheet asks for; ``at`` are the times of a list, ``reason`` says why a value is null, ``symbol`` is its letter."""
 
     name: str
     value: Any
@@ -79,11 +96,15 @@ class Value:
     part: str
     at: tuple[float, ...] | None = None
     reason: str = ""
+    symbol: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """Two routes to one number: ``value`` and ``expected`` of the worst element, and their allowed difference."""
+    """Two routes to one number, or to many of which one stands for all, and their allowed difference.
+
+    ``share`` : the largest difference of all elements, as a part of what each is measured by (of EXACT and SOLVER)
+    """
 
     name: str
     part: str
@@ -93,6 +114,10 @@ class Check:
     tolerance: float
     kind: str
     passed: bool
+    share: float = 0.0
+
+
+Block = Text | Equation | Heading | Table | Picture | Copy | Value | Check
 
 
 class Parameters(Protocol):
@@ -132,20 +157,28 @@ class Report:
     runs, seed : of the computational experiment; no runs where there is none
     files : further files of the report's folder, by name
     more : what ``results.json`` holds besides parameters, values and checks
+    framed : whether it is a lab's, whose values by their machine names stand in the appendix
+    listing : the script in the appendix
+    bibliography : what ``{ref:key}`` in a text refers to, by key
+    around : addresses of the pages before, above and after it, and their titles
     """
 
     meta: Mapping[str, Any]
     parameters: Parameters
     runs: int
     seed: int
-    blocks: list[Text | Heading | Table | Picture | Value | Check] = field(default_factory=list)
+    blocks: list[Block] = field(default_factory=list)
     part: str = ""
     files: dict[str, bytes] = field(default_factory=dict)
     more: dict[str, Any] = field(default_factory=dict)
+    framed: bool = False
+    listing: str = ""
+    bibliography: Mapping[str, str] = field(default_factory=dict)
+    around: Mapping[str, tuple[str, str]] = field(default_factory=dict)
 
-    def heading(self, title: str) -> None:
-        """Begin one of the report's large divisions (analysis, plan, experiment, conclusions)."""
-        self.blocks.append(Heading(translated(title), 2))
+    def heading(self, title: str, name: str = "") -> None:
+        """Begin one of the report's large divisions (theory, plan, experiment, conclusions); ``{sec:name}`` refers to it."""
+        self.blocks.append(Heading(translated(title), 2, name=name))
 
     def section(self, part: str, title: str) -> None:
         """Begin the answer to a lettered item of the sheet."""
@@ -156,13 +189,25 @@ class Report:
         self.blocks.append(Heading(translated(title), 3, part))
 
     def says(self, /, *sentences: str, **values: object) -> None:
-        """A paragraph; ``{name}`` is replaced by a value, with five significant digits."""
+        """A paragraph; ``{name}`` is replaced by a value, with five significant digits, ``{name:3}`` with three.
+
+        ``{fig:name}``, ``{tab:name}``, ``{eq:name}``, ``{part:b}``, ``{sec:plan}`` and ``{ref:key, p. 217}`` become the number
+        of a figure, table, equation, section or reference, and a link to it.
+        """
         self.blocks.append(Text(text(*sentences, **values)))
 
-    def math(self, latex: str, /, **values: object) -> None:
-        """A displayed equation; ``{name}`` is replaced by a number or matrix in LaTeX."""
-        shown = {name: v if isinstance(v, str) else latex_matrix(v) for name, v in values.items()}  # type: ignore[arg-type]  # numbers and arrays
-        self.blocks.append(Text(f"$$\n{fill(latex, **shown)}\n$$"))
+    def math(self, latex: str, name: str = "", /, **values: object) -> None:
+        """A displayed equation; ``{name}`` is replaced by a number or matrix in LaTeX.
+
+        With a ``name`` it has a number, and ``{eq:name}`` in a text refers to it.
+        """
+        shown = {key: v if isinstance(v, str) else latex_matrix(v) for key, v in values.items()}  # type: ignore[arg-type]  # numbers and arrays
+        filled = fill(latex, **shown)
+        if name:
+            self._new(Equation, name)
+            self.blocks.append(Equation(name, filled, 1 + self._count(Equation)))
+        else:
+            self.blocks.append(Text(f"$$\n{filled}\n$$"))
 
     def model(self, model: Any) -> None:
         """Every matrix of a model, as an equation."""
@@ -207,13 +252,15 @@ class Report:
         *,
         at: Sequence[float] | None = None,
         reason: str = "",
+        symbol: str = "",
         agrees: Mapping[str, Any] | None = None,
         routes: tuple[str, str] = ("recursion", "closed form"),
         kind: float = SOLVER,
     ) -> None:
-        """A value of the results, and with ``agrees`` the check that the sheet's own answer is the same number.
+        r"""A value of the results, and with ``agrees`` the check that the sheet's own answer is the same number.
 
-        ``at`` : times of a list · ``reason`` : why the value is null · ``agrees`` : answers by name, of another route
+        ``at`` : times of a list · ``reason`` : why the value is null · ``symbol`` : its letter in LaTeX, such as ``\bar K``; a
+        value that has one stands among the answers · ``agrees`` : answers by name, of another route
         """
         value = plain(value)
         self._new(Value, name)
@@ -221,7 +268,7 @@ class Report:
             msg = f"value {name}: expected a reason beside null, received none"
             raise ValueError(msg)
         when, why = None if at is None else tuple(map(float, at)), translated(reason) if _has_null(value) else ""
-        self.blocks.append(Value(name, value, translated(unit), self.part, when, why))
+        self.blocks.append(Value(name, value, translated(unit), self.part, when, why, symbol))
         if agrees is not None:
             self.check(name.replace("_", " "), value, agrees[name], routes, kind)
 
@@ -245,17 +292,18 @@ class Report:
         if kind not in KINDS:
             msg = f"check {name}: expected the tolerance EXACT or SOLVER, received {kind}"
             raise ValueError(msg)
-        worst, reference, error, size = _worst(value, expected, scale)
-        limit = kind * size
-        self.blocks.append(Check(name, self.part, routes, worst, reference, limit, KINDS[kind], error <= limit))
+        found = compared(value, expected, scale, kind)
+        passed = found.share <= kind
+        self.blocks.append(
+            Check(name, self.part, routes, found.value, found.expected, kind * found.size, KINDS[kind], passed, found.share)
+        )
 
     def holds(self, name: str, margin: ArrayLike, routes: tuple[str, str], *, size: float) -> None:
         """An inequality between two routes: ``margin`` ≥ 0 everywhere, up to rounding (EXACT relative to ``size``)."""
         name, routes = translated(name), self._two(routes)
-        least = float(_numbers(margin).min())
-        self.blocks.append(
-            Check(name, self.part, routes, min(least, 0.0), 0.0, EXACT * size, "EXACT", least >= -EXACT * size)
-        )
+        least, limit = float(numbers(margin).min()), EXACT * size
+        passed = least >= -limit
+        self.blocks.append(Check(name, self.part, routes, 0.0 if passed else least, 0.0, limit, "EXACT", passed, ROUNDING))
 
     def chance(self, name: str, result: Chance, routes: tuple[str, str] = ("ensemble", "covariance theory")) -> None:
         """An ensemble agrees with theory: the worst deviation, in sigmas, is below what chance gives once in 10⁶."""
@@ -288,10 +336,10 @@ class Report:
         return bool(self.checks) and all(check.passed for check in self.checks)
 
     def results(self) -> dict[str, Any]:
-        """What ``results.json`` holds."""
+        """What ``results.json`` holds: numbers in the digits that are known on any machine."""
         values: dict[str, Any] = {}
         for value in self.values.values():
-            values[value.name] = {"value": value.value, "unit": value.unit, "part": value.part}
+            values[value.name] = {"value": known(value.value), "unit": value.unit, "part": value.part}
             if value.at is not None:
                 values[value.name]["at"] = list(value.at)
             if value.reason:
@@ -307,8 +355,8 @@ class Report:
             "values": values,
             "checks": [
                 {
-                    "name": c.name, "part": c.part, "route": list(c.route), "value": plain(c.value), "expected": plain(c.expected),
-                    "tolerance": plain(c.tolerance), "kind": c.kind, "passed": bool(c.passed),
+                    "name": c.name, "part": c.part, "route": list(c.route), "value": _told(c), "expected": known(plain(c.expected)),
+                    "tolerance": known(plain(c.tolerance)), "kind": c.kind, "passed": bool(c.passed),
                 }
                 for c in self.checks
             ],
@@ -318,7 +366,7 @@ class Report:
     def _count(self, kind: type) -> int:
         return sum(isinstance(block, kind) for block in self.blocks)
 
-    def _new(self, kind: type[Table | Picture | Value], name: str) -> None:
+    def _new(self, kind: type[Equation | Table | Picture | Value], name: str) -> None:
         if any(isinstance(block, kind) and block.name == name for block in self.blocks):
             msg = f"{kind.__name__.lower()} {name}: expected a new name, received one that is taken"
             raise ValueError(msg)
@@ -331,65 +379,14 @@ class Report:
         return translated(routes[0]), translated(routes[1])
 
 
-def _worst(value: Any, expected: Any, scale: ArrayLike | None) -> tuple[float | None, float | None, float, float]:
-    """The element that differs most in its own scale: value, expected, their difference, and that scale."""
-    if value is None or expected is None:
-        return (
-            (None, None, 0.0, 1.0)
-            if value is None and expected is None
-            else (_scalar(value), _scalar(expected), math.inf, 1.0)
-        )
-    found, wanted = _numbers(value), _numbers(expected)
-    if found.shape != wanted.shape:
-        msg = f"check: expected two arrays of one shape, received {found.shape} and {wanted.shape}"
-        raise ValueError(msg)
-    if not found.size:
-        msg = "check: expected at least one number, received none"
-        raise ValueError(msg)
-    same = (found == wanted) | (np.isnan(found) & np.isnan(wanted))
-    with np.errstate(invalid="ignore"):
-        difference = np.where(same, 0.0, np.abs(found - wanted))
-    difference = np.where(np.isnan(difference), np.inf, difference)
-    size = np.broadcast_to(_sizes(wanted) if scale is None else np.asarray(scale, dtype=np.float64), wanted.shape)
-    share = np.divide(difference, size, out=np.where(difference > 0, np.inf, 0.0), where=size > 0)
-    at = np.unravel_index(int(np.argmax(share)), difference.shape)
-    return _known(found[at]), _known(wanted[at]), float(difference[at]), float(size[at])
-
-
-def _sizes(wanted: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """What each element is measured by: σ_iσ_j in a covariance, otherwise its own size; the largest one's where that is 0."""
-    finite = np.where(np.isfinite(wanted), np.abs(wanted), 0.0)
-    size = finite
-    if wanted.ndim >= 2 and wanted.shape[-1] == wanted.shape[-2] and np.array_equal(finite, np.swapaxes(finite, -1, -2)):
-        sd = np.sqrt(np.diagonal(finite, axis1=-2, axis2=-1))
-        both = sd[..., :, None] * sd[..., None, :]
-        if (finite <= both * (1 + 1e-9)).all():
-            size = both
-    return np.where(size > 0, size, finite.max(initial=0.0) or 1.0)
+def _told(check: Check) -> Any:
+    """The value of a check as it is written down; a random number's standard errors have five digits."""
+    return known(plain(check.value), 5 if check.kind in {"CHANCE", "ORDER"} else DIGITS)
 
 
 def _cell(cell: Any) -> Any:
     return translated(cell) if isinstance(cell, str) else cell
 
 
-def _known(element: float) -> float | None:
-    return None if math.isnan(element) else float(element)
-
-
 def _has_null(value: Any) -> bool:
     return any(map(_has_null, value)) if isinstance(value, list) else value is None
-
-
-def _numbers(value: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Floats, with NaN for null (a NaN itself has been refused by ``plain``)."""
-    return np.atleast_1d(np.array(_infinite(plain(value)), dtype=np.float64))
-
-
-def _infinite(value: Any) -> Any:
-    if isinstance(value, list):
-        return [_infinite(item) for item in value]
-    return float(value) if isinstance(value, str) else value
-
-
-def _scalar(value: Any) -> float | None:
-    return None if value is None else float(_numbers(value).ravel()[0])

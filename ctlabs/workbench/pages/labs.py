@@ -29,7 +29,7 @@ PAGE = {"place": 5, "title": "Labs", "icon": "school"}
 #: Where the files of reports are, by draft, lab and name.
 FILES = "/lab-files/{draft}/{lab}/{name}"
 #: What a report may do in the page: nothing but be read.
-POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:"
 #: How often a run is looked at, in seconds.
 LOOK = 0.15
 
