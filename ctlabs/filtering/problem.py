@@ -89,7 +89,7 @@ def pose(
     discrete = _stacked(model, steps)
     measured.horizon(discrete, steps, least=0)
     discrete = discrete.cut(steps)
-    changes: dict[str, Any] = {}
+    changes: dict[str, Any] = {} if begin == discrete.first else {"first": begin}
     for name, given in (("H", H), ("R", R)):
         if given is not None:
             changes[name] = _by_instants(name, given, len(rows), begin, getattr(discrete, name).shape[-2:])

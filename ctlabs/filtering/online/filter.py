@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +19,7 @@ from ctlabs.filtering.gate import width
 from ctlabs.filtering.measured import begins
 from ctlabs.filtering.online import files
 from ctlabs.filtering.online.plants import Given, Instant, finite_time, plant, short
-from ctlabs.filtering.results import Contradiction, LeftOut, Mask
+from ctlabs.filtering.results import Contradiction, FilteredRow, LeftOut, Mask, gains
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
@@ -26,26 +27,6 @@ from ctlabs.text import moment
 
 #: Its recursion tells which perfect measurements are known already.
 JOSEPH = form("joseph")
-
-
-class OnlineEstimate(NamedTuple):
-    r"""What a filter knows at an instant.
-
-    ``t`` s · ``x`` (n,), ``P`` (n, n), estimate and covariance of its error given everything measured so far ·
-    ``innovation`` (m,), NaN where an element did not enter the update · ``S`` (m, m), its covariance, ``inf`` on the
-    diagonal there · ``nis``, :math:`\nu^TS^{-1}\nu`, NaN where nothing entered · ``contradictions``, the perfect measurements of
-    this instant (``row``, counted as the rows of a record) that disagree with what was known exactly
-    (:mod:`ctlabs.filtering.contradictions`) · ``left_out``, what this step left out as beyond the gate
-    """
-
-    t: float
-    x: Array
-    P: Array
-    innovation: Array
-    S: Array
-    nis: float
-    contradictions: tuple[Contradiction, ...] = ()
-    left_out: tuple[LeftOut, ...] = ()
 
 
 class Filter:
@@ -73,7 +54,7 @@ class Filter:
 
     >>> walk = DiscreteModel([[1]], [[1]], [[1]], [[1]], P0=[[10]])
     >>> online = Filter(walk, algorithm="ud")
-    >>> [online.step(z).x.round(6).item() for z in (1.0, None, 2.0)]
+    >>> [online.step(z).x_plus.round(6).item() for z in (1.0, None, 2.0)]
     [0.916667, 0.916667, 1.723404]
     """
 
@@ -119,7 +100,7 @@ class Filter:
         H: ArrayLike | None = None,
         R: ArrayLike | None = None,
         gate: float | None = None,
-    ) -> OnlineEstimate:
+    ) -> FilteredRow:
         """Go to time t and take in what was measured there.
 
         Parameters
@@ -134,7 +115,7 @@ class Filter:
 
         Returns
         -------
-        Estimate at the present instant, to which a late measurement contributes without moving it
+        The present instant, to which a late measurement contributes without moving it
 
         Raises
         ------
@@ -174,7 +155,7 @@ class Filter:
             msg = f"form {self._algorithm}: expected matrices with an inverse, received {received}"
             raise FloatingPointError(msg) from error
         self._begun = True
-        return self.estimate._replace(left_out=left)
+        return replace(self.estimate, left_out=left)
 
     def _gated(
         self, data: Array, gate: float, t: float | None, u: ArrayLike | None, H: ArrayLike | None, R: ArrayLike | None
@@ -182,8 +163,9 @@ class Filter:
         """The data within the gate, and the others: of a prediction to that time, which is undone."""
         before = self._past, self._before, self._begun
         try:
-            x, P = self.step(None, t, u, H=H, R=R)[1:3]
+            self.step(None, t, u, H=H, R=R)
             now = self._past[-1]
+            x, P = self._values(now.after)
         finally:
             self._past, self._before, self._begun = before
         unknown = np.abs(now.H) @ np.isinf(P.diagonal()) > 0
@@ -197,21 +179,29 @@ class Filter:
         return np.where(beyond, np.nan, data), left
 
     @property
-    def estimate(self) -> OnlineEstimate:
+    def estimate(self) -> FilteredRow:
         """The estimate at the present instant, as :meth:`step` returned it."""
         now = self._past[-1]
-        return OnlineEstimate(now.t, self.x, self.P, now.innovation.copy(), now.S.copy(), now.nis, _contradictions(now, self._first))
+        (x_minus, P_minus), (x_plus, P_plus) = self._values(now.before), self._values(now.after)
+        K = gains(P_minus[None], now.H, now.S[None], now.used[None])[0]
+        return FilteredRow(
+            t=now.t,
+            x_minus=x_minus,
+            x_plus=x_plus,
+            P_minus=P_minus,
+            P_plus=P_plus,
+            K=K,
+            S=now.S.copy(),
+            used=now.used.copy(),
+            innovation=now.innovation.copy(),
+            nis=now.nis,
+            contradictions=_contradictions(now, self._first),
+        )
 
-    @property
-    def x(self) -> Array:
-        """Estimate of the state at the present, (n,); NaN where nothing is known of a state."""
-        return _values(self._form, self._past[-1].after)[0][:, 0].copy()
-
-    @property
-    def P(self) -> Array:
-        """Covariance of its error, (n, n); ``inf`` on the diagonal where nothing is known of a state."""
-        P = _values(self._form, self._past[-1].after)[1]
-        return 0.5 * (P + P.T)
+    def _values(self, state: Any) -> tuple[Array, Array]:
+        """Estimate (n,) and covariance (n, n) of a state, symmetric to the bit."""
+        x, P = _values(self._form, state)
+        return x[:, 0].copy(), 0.5 * (P + P.T)
 
     @property
     def t(self) -> float:
