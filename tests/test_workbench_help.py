@@ -51,12 +51,12 @@ def test_there_is_help_on_every_field_algorithm_and_figure() -> None:
 
 def test_every_matrix_of_a_model_file_has_help() -> None:
     """What the file's format has, the help has."""
-    from ctlabs.files.modelfile.schema import SECTIONS, Settings
+    from ctlabs.files.modelfile.schema import SECTIONS, ExperimentTable
 
     for section in SECTIONS.values():
         for name in section.model_fields:
             assert help_for(f"model.{name}").what
-    for name in set(Settings.model_fields) - {"t0"}:
+    for name in set(ExperimentTable.model_fields) - {"t0"}:
         assert help_for(f"experiment.{name}").what
 
 

@@ -26,7 +26,7 @@ from ctlabs.workbench.blocks import InsertBlock, block, rational
 from ctlabs.workbench.kinds import before_sampling
 from ctlabs.workbench.outcomes import Asked
 from ctlabs.workbench.session import Session
-from ctlabs.workbench.sheet import Sheet
+from ctlabs.workbench.sheet import ModelSheet
 from ctlabs.workbench.store import Store
 from tests.reference import EXACT, SOLVER
 
@@ -381,7 +381,7 @@ def test_common_factors_are_cancelled_exactly() -> None:
 def test_every_ready_model_is_shown_and_understood(entry: Any) -> None:
     """Every cell has a value, equations have no holes, every part of the understanding is there or says why not."""
     file = loads(entry.text, "")
-    sheet = Sheet(file)
+    sheet = ModelSheet(file)
     for name, grid in sheet.grids.items():
         values = np.array([[cell.value for cell in row] for row in grid.rows], dtype=float)
         if name not in file.varying and grid.given:
@@ -563,7 +563,7 @@ def test_a_new_draft_begins_with_a_small_model_that_is_not_saved(session: Sessio
 
 def test_discretised_numbers_on_the_sheet_are_not_confused_with_the_file() -> None:
     """A cell that varies shows its value at the first measurement, and says that it varies."""
-    sheet = Sheet(ready("crane"))
+    sheet = ModelSheet(ready("crane"))
     moving = [cell for grid in sheet.grids.values() for row in grid.rows for cell in row if cell.varies]
     file = ready("crane")
     assert moving

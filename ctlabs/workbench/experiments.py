@@ -19,6 +19,7 @@ from ctlabs.analysis import diagnosis
 from ctlabs.files import timed
 from ctlabs.files.modelfile import ModelFile, loads
 from ctlabs.filtering import contradictions
+from ctlabs.filtering.comparison import Judged
 from ctlabs.filtering.filter import log_likelihood
 from ctlabs.filtering.results import Filtered
 from ctlabs.filtering.smoothing import smooth
@@ -115,7 +116,7 @@ def _refused(tried: dict[str, comparison.Attempt], name: str) -> tuple[str, ...]
 
 def _algorithms(
     model: DiscreteModel, z: Array, tried: dict[str, comparison.Attempt], first: int, true: Array | None = None
-) -> tuple[comparison.Judged, ...]:
+) -> tuple[Judged, ...]:
     """The chosen algorithms on the first record: cost, accuracy, and errors of simulated runs."""
     rows = comparison.judge(model, z, tried, first, PATIENCE)
     if true is None:

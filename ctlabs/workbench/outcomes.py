@@ -19,10 +19,10 @@ from ctlabs.files.modelfile import ModelFile
 from ctlabs.files.modelfile.errors import meant, shown
 from ctlabs.files.modelfile.schema import RUNS, STEPS
 from ctlabs.filtering.algorithms.catalogue import FORMS
+from ctlabs.filtering.comparison import Judged
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import deviations
 from ctlabs.models.anomalies import Anomaly
-from ctlabs.studies.comparison import Judged
 
 #: The name under which :func:`ctlabs.workbench.experiments.run` is in the worker's table.
 REGISTERED = "experiment"

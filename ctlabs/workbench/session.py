@@ -29,7 +29,7 @@ from ctlabs.workbench.commands import Command
 from ctlabs.workbench.comparing import Difference
 from ctlabs.workbench.outcomes import REGISTERED, Asked, Outcome, Upload, outcome, packed
 from ctlabs.workbench.running import Running
-from ctlabs.workbench.sheet import Cell, Sheet
+from ctlabs.workbench.sheet import Cell, ModelSheet
 from ctlabs.workbench.store import REVISIONS
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class Session:
     def __init__(self, draft: Draft, *, store: Store, runner: Runner | None = None) -> None:
         self.draft, self.store, self.runner = draft, store, runner
         self._revisions = [(each.number, each.label) for each in store.history(draft.id)]
-        self._sheet: Sheet | None = None
+        self._sheet: ModelSheet | None = None
         self._understanding: Understanding | None = None
         self._at = next(i for i, (number, _) in enumerate(self._revisions) if number == draft.number)
         self._set(_file(draft.text), draft.text)
@@ -131,10 +131,10 @@ class Session:
         return f"{word or 'model'}.toml"
 
     @property
-    def sheet(self) -> Sheet:
+    def sheet(self) -> ModelSheet:
         """The model as grids of cells, constants and equations."""
         if self._sheet is None:
-            self._sheet = Sheet(self.file)
+            self._sheet = ModelSheet(self.file)
         return self._sheet
 
     def do(self, command: Command) -> None:
@@ -463,7 +463,7 @@ class Session:
             self.store.note(self.draft.id, result=number)
 
     def _keep(self, found: Outcome, text: str, plan: Asked, name: str) -> int:
-        title = Sheet(loads(text, "", check=False)).title or "Untitled model"
+        title = ModelSheet(loads(text, "", check=False)).title or "Untitled model"
         words = _line(name) or f"{title}: " + (plan.data.name if plan.data else f"{plan.runs} runs, seed {plan.seed}")
         return self.store.keep(self.draft.owner, words, text, self._settings(plan), plan.seed, packed(found))
 

@@ -71,7 +71,7 @@ class ConstantRow:
     used: bool = False
 
 
-class Sheet:
+class ModelSheet:
     """A file, ready to be shown. Made anew for every text; all parts are computed when they are first asked for."""
 
     def __init__(self, file: ModelFile) -> None:

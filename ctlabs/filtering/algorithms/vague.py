@@ -66,7 +66,7 @@ class State(NamedTuple):
         return (contract.doubles(self.A[:, : self.unknown]) != 0).any(axis=1)
 
 
-class Told(NamedTuple):
+class VagueUpdate(NamedTuple):
     """What one instant says: ``log_likelihood`` and ``nis`` (runs,), the ``used`` elements (m,).
 
     ``determined``: how many unknown columns it determined · ``excess`` (m, runs), the innovation of an element that is left out,
@@ -162,18 +162,18 @@ def rooted(state: State, *parts: Numbers) -> State:
     return state._replace(P=L @ L.T, L=L)
 
 
-def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Told]:
+def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, VagueUpdate]:
     """One instant's measurements, one element after another; a perfect one of what is known already is left out."""
     z, H, r = contract.decorrelated(z, H, R)
     state = state._replace(x=np.repeat(state.x, z.shape[1] // state.x.shape[1], axis=1))
     none = contract.zeros(z.shape[1], state.P)
-    told = Told(none, none, np.ones(len(z), dtype=bool), 0, np.full(z.shape, np.nan), np.full(len(z), np.nan))
+    told = VagueUpdate(none, none, np.ones(len(z), dtype=bool), 0, np.full(z.shape, np.nan), np.full(len(z), np.nan))
     for i in range(len(z)):
         state, told = _element(state, told, i, z[i], H[i], r[i])
     return folded(state), told
 
 
-def _element(state: State, told: Told, i: int, z: Numbers, h: Numbers, r: Any) -> tuple[State, Told]:
+def _element(state: State, told: VagueUpdate, i: int, z: Numbers, h: Numbers, r: Any) -> tuple[State, VagueUpdate]:
     """One element z (runs,) with the row h (n,) and the variance r."""
     eps, number = precision(state.P), state.unknown
     nu, K, s = z - h @ state.x, *_gain(state, h, r, eps)
@@ -213,7 +213,7 @@ def _element(state: State, told: Told, i: int, z: Numbers, h: Numbers, r: Any) -
     return after._replace(x=state.x + np.outer(K_all, nu), A=A, unknown=unknown.shape[1]), told
 
 
-def _left_out(told: Told, i: int, nu: Numbers, terms: Numbers) -> Told:
+def _left_out(told: VagueUpdate, i: int, nu: Numbers, terms: Numbers) -> VagueUpdate:
     """An element whose innovation ν (runs,) has no variance."""
     used, excess, size = told.used.copy(), told.excess.copy(), told.terms.copy()
     used[i], excess[i], size[i] = False, contract.doubles(nu), contract.doubles(terms).max()

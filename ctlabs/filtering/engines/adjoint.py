@@ -32,7 +32,7 @@ from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import helper, kernel
 
 
-class Passed(NamedTuple):
+class AdjointInputs(NamedTuple):
     """A filtered record: what the backward pass reads. Shapes as in :class:`ctlabs.filtering.results.Filtered`, without runs."""
 
     x_minus: Array
@@ -45,7 +45,7 @@ class Passed(NamedTuple):
     used: Array
 
 
-class Slopes(NamedTuple):
+class AdjointSlopes(NamedTuple):
     """∂ℓ by each matrix: entry k of one that varies, or the sum over all instants in a stack of one.
 
     ``Phi``, ``Qd`` (steps or 1, n, n) · ``offset`` (steps or 1, n) · ``H`` (steps+1 or 1, m, n) · ``R`` (steps+1 or 1, m, m) ·
@@ -73,7 +73,7 @@ def _equal(A: Array, B: Array) -> bool:
 
 
 @partial(helper, inline="always")
-def _resting(seen: Passed, k: int) -> bool:
+def _resting(seen: AdjointInputs, k: int) -> bool:
     """Whether the same elements are used at k as at k+1, with the same gain and covariance."""
     n, m = seen.K.shape[1], seen.K.shape[2]
     for a in range(m):
@@ -90,7 +90,7 @@ def _resting(seen: Passed, k: int) -> bool:
 
 @partial(helper, inline="always")
 def _updated(k: int, J: Array, V: Array, D: Array, X: Array, pick: Array, count: int, r: Array, u: Array, before: Array,
-             seen: Passed, out: Slopes) -> None:  # fmt: skip
+             seen: AdjointInputs, out: AdjointSlopes) -> None:  # fmt: skip
     """r through the update at k, and what H, R and z gain."""
     n, h, g = r.shape[0], k if out.H.shape[0] > 1 else 0, k if out.R.shape[0] > 1 else 0
     for a in range(count):
@@ -118,7 +118,7 @@ def _updated(k: int, J: Array, V: Array, D: Array, X: Array, pick: Array, count:
 
 
 @partial(helper, inline="always")
-def _moved(k: int, F: Array, N: Array, r: Array, before: Array, G: Array, work: Array, seen: Passed, out: Slopes) -> None:
+def _moved(k: int, F: Array, N: Array, r: Array, before: Array, G: Array, work: Array, seen: AdjointInputs, out: AdjointSlopes) -> None:
     """r through the motion to k, and what Φ, Qd and c gain; N is that before the measurement at k."""
     n = r.shape[0]
     f, q, c = k - 1 if out.Phi.shape[0] > 1 else 0, k - 1 if out.Qd.shape[0] > 1 else 0, k - 1 if out.offset.shape[0] > 1 else 0
@@ -202,7 +202,7 @@ def _told(
 @helper
 def _rested(
     k: int, begin: int, F: Array, J: Array, V: Array, D: Array, X: Array, N: Array, pick: Array, count: int,
-    r: Array, u: Array, before: Array, G: Array, work: Array, seen: Passed, out: Slopes,
+    r: Array, u: Array, before: Array, G: Array, work: Array, seen: AdjointInputs, out: AdjointSlopes,
 ) -> int:  # fmt: skip
     """Back from k as long as nothing changes but r, not as far as ``begin``; the last instant that is done."""
     while k - 1 > begin and _resting(seen, k - 1):
@@ -214,7 +214,7 @@ def _rested(
 
 
 @kernel
-def backward(Phi: Array, H: Array, seen: Passed, begin: int, out: Slopes) -> None:
+def backward(Phi: Array, H: Array, seen: AdjointInputs, begin: int, out: AdjointSlopes) -> None:
     """From the last instant back to ``begin``; adds to ``out``. ``Phi`` (steps or 1, n, n), ``H`` (steps+1 or 1, m, n)."""
     rows, m, n = seen.K.shape[0], seen.K.shape[2], seen.K.shape[1]
     r, before, N, N_minus, B = np.zeros(n), np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))

@@ -16,7 +16,7 @@ from ctlabs.filtering.algorithms.contract import Form, Noise, Numbers
 from ctlabs.filtering.engines import adapter
 from ctlabs.filtering.engines.record import ByInstant
 from ctlabs.filtering.measured import any_perfect
-from ctlabs.filtering.problem import Problem
+from ctlabs.filtering.problem import FilterProblem
 from ctlabs.filtering.results import Filtered, Mask, gains
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import symmetric
@@ -24,7 +24,7 @@ from ctlabs.models.linear import DiscreteModel
 from ctlabs.text import moment
 
 
-def run(problem: Problem, form: str, kind: Any = float, *, own_start: bool = False) -> tuple[Filtered, float]:
+def run(problem: FilterProblem, form: str, kind: Any = float, *, own_start: bool = False) -> tuple[Filtered, float]:
     """The record by one form in one kind of number, rounded to doubles; and the seconds per step of prediction and update.
 
     From a P0 of which a part is unknown, or very large beside the noises, the form takes over when that part is known about as
@@ -88,7 +88,7 @@ def run(problem: Problem, form: str, kind: Any = float, *, own_start: bool = Fal
     return contradictions.judged(problem, found), seconds / max(steps, 1)
 
 
-def entering(problem: Problem) -> Mask:
+def entering(problem: FilterProblem) -> Mask:
     """Which elements enter the updates, (steps+1, m)."""
     model, rows = problem.model, len(problem.z)
     matrices = model.R[:rows] if model.R.ndim == 3 else model.R[None]

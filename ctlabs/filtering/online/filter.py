@@ -18,7 +18,7 @@ from ctlabs.filtering.engines.driver import innovation, taken_over
 from ctlabs.filtering.gate import width
 from ctlabs.filtering.measured import begins
 from ctlabs.filtering.online import files
-from ctlabs.filtering.online.plants import Given, Instant, finite_time, plant, short
+from ctlabs.filtering.online.plants import Given, Snapshot, finite_time, plant, short
 from ctlabs.filtering.results import Contradiction, FilteredRow, LeftOut, Mask, gains
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
@@ -88,7 +88,7 @@ class Filter:
         exact = gathered.begun(self._plant.model.x0, self._plant.P0) if perfect else None
         told = (z, S, np.nan, 0.0, 0.0, exact, exact, z, z)
         H, R0 = self._plant.measured(0)
-        start = Instant(0, self._plant.t0, u, z, np.zeros(len(z)), np.array(H), np.array(R0), none, state, state, known, known, *told)
+        start = Snapshot(0, self._plant.t0, u, z, np.zeros(len(z)), np.array(H), np.array(R0), none, state, state, known, known, *told)
         self._past = [start]
 
     def step(
@@ -280,7 +280,7 @@ class Filter:
         restored._before, restored._begun = (float(own), float(diffuse)), bool(header["begun"])
         return restored
 
-    def _template(self, before: int | None, after: int | None, ahead: bool, known: bool) -> Instant:
+    def _template(self, before: int | None, after: int | None, ahead: bool, known: bool) -> Snapshot:
         """An instant of the right shapes: how many columns its states have before the form takes over, and whether there is a
         second state that tells what is known exactly, before and after the update.
         """
@@ -325,7 +325,7 @@ class Filter:
             past, way = [*self._past[:i], self._completed(there, new)], []
         self._go(past, [*way, *(Given(old.t, old.u, old.z, old.H, old.R) for old in later)])
 
-    def _completed(self, instant: Instant, given: Given) -> Instant:
+    def _completed(self, instant: Snapshot, given: Given) -> Snapshot:
         """An instant with the data that were missing."""
         data = given.z
         new = ~np.isnan(data)
@@ -345,7 +345,7 @@ class Filter:
         H, R = (own if other is None else other for own, other in ((instant.H, given.H), (instant.R, given.R)))
         return self._updated(instant._replace(H=np.array(H), R=np.array(R)), np.where(new, data, instant.z))
 
-    def _go(self, past: list[Instant], way: Iterable[Given]) -> None:
+    def _go(self, past: list[Snapshot], way: Iterable[Given]) -> None:
         """Predict and update along the ``way``; nothing changes unless all of it succeeds."""
         past, before = list(past), self._before
         for given in way:
@@ -355,7 +355,7 @@ class Filter:
                 before = (before[0] + gone.log_likelihood, before[1] + gone.diffuse)
         self._past, self._before = past, before
 
-    def _predicted(self, last: Instant, given: Given) -> Instant:
+    def _predicted(self, last: Snapshot, given: Given) -> Snapshot:
         """The next instant before its data."""
         if np.isnan(last.u).any() and self._plant.given.B is not None:
             msg = "u0: expected the known input from t0 to the first measurement (the model has B), received None"
@@ -380,7 +380,7 @@ class Filter:
         new = last._replace(k=last.k + 1, t=given.t, u=given.u, H=H, R=R, before=before, ahead=ahead, approaching=exact)
         return new._replace(seen=self._plant.seen(last.k + 1, given.u))
 
-    def _updated(self, instant: Instant, z: Array) -> Instant:
+    def _updated(self, instant: Snapshot, z: Array) -> Snapshot:
         """The instant with the data z: from its state before to that after."""
         H, R, data = instant.H, instant.R, z - instant.seen
         used = np.isfinite(R.diagonal()) & ~np.isnan(z)
@@ -403,7 +403,7 @@ class Filter:
             changed = changed._replace(log_likelihood=-np.inf, diffuse=-np.inf)
         return changed
 
-    def _told(self, instant: Instant, own: tuple[Array, Array, contract.Noise]) -> Instant:
+    def _told(self, instant: Snapshot, own: tuple[Array, Array, contract.Noise]) -> Snapshot:
         """The instant after its elements used, by the form."""
         after, told = self._form.update(instant.before, *own)
         known = None if instant.ahead is None else JOSEPH.update(instant.ahead, *own)[0]
@@ -413,7 +413,7 @@ class Filter:
         both = float(told.nis[0]), float(told.log_likelihood[0])
         return instant._replace(after=after, known=known, nis=both[0], log_likelihood=both[1], diffuse=both[1])
 
-    def _vaguely(self, instant: Instant, own: tuple[Array, Array, contract.Noise]) -> Instant:
+    def _vaguely(self, instant: Snapshot, own: tuple[Array, Array, contract.Noise]) -> Snapshot:
         """The instant after its elements used, before the form takes over."""
         before, nu, S, used = instant.before, instant.innovation, instant.S, instant.used.copy()
         after, told = vague.update(before, *own)
@@ -429,7 +429,7 @@ class Filter:
         finite = used.any() and np.isfinite(S.diagonal()[used]).all()
         return changed._replace(nis=float(told.nis[0]) if finite else np.nan)
 
-    def _compared(self, instant: Instant, H: Array, R: Array) -> Instant:
+    def _compared(self, instant: Snapshot, H: Array, R: Array) -> Snapshot:
         """The instant with what its measurements say of what was known already."""
         x, P = ([f(each) for each in (instant.before, instant.after)] for f in (self._form.mean, self._form.covariance))
         found = gathered.updated(instant.approaching, instant.z - instant.seen, instant.seen, H, R, x, P, instant.used)
@@ -446,7 +446,7 @@ class Filter:
             raise FloatingPointError(msg)
 
 
-def _contradictions(instant: Instant, first: int) -> tuple[Contradiction, ...]:
+def _contradictions(instant: Snapshot, first: int) -> tuple[Contradiction, ...]:
     """The elements of an instant that disagree with what was known."""
     wrong = np.flatnonzero(np.abs(instant.excess) > instant.allowed)
     return tuple(

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
     from ctlabs.workbench.pages.shell import Shell
     from ctlabs.workbench.session import Session
-    from ctlabs.workbench.sheet import Cell, Sheet
+    from ctlabs.workbench.sheet import Cell, ModelSheet
 
 PAGE = {"place": 1, "title": "Model", "icon": "grid_on"}
 
@@ -567,7 +567,7 @@ def _notes(session: Session) -> dict[str, Any]:
     return dict(found.notes) if found else {}
 
 
-def _experiment(sheet: Sheet) -> dict[str, Any]:
+def _experiment(sheet: ModelSheet) -> dict[str, Any]:
     found = sheet.data.get("experiment")
     return found if isinstance(found, dict) else {}
 
