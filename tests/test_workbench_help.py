@@ -18,12 +18,12 @@ from ctlabs.files.modelfile import ModelFile, loads, ready
 from ctlabs.filtering import flops, kalman_filter, steady
 from ctlabs.filtering.algorithms import catalogue
 from ctlabs.reporting.mathml import mathml
-from ctlabs.workbench import blocks, tour
-from ctlabs.workbench.commands import EditCell, New, Open
+from ctlabs.workbench.desk import blocks, tour
+from ctlabs.workbench.desk.commands import EditCell, New, Open
+from ctlabs.workbench.desk.session import Session
+from ctlabs.workbench.desk.store import Store
+from ctlabs.workbench.desk.tour import STEPS, Tour
 from ctlabs.workbench.help import Help, groups, help_for, topics
-from ctlabs.workbench.session import Session
-from ctlabs.workbench.store import Store
-from ctlabs.workbench.tour import STEPS, Tour
 from tests.reference import EXACT, SOLVER
 
 TEXTS = [each for group in groups().values() for each in group.entries.values()]

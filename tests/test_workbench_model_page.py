@@ -19,8 +19,8 @@ pytest.importorskip("nicegui", reason="the workbench is not installed: pip insta
 from ctlabs.files.modelfile import gallery, loads, new, ready
 from ctlabs.files.modelfile.schema import wrong_name
 from ctlabs.reporting.mathml import mathml
-from ctlabs.workbench import blocks
-from ctlabs.workbench.commands import (
+from ctlabs.workbench.desk import blocks
+from ctlabs.workbench.desk.commands import (
     AddConstant,
     AddPart,
     EditCell,
@@ -31,6 +31,9 @@ from ctlabs.workbench.commands import (
     Rewrite,
     apply,
 )
+from ctlabs.workbench.desk.session import Session
+from ctlabs.workbench.desk.sheet import ModelSheet
+from ctlabs.workbench.desk.store import Store
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.pages import STATIC, model_parts
 from ctlabs.workbench.pages.cells import POSITIONS, Slider, block, number, placed, shown, slider, typed
@@ -45,9 +48,6 @@ from ctlabs.workbench.pages.model_edits import (
     sections,
     unknown_name,
 )
-from ctlabs.workbench.session import Session
-from ctlabs.workbench.sheet import ModelSheet
-from ctlabs.workbench.store import Store
 from tests.reference import EXACT
 
 FEW = settings(deadline=None, max_examples=30, derandomize=True)

@@ -19,15 +19,15 @@ from ctlabs.filtering import bucy, settling, steady
 from ctlabs.models import Anomaly, observability, shaping, spectra
 from ctlabs.models.discretisation import interval
 from ctlabs.studies.understanding import compute
-from ctlabs.workbench import commands as c
-from ctlabs.workbench import session as session_module
-from ctlabs.workbench import store as store_module
-from ctlabs.workbench.blocks import InsertBlock, block, rational
-from ctlabs.workbench.kinds import before_sampling
-from ctlabs.workbench.outcomes import Asked
-from ctlabs.workbench.session import Session
-from ctlabs.workbench.sheet import ModelSheet
-from ctlabs.workbench.store import Store
+from ctlabs.workbench.desk import commands as c
+from ctlabs.workbench.desk import session as session_module
+from ctlabs.workbench.desk import store as store_module
+from ctlabs.workbench.desk.blocks import InsertBlock, block, rational
+from ctlabs.workbench.desk.kinds import before_sampling
+from ctlabs.workbench.desk.session import Session
+from ctlabs.workbench.desk.sheet import ModelSheet
+from ctlabs.workbench.desk.store import Store
+from ctlabs.workbench.runs.outcomes import Asked
 from tests.reference import EXACT, SOLVER
 
 

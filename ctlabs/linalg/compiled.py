@@ -103,7 +103,7 @@ def keep(dispatcher: Any) -> None:
 
         def __init__(self, py_func: Any) -> None:
             """What other sources left may name types that are gone: it is of another version, and is not read."""
-            super().__init__(py_func)
+            super().__init__(py_func)  # type: ignore[no-untyped-call]  # numba has no types
             self._cache_file._version += f" {self._cache_file._source_stamp}"
 
     try:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from ctlabs.workbench.pages.model_edits import Typing
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.commands import Command
+    from ctlabs.workbench.desk.commands import Command
+    from ctlabs.workbench.desk.session import Session
     from ctlabs.workbench.pages.shell import Shell
-    from ctlabs.workbench.session import Session
 
 
 class Editor:

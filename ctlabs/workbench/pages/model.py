@@ -16,7 +16,8 @@ from nicegui import ui
 from ctlabs.files.modelfile.errors import ModelFileError
 from ctlabs.files.modelfile.toml import LARGEST, decoded
 from ctlabs.reporting.mathml import mathml
-from ctlabs.workbench import commands
+from ctlabs.workbench.desk import commands
+from ctlabs.workbench.desk.sheet import LETTERS
 from ctlabs.workbench.pages import model_dialogs
 from ctlabs.workbench.pages import model_parts as parts
 from ctlabs.workbench.pages.cells import Label
@@ -32,14 +33,13 @@ from ctlabs.workbench.pages.model_edits import (
     sections,
     unknown_name,
 )
-from ctlabs.workbench.sheet import LETTERS
 
 if TYPE_CHECKING:
     from nicegui.events import UploadEventArguments
 
+    from ctlabs.workbench.desk.session import Session
+    from ctlabs.workbench.desk.sheet import Cell, ModelSheet
     from ctlabs.workbench.pages.shell import Shell
-    from ctlabs.workbench.session import Session
-    from ctlabs.workbench.sheet import Cell, ModelSheet
 
 PAGE = {"place": 1, "title": "Model", "icon": "grid_on"}
 
@@ -573,6 +573,6 @@ def _experiment(sheet: ModelSheet) -> dict[str, Any]:
 
 
 def _default_t0() -> Cell:
-    from ctlabs.workbench.sheet import Cell
+    from ctlabs.workbench.desk.sheet import Cell
 
     return Cell(("experiment", "t0"), "0", 0.0)

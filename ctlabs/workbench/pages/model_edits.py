@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
 from ctlabs.files.modelfile.errors import Path
-from ctlabs.workbench import commands
+from ctlabs.workbench.desk import commands
 from ctlabs.workbench.pages.cells import placed
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.session import Session
-    from ctlabs.workbench.sheet import ModelSheet
+    from ctlabs.workbench.desk.session import Session
+    from ctlabs.workbench.desk.sheet import ModelSheet
 
 #: Matrices that are equal to their transpose: what is typed on one side stands on the other too.
 SYMMETRIC = ("Q", "Qd", "R", "Rc", "P0")

@@ -28,7 +28,7 @@ from ctlabs.linalg.covariance import deviations
 from ctlabs.models import DiscreteModel, anomalous
 from ctlabs.studies import common, comparison, simulation
 from ctlabs.text import number
-from ctlabs.workbench.outcomes import Asked, ErrorStatistics, InnovationTests, Outcome, packed
+from ctlabs.workbench.runs.outcomes import Asked, ErrorStatistics, InnovationTests, Outcome, packed
 
 __all__ = ["Asked", "Outcome", "prepared", "run"]
 
@@ -44,12 +44,12 @@ def run(
     progress: Callable[[int, int], object] | None = None,
     workers: int | None = None,
 ) -> dict[str, Any]:
-    """Carry out a plan on a model; the plain form of an :class:`~ctlabs.workbench.outcomes.Outcome`.
+    """Carry out a plan on a model; the plain form of an :class:`~ctlabs.workbench.runs.outcomes.Outcome`.
 
     Parameters
     ----------
     model : text of a model file
-    plan : plain form of a :class:`~ctlabs.workbench.outcomes.Asked`
+    plan : plain form of a :class:`~ctlabs.workbench.runs.outcomes.Asked`
     progress : function of (runs done, runs)
     workers : threads
 

@@ -24,17 +24,18 @@ from ctlabs.files.datafile import Record
 from ctlabs.files.modelfile import ModelFile, loads, new
 from ctlabs.files.modelfile.errors import Path
 from ctlabs.studies.understanding import Understanding, compute
-from ctlabs.workbench import commands, comparing
-from ctlabs.workbench.commands import Command
-from ctlabs.workbench.comparing import Difference
-from ctlabs.workbench.outcomes import REGISTERED, Asked, Outcome, Upload, outcome, packed
-from ctlabs.workbench.running import Running
-from ctlabs.workbench.sheet import Cell, ModelSheet
-from ctlabs.workbench.store import REVISIONS
+from ctlabs.workbench.desk import commands
+from ctlabs.workbench.desk.commands import Command
+from ctlabs.workbench.desk.sheet import Cell, ModelSheet
+from ctlabs.workbench.desk.store import REVISIONS
+from ctlabs.workbench.runs import comparing
+from ctlabs.workbench.runs.comparing import Difference
+from ctlabs.workbench.runs.outcomes import REGISTERED, Asked, Outcome, Upload, outcome, packed
+from ctlabs.workbench.runs.running import Running
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.store import Draft, KeptExperiment, Store
-    from ctlabs.workbench.worker import Cancel, Runner, RunProgress
+    from ctlabs.workbench.desk.store import Draft, KeptExperiment, Store
+    from ctlabs.workbench.runs.worker import Cancel, Runner, RunProgress
 
 #: Longest name of an experiment.
 LONGEST = 120
@@ -297,7 +298,7 @@ class Session:
 
         Raises
         ------
-        ValueError, ctlabs.workbench.worker.RunFailed
+        ValueError, ctlabs.workbench.runs.worker.RunFailed
             The plan or the model cannot be run; it was cancelled, too large or too long. One line.
         """
         job, text, plan = self.job(), self.text, self.plan
@@ -367,20 +368,20 @@ class Session:
 
         "html", "png" and "svg" take about a second: call it in a thread (``asyncio.to_thread``).
         """
-        from ctlabs.workbench import exports
+        from ctlabs.workbench.runs import exports
 
         old = self._kept(number)
         return exports.export(old.name, old.model, self._plan(old.settings), self.outcome(number), kind, figure)
 
     def figures(self, number: int) -> dict[str, str]:
         """The pictures of a kept experiment, and what each shows."""
-        from ctlabs.workbench.figures import pictures
+        from ctlabs.workbench.runs.figures import pictures
 
         return {name: caption for name, (_, caption) in pictures(self.outcome(number)).items()}
 
     def export_name(self, number: int, kind: str) -> str:
         """A name for an exported file."""
-        from ctlabs.workbench import exports
+        from ctlabs.workbench.runs import exports
 
         return exports.filename(self._kept(number).name, number, kind)
 
@@ -446,7 +447,7 @@ class Session:
     ) -> Outcome:
         name, arguments = job
         if self.runner is None:
-            from ctlabs.workbench import experiments
+            from ctlabs.workbench.runs import experiments
 
             return outcome(await asyncio.to_thread(experiments.run, **arguments))
         result = await self.runner.run(name, arguments, session=self.draft.id, progress=progress, cancel=cancel)

@@ -1,5 +1,5 @@
 """What is asked of an experiment (:class:`Asked`) and what comes out (:class:`Outcome`); how it is computed:
-:mod:`ctlabs.workbench.experiments`.
+:mod:`ctlabs.workbench.runs.experiments`.
 
 Both have a plain form (numbers, texts, lists, arrays) that travels to another process and into the store.
 """
@@ -24,7 +24,7 @@ from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import deviations
 from ctlabs.models.anomalies import Anomaly
 
-#: The name under which :func:`ctlabs.workbench.experiments.run` is in the worker's table.
+#: The name under which :func:`ctlabs.workbench.runs.experiments.run` is in the worker's table.
 REGISTERED = "experiment"
 #: Largest measured record that a plan holds, in characters.
 LARGEST = 20_000_000
