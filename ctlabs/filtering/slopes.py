@@ -128,7 +128,7 @@ def beginning(problem: FilterProblem, begun: int) -> Begun:
         state = vague.predict(state, *record.motion(begun - 1))
     elif state.lost.any():
         return Begun(total, np.zeros(problem.model.n), np.zeros(problem.model.P0.shape))
-    return Begun(total, vague.mean(state)[:, 0], vague.covariance(state))
+    return Begun(total, state.mean[:, 0], state.covariance)
 
 
 def _moderate(model: DiscreteModel) -> bool:

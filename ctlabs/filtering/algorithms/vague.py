@@ -65,6 +65,19 @@ class State(NamedTuple):
         """The states of which nothing is known, (n,)."""
         return (contract.doubles(self.A[:, : self.unknown]) != 0).any(axis=1)
 
+    @property
+    def mean(self) -> Numbers:
+        """The estimate, (n, runs); NaN for a state not known at all."""
+        return np.where(self.lost[:, None], contract.like(np.nan, self.x), self.x)
+
+    @property
+    def covariance(self) -> Numbers:
+        """The covariance of its error, (n, n); ``inf`` and zeros beside it for a state not known at all."""
+        lost, vague = self.lost, self.A[:, self.unknown :]
+        P = np.where(lost[:, None] | lost, contract.zeros(self.P.shape, self.P), self.P + vague @ vague.T)
+        P[lost, lost] = contract.like(np.inf, P)
+        return P
+
 
 class VagueUpdate(NamedTuple):
     """What one instant says: ``log_likelihood`` and ``nis`` (runs,), the ``used`` elements (m,).
@@ -243,17 +256,6 @@ def folded(state: State) -> State:
     return rooted(state, state.L, small)._replace(A=A)
 
 
-def mean(state: State) -> Numbers:
-    """The estimate, (n, runs); NaN for a state not known at all."""
-    return np.where(state.lost[:, None], contract.like(np.nan, state.x), state.x)
-
-
-def covariance(state: State) -> Numbers:
-    """The covariance of its error, (n, n); ``inf`` and zeros beside it for a state not known at all."""
-    lost, vague = state.lost, state.A[:, state.unknown :]
-    P = np.where(lost[:, None] | lost, contract.zeros(state.P.shape, state.P), state.P + vague @ vague.T)
-    P[lost, lost] = contract.like(np.inf, P)
-    return P
 
 
 def innovation(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[Array, Array]:

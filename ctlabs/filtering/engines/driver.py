@@ -52,7 +52,7 @@ def run(problem: FilterProblem, form: str, kind: Any = float, *, own_start: bool
                     step, before = record.motion(k - 1), perf_counter()
                     state = how.predict(state, *step)
                     seconds += perf_counter() - before
-                x, P = how.mean(state), how.covariance(state)
+                x, P = state.mean, state.covariance
                 out.x_minus[k], out.P_minus[k] = contract.doubles(x), contract.doubles(P)
                 if not (used := record.used[k]).any():
                     out.x_plus[k], out.P_plus[k] = out.x_minus[k], out.P_minus[k]
@@ -61,10 +61,7 @@ def run(problem: FilterProblem, form: str, kind: Any = float, *, own_start: bool
                 state, told = how.update(state, *measured)
                 seconds += perf_counter() - before
                 out.innovation[k, used], out.S[k][np.ix_(used, used)] = innovation(x, P, *measured)
-                out.x_plus[k], out.P_plus[k] = (
-                    contract.doubles(how.mean(state)),
-                    contract.doubles(how.covariance(state)),
-                )
+                out.x_plus[k], out.P_plus[k] = contract.doubles(state.mean), contract.doubles(state.covariance)
                 if np.isfinite(out.S[k, used, used]).all():
                     out.nis[k] = contract.doubles(told.nis)
                     out.log_likelihood += contract.doubles(told.log_likelihood)

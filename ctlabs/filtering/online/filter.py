@@ -165,7 +165,7 @@ class Filter:
         try:
             self.step(None, t, u, H=H, R=R)
             now = self._past[-1]
-            x, P = self._values(now.after)
+            x, P = _values(now.after)
         finally:
             self._past, self._before, self._begun = before
         unknown = np.abs(now.H) @ np.isinf(P.diagonal()) > 0
@@ -182,7 +182,7 @@ class Filter:
     def estimate(self) -> FilteredRow:
         """The estimate at the present instant, as :meth:`step` returned it."""
         now = self._past[-1]
-        (x_minus, P_minus), (x_plus, P_plus) = self._values(now.before), self._values(now.after)
+        (x_minus, P_minus), (x_plus, P_plus) = _values(now.before), _values(now.after)
         K = gains(P_minus[None], now.H, now.S[None], now.used[None])[0]
         return FilteredRow(
             t=now.t,
@@ -197,11 +197,6 @@ class Filter:
             nis=now.nis,
             contradictions=_contradictions(now, self._first),
         )
-
-    def _values(self, state: Any) -> tuple[Array, Array]:
-        """Estimate (n,) and covariance (n, n) of a state, symmetric to the bit."""
-        x, P = _values(self._form, state)
-        return x[:, 0].copy(), 0.5 * (P + P.T)
 
     @property
     def t(self) -> float:
@@ -372,8 +367,8 @@ class Filter:
         else:
             if ahead is not None:
                 ahead = JOSEPH.predict(ahead, *motion)
-                x, P, (Phi, c, Q) = self._form.mean(before), self._form.covariance(before), motion
-                exact = gathered.predicted(exact, x, P, Phi, c, Q.matrix, model.m)
+                Phi, c, Q = motion
+                exact = gathered.predicted(exact, before.mean, before.covariance, Phi, c, Q.matrix, model.m)
             before = self._form.predict(before, *motion)
         H, R = self._plant.measured(last.k + 1)
         H, R = np.array(H if given.H is None else given.H), np.array(R if given.R is None else given.R)
@@ -385,7 +380,7 @@ class Filter:
         H, R, data = instant.H, instant.R, z - instant.seen
         used = np.isfinite(R.diagonal()) & ~np.isnan(z)
         if instant.ahead is None and not isinstance(instant.before, vague.State) and measured.perfect(R).any():
-            x, P = _values(self._form, instant.before)
+            x, P = instant.before.mean, instant.before.covariance
             instant = instant._replace(ahead=taken_over(JOSEPH, self._plant.model, x, P), approaching=gathered.begun(x[:, 0], P))
         if instant.ahead is not None:
             used = measured.informative(instant.ahead.P, H, measured.without(R, ~used))
@@ -408,7 +403,7 @@ class Filter:
         after, told = self._form.update(instant.before, *own)
         known = None if instant.ahead is None else JOSEPH.update(instant.ahead, *own)[0]
         nu, S, used = instant.innovation, instant.S, instant.used
-        x, P = _values(self._form, instant.before)
+        x, P = instant.before.mean, instant.before.covariance
         nu[used, None], S[np.ix_(used, used)] = innovation(x, P, *own)
         both = float(told.nis[0]), float(told.log_likelihood[0])
         return instant._replace(after=after, known=known, nis=both[0], log_likelihood=both[1], diffuse=both[1])
@@ -431,13 +426,13 @@ class Filter:
 
     def _compared(self, instant: Snapshot, H: Array, R: Array) -> Snapshot:
         """The instant with what its measurements say of what was known already."""
-        x, P = ([f(each) for each in (instant.before, instant.after)] for f in (self._form.mean, self._form.covariance))
+        x, P = zip(*((each.mean, each.covariance) for each in (instant.before, instant.after)), strict=True)
         found = gathered.updated(instant.approaching, instant.z - instant.seen, instant.seen, H, R, x, P, instant.used)
         return instant._replace(gathered=found[0], excess=found[1], allowed=found[2])
 
     def _finite(self, t: float, state: Any, variances: Array) -> None:
         """An overflow is refused; from a start without information NaN and inf have their meaning."""
-        x, P = _values(self._form, state)
+        x, P = state.mean, state.covariance
         start = not np.isfinite(self._plant.P0).all()
         free = np.isposinf(P.diagonal()) & start
         finite = (np.isfinite(P) | np.diag(free)).all() and (np.isfinite(x[:, 0]) | free).all()
@@ -454,10 +449,10 @@ def _contradictions(instant: Snapshot, first: int) -> tuple[Contradiction, ...]:
     )
 
 
-def _values(form: Any, state: Any) -> tuple[Array, Array]:
-    """Mean (n, 1) and covariance (n, n) of a form's state, or of one before the form takes over."""
-    how = vague if isinstance(state, vague.State) else form
-    return how.mean(state), how.covariance(state)
+def _values(state: Any) -> tuple[Array, Array]:
+    """Estimate (n,) and covariance (n, n) of a state, symmetric to the bit."""
+    P = state.covariance
+    return state.mean[:, 0].copy(), 0.5 * (P + P.T)
 
 
 def _columns(state: Any) -> int | None:
