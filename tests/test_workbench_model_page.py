@@ -131,7 +131,7 @@ def test_an_impossible_text_changes_nothing_and_typing_goes_on(session: Session)
     assert (session.text, session.history) == (text, history)
     typing.do("a", cell(0, 0, "12"))
     assert len(session.history) == len(history)
-    assert session.shown(("model", "F", 0, 0)).text == "12"
+    assert session.sheet.shown(("model", "F", 0, 0)).text == "12"
 
 
 def test_an_edit_of_another_tab_is_not_taken_back_by_typing(session: Session) -> None:
@@ -140,11 +140,11 @@ def test_an_edit_of_another_tab_is_not_taken_back_by_typing(session: Session) ->
     typing.do("a", cell(0, 0, "1"))
     session.do(cell(1, 1, "5"))
     typing.do("a", cell(0, 0, "12"))
-    assert session.shown(("model", "F", 1, 1)).text == "5"
+    assert session.sheet.shown(("model", "F", 1, 1)).text == "5"
     session.undo()
     typing.do("a", cell(0, 0, "123"))
-    assert session.shown(("model", "F", 1, 1)).text == "5"
-    assert session.shown(("model", "F", 0, 0)).text == "123"
+    assert session.sheet.shown(("model", "F", 1, 1)).text == "5"
+    assert session.sheet.shown(("model", "F", 0, 0)).text == "123"
 
 
 def test_an_edit_without_a_key_is_always_one_of_its_own(session: Session) -> None:
@@ -329,12 +329,12 @@ def test_what_cannot_be_converted_is_shown_as_it_is() -> None:
 def test_a_name_that_is_typed_first_becomes_a_constant(session: Session) -> None:
     """The message about an unknown name says which constant to add, and with it the problem is gone."""
     session.do(EditCell(("model", "Q", 0, 0), "3*strength"))
-    (message,) = session.problems().values()
+    (message,) = session.sheet.problems.values()
     assert unknown_name(message) == "strength"
     session.do(AddConstant(unknown_name(message)))
-    assert session.problems() == {}
+    assert session.sheet.problems == {}
     session.do(EditCell(("model", "Q", 0, 0), "3*k"))
-    assert [unknown_name(message) for message in session.problems().values()] == [""]
+    assert [unknown_name(message) for message in session.sheet.problems.values()] == [""]
 
 
 @FEW

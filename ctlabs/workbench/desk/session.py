@@ -22,11 +22,10 @@ from typing import TYPE_CHECKING, Any
 
 from ctlabs.files.datafile import Record
 from ctlabs.files.modelfile import ModelFile, loads, new
-from ctlabs.files.modelfile.errors import Path
 from ctlabs.studies.understanding import Understanding, compute
 from ctlabs.workbench.desk import commands
 from ctlabs.workbench.desk.commands import Command
-from ctlabs.workbench.desk.sheet import Cell, ModelSheet
+from ctlabs.workbench.desk.sheet import ModelSheet
 from ctlabs.workbench.desk.store import REVISIONS
 from ctlabs.workbench.runs import comparing
 from ctlabs.workbench.runs.comparing import Difference
@@ -214,22 +213,6 @@ class Session:
             HistoryStep(number, label, i <= self._at, self._begun.get(number, ""))
             for i, (number, label) in enumerate(self._revisions)
         )
-
-    def problems(self) -> dict[str, str]:
-        """What is wrong with the model, by place ("model.F[0][1]", "constants.q", "" for the whole)."""
-        return self.sheet.problems
-
-    def shown(self, path: Path) -> Cell:
-        """A cell: its text, value and problem."""
-        return self.sheet.shown(path)
-
-    def equations(self) -> list[str]:
-        """The model in LaTeX, with its numbers in."""
-        return self.sheet.equations()
-
-    def statement(self) -> list[str]:
-        """The model in LaTeX, as typed."""
-        return self.sheet.statement()
 
     def understand(self) -> Understanding:
         """What can be said of the model; computed once for every text."""

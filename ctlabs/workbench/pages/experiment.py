@@ -448,7 +448,7 @@ class _Experiment:
         self.told.text = "Ending…"
 
     def _refusal(self) -> str:
-        problems = self.session.problems()
+        problems = self.session.sheet.problems
         if not problems:
             return ""
         where, what = next(iter(problems.items()))

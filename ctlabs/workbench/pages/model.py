@@ -21,7 +21,7 @@ from ctlabs.workbench.desk.sheet import LETTERS
 from ctlabs.workbench.pages import model_dialogs
 from ctlabs.workbench.pages import model_parts as parts
 from ctlabs.workbench.pages.cells import Label
-from ctlabs.workbench.pages.editing import Editor, line
+from ctlabs.workbench.pages.editing import Editor
 from ctlabs.workbench.pages.grid import GridElement, TextField
 from ctlabs.workbench.pages.math import Equations
 from ctlabs.workbench.pages.model_constants import Constants
@@ -33,6 +33,7 @@ from ctlabs.workbench.pages.model_edits import (
     sections,
     unknown_name,
 )
+from ctlabs.workbench.runs.inside import line
 
 if TYPE_CHECKING:
     from nicegui.events import UploadEventArguments

@@ -144,7 +144,7 @@ class _Understand:
         self.left = True
 
     def _fill(self, found: Understanding) -> None:
-        problems = self.session.problems()
+        problems = self.session.sheet.problems
         self.to_model.set_visibility(bool(problems))
         lines = found.sentences or (found.discrete.reason,)
         self.summary.content = f'<ul class="ctl-und-summary">{"".join(f"<li>{escape(line)}</li>" for line in lines)}</ul>'
