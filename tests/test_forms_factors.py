@@ -133,10 +133,10 @@ def test_carlsons_update_keeps_the_triangle_and_potters_fills_it(seed):
     """Below the diagonal of C are exact zeros at the start, after a prediction, and after updates; S is full."""
     case = Case(seed)
     for state in (case.start(carlson), case.predicted(carlson), case.updated(carlson)[0]):
-        assert lower(state.C.T)
-    assert lower(case.predicted(potter).S)
-    assert not lower(case.updated(potter)[0].S)
-    assert not lower(case.updated(potter)[0].S.T)
+        assert lower(state.root.T)
+    assert lower(case.predicted(potter).root)
+    assert not lower(case.updated(potter)[0].root)
+    assert not lower(case.updated(potter)[0].root.T)
 
 
 @settings(deadline=None, max_examples=20, derandomize=True)
@@ -144,10 +144,10 @@ def test_carlsons_update_keeps_the_triangle_and_potters_fills_it(seed):
 def test_potters_factor_is_a_root_of_the_projection(seed):
     """(I − γffᵀ)² = I − ffᵀ/s with f = Sᵀh, s = fᵀf + r, γ = 1/(s + √(sr)); another γ is no root."""
     case = Case(seed, m=1)
-    S = case.start(potter).S
+    S = case.start(potter).root
     f, r = S.T @ case.H[0], case.R[0, 0]
     s = f @ f + r
-    left, wanted = np.linalg.solve(S, case.updated(potter)[0].S), np.eye(len(f)) - np.outer(f, f) / s
+    left, wanted = np.linalg.solve(S, case.updated(potter)[0].root), np.eye(len(f)) - np.outer(f, f) / s
     assert close(left @ left, wanted, SOLVER)
     wrong = np.eye(len(f)) - 1.05 * np.outer(f, f) / (s + np.sqrt(s * r))
     assert not close(wrong @ wrong, wanted, SOLVER)
