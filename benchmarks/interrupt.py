@@ -25,7 +25,7 @@ from typing import Any
 from timing import REPEATS
 
 from ctlabs import DiscreteModel
-from ctlabs.workbench.worker import FUNCTIONS, RunFailed, Runner
+from ctlabs.workbench.runs.worker import FUNCTIONS, RunFailed, Runner
 
 LIMIT = 1.0
 MODEL = DiscreteModel([[1, 1], [0, 1]], [[1, 0], [0, 1]], [[1, 0]], [[1]], x0=[0, 0], P0=[[10, 0], [0, 10]])

@@ -30,8 +30,8 @@ import socketio
 from timing import REPEATS
 
 from ctlabs.files.modelfile.catalogue import ready
-from ctlabs.workbench.server import LOCAL
-from ctlabs.workbench.store import Store
+from ctlabs.workbench.desk.store import Store
+from ctlabs.workbench.serving.server import LOCAL
 
 SESSIONS, EDITS, THINKING = 20, 9, 0.5
 ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]

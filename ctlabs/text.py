@@ -188,6 +188,15 @@ def _real(value: float, digits: int) -> str:
     return f"{mantissa}e{int(exponent)}"
 
 
+def mode(value: complex) -> str:
+    """A mode in a message, with its conjugate.
+
+    >>> mode(-1.5), mode(1 - 2j)
+    ('-1.5', '1 ± 2i')
+    """
+    return f"{value.real:.6g}" if abs(value.imag) < 1e-12 else f"{value.real:.6g} ± {abs(value.imag):.6g}i"
+
+
 def moment(t: float, *others: float) -> str:
     """A time in a message: 15 digits, which hide its rounding, or all of them where another time would look the same.
 

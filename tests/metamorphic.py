@@ -77,10 +77,14 @@ class Verb:
     made: dict[str, str]
 
 
+#: What a row of a filter is made of.
+ROW = {"x_minus": "x", "x_plus": "x", "P_minus": "xx", "P_plus": "xx", "K": "xZ", "S": "zz", "nis": ""}
+
+
 def _online(model: DiscreteModel, z: Array) -> Any:
     filter_ = Filter(model)
     rows = [filter_.step(row) for row in z]
-    return {name: np.array([getattr(row, name) for row in rows]) for name in ("x", "P")}
+    return {name: np.array([getattr(row, name) for row in rows]) for name in ROW}
 
 
 FILTERED = {"x_minus": "x", "x_plus": "x", "P_minus": "xx", "P_plus": "xx", "S": "zz", "nis": "", "log_likelihood": "log"}
@@ -97,7 +101,7 @@ DISCRETE = [
     *(Verb(f"kalman_filter.{name}", lambda m, z, name=name: kalman_filter(m, z, algorithm=name), FILTERED) for name in ALGORITHMS),
     Verb("smooth", smooth, {"x": "x", "P": "xx", "lag_one": "xx"}),
     Verb("smooth.lag", lambda m, z: smooth(m, z, lag=2), {"x": "x", "P": "xx"}),
-    Verb("Filter", _online, {"x": "x", "P": "xx"}),
+    Verb("Filter", _online, ROW),
     Verb("sensitivity.actual", lambda m, z: sensitivity.actual(replace(m, Qd=2 * m.Qd), m, STEPS), {"P_minus": "xx", "P_plus": "xx"}),
     Verb("sensitivity.steady", lambda m, z: sensitivity.steady(replace(m, Qd=2 * m.Qd), m), {"P_minus": "xx", "P_plus": "xx"}),
     Verb("observability.gramian", lambda m, z: {"W": observability.gramian(_unit(m), 5)}, {"W": "XX"}),

@@ -395,8 +395,10 @@ def test_missing_and_absent_elements_contradict_nothing() -> None:
 def test_the_first_measurement_may_be_at_t0() -> None:
     """first = 0: what is known at t0 is compared there."""
     model = undriven([[1.0]], [2.0])
-    assert places(kalman_filter(model, [[2.5], [2.0]], first=0).contradictions) == [(0, 0)]
-    assert kalman_filter(model, [2.0, 2.0]).contradictions == ()
+    found = kalman_filter(model, [[2.5], [2.0]], first=0)
+    assert places(found.contradictions) == places(found.row(0).contradictions) == [(0, 0)]
+    assert found.row(-1).contradictions == kalman_filter(model, [2.0, 2.0]).contradictions == ()
+    assert places(kalman_filter(model, [2.5, 2.0], first=1).row(1).contradictions) == [(0, 0)]
     assert places(Filter(model, first=0).step(2.5).contradictions) == [(0, 0)]
 
 

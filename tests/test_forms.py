@@ -342,8 +342,8 @@ def test_joseph_itself_leaves_out_a_perfect_measurement_of_what_is_known():
     state, twice = form.start(WALK, np.array(WALK.P0)), np.array([[1.0, 0.0], [1.0, 0.0]])
     both = form.update(state, np.ones((2, 1)), twice, Noise(np.zeros((2, 2))))
     one = form.update(state, np.ones((1, 1)), twice[:1], Noise(np.zeros((1, 1))))
-    assert close(form.covariance(both[0]), form.covariance(one[0]), EXACT)
-    assert close(form.mean(both[0]), form.mean(one[0]), EXACT)
+    assert close(both[0].covariance, one[0].covariance, EXACT)
+    assert close(both[0].mean, one[0].mean, EXACT)
     assert close(both[1].nis, one[1].nis, EXACT)
     assert close(both[1].log_likelihood, one[1].log_likelihood, EXACT)
 

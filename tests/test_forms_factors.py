@@ -87,14 +87,14 @@ def test_a_step_of_each_form_is_the_textbooks(form, seed):
     case = Case(seed)
     x, P = reference.predict(case.x0, case.P0, case.Phi, case.Q)
     state = case.predicted(form)
-    assert close(form.covariance(state), P, case.due(form))
-    assert close(form.mean(state)[:, 0], x, case.due(form), np.abs(case.Phi).max())
+    assert close(state.covariance, P, case.due(form))
+    assert close(state.mean[:, 0], x, case.due(form), np.abs(case.Phi).max())
     x, P, _ = reference.update(case.x0[:, None], case.P0, case.z, case.H, case.R)
     state, _ = case.updated(form)
-    assert close(form.covariance(state), P, SOLVER)
-    assert close(form.mean(state), x, SOLVER)
+    assert close(state.covariance, P, SOLVER)
+    assert close(state.mean, x, SOLVER)
     wrong, _ = form.update(case.start(form), case.z, case.H, Noise(broken(case.R, (1, 1))))
-    assert not close(form.covariance(wrong), P, SOLVER)
+    assert not close(wrong.covariance, P, SOLVER)
 
 
 @pytest.mark.parametrize("form", FACTORS.values(), ids=FACTORS)
@@ -108,7 +108,7 @@ def test_the_evidence_is_that_of_the_innovation_before_the_update(form, seed):
     nis = np.sum(nu * np.linalg.solve(S, nu), axis=0)
     assert close(told.nis, nis, SOLVER)
     assert close(told.log_likelihood, -0.5 * (nis + np.linalg.slogdet(2 * np.pi * S)[1]), SOLVER)
-    P_plus = form.covariance(case.updated(form)[0])
+    P_plus = case.updated(form)[0].covariance
     after = np.sum(nu * np.linalg.solve(case.H @ P_plus @ case.H.T + case.R, nu), axis=0)
     assert not close(told.nis, after, SOLVER)
 
@@ -133,10 +133,10 @@ def test_carlsons_update_keeps_the_triangle_and_potters_fills_it(seed):
     """Below the diagonal of C are exact zeros at the start, after a prediction, and after updates; S is full."""
     case = Case(seed)
     for state in (case.start(carlson), case.predicted(carlson), case.updated(carlson)[0]):
-        assert lower(state.C.T)
-    assert lower(case.predicted(potter).S)
-    assert not lower(case.updated(potter)[0].S)
-    assert not lower(case.updated(potter)[0].S.T)
+        assert lower(state.root.T)
+    assert lower(case.predicted(potter).root)
+    assert not lower(case.updated(potter)[0].root)
+    assert not lower(case.updated(potter)[0].root.T)
 
 
 @settings(deadline=None, max_examples=20, derandomize=True)
@@ -144,10 +144,10 @@ def test_carlsons_update_keeps_the_triangle_and_potters_fills_it(seed):
 def test_potters_factor_is_a_root_of_the_projection(seed):
     """(I − γffᵀ)² = I − ffᵀ/s with f = Sᵀh, s = fᵀf + r, γ = 1/(s + √(sr)); another γ is no root."""
     case = Case(seed, m=1)
-    S = case.start(potter).S
+    S = case.start(potter).root
     f, r = S.T @ case.H[0], case.R[0, 0]
     s = f @ f + r
-    left, wanted = np.linalg.solve(S, case.updated(potter)[0].S), np.eye(len(f)) - np.outer(f, f) / s
+    left, wanted = np.linalg.solve(S, case.updated(potter)[0].root), np.eye(len(f)) - np.outer(f, f) / s
     assert close(left @ left, wanted, SOLVER)
     wrong = np.eye(len(f)) - 1.05 * np.outer(f, f) / (s + np.sqrt(s * r))
     assert not close(wrong @ wrong, wanted, SOLVER)
@@ -296,7 +296,7 @@ def test_the_residual_of_the_data_equation_is_the_nis(seed):
     root = np.linalg.inv(np.linalg.cholesky(case.P0))
     A, b = np.vstack([root, own[:, :4]]), np.vstack([np.repeat(root @ case.x0[:, None], 3, axis=1), own[:, 4:]])
     x = np.linalg.lstsq(A, b)[0]
-    assert close(srif.mean(state), x, SOLVER)
+    assert close(state.mean, x, SOLVER)
     assert close(told.nis, ((A @ x - b) ** 2).sum(axis=0), SOLVER)
     assert not close(told.nis, ((A @ broken(x) - b) ** 2).sum(axis=0), SOLVER)
 
@@ -323,8 +323,8 @@ def test_a_singular_transition_is_no_obstacle_where_noise_fills_its_null_space()
     case = Case(5, n=2)
     Phi, Q = np.array([[1.0, 2.0], [2.0, 4.0]]), np.array([[0.5, 0.0], [0.0, 0.0]])
     state = srif.predict(case.start(srif), Phi, None, Noise(Q))
-    assert close(srif.covariance(state), Phi @ case.P0 @ Phi.T + Q, EXACT)
-    assert close(srif.mean(state)[:, 0], Phi @ case.x0, EXACT)
+    assert close(state.covariance, Phi @ case.P0 @ Phi.T + Q, EXACT)
+    assert close(state.mean[:, 0], Phi @ case.x0, EXACT)
     with pytest.raises(ValueError, match=r"form srif: expected ΦPΦᵀ \+ Q with an inverse, received"):
         srif.predict(case.start(srif), Phi, None, Noise(0 * Q))
 
@@ -390,13 +390,13 @@ def test_what_is_known_and_measured_without_noise_changes_nothing(form):
     model = DiscreteModel(np.eye(2), np.eye(2), [[1, 0]], [[0]], x0=[1, 2], P0=P0)
     before = how.start(model, P0)
     state, told = how.update(before, np.array([[1.0]]), np.array([[1.0, 0.0]]), Noise(np.zeros((1, 1))))
-    assert close(how.covariance(state), P0, EXACT)
-    assert np.array_equal(how.mean(state), [[1.0], [2.0]])
+    assert close(state.covariance, P0, EXACT)
+    assert np.array_equal(state.mean, [[1.0], [2.0]])
     assert told.log_likelihood == told.nis == 0
     twice = np.array([[0.0, 1.0], [0.0, 1.0]])
     state, told = how.update(before, np.array([[3.0], [3.0]]), twice, Noise(np.zeros((2, 2))))
-    assert close(how.mean(state), [[1.0], [3.0]], EXACT)
-    assert close(how.covariance(state), np.zeros((2, 2)), EXACT)
+    assert close(state.mean, [[1.0], [3.0]], EXACT)
+    assert close(state.covariance, np.zeros((2, 2)), EXACT)
     assert close(told.nis, [0.5], EXACT)
 
 
@@ -510,6 +510,6 @@ def test_forms_in_fifty_digits_are_the_reference(form):
         state, _ = how.update(state, z, H, Noise(R))
         P = mpmath.matrix(Phi.tolist()) * mpmath.matrix(P0.tolist()) * mpmath.matrix(Phi.T.tolist())
         P = P + mpmath.matrix(Q.tolist())
-        rows, found = mpmath.matrix(H.tolist()), mpmath.matrix(how.covariance(state).tolist())
+        rows, found = mpmath.matrix(H.tolist()), mpmath.matrix(state.covariance.tolist())
         P = P - P * rows.T * (rows * P * rows.T + mpmath.matrix(R.tolist())) ** -1 * rows * P
         assert mpmath.norm(found - P) < 1e-30 * mpmath.norm(P)

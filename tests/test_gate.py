@@ -88,15 +88,16 @@ def test_models_that_vary_and_noises_that_correlate_are_gated_too():
     left = [one.row for i, at in enumerate(t) for one in online.step(z[i], at, gate=5).left_out]
     assert [one.row for one in found.left_out] == left
     assert {30, 100, 101, 170} <= set(left)
-    np.testing.assert_allclose(found.x_plus[-1], online.x, rtol=1e-8)
+    np.testing.assert_allclose(found.x_plus[-1], online.estimate.x_plus, rtol=1e-8)
     tied = replace(MODEL, N=0.02 * np.eye(2))
     z = simulated(MODEL, 150, 5)
     z[[40, 90]] += [[0, 30], [40, 40]]
     found, online = kalman_filter(tied, z, gate=4), Filter(tied)
     left = [one[:2] for row in z for one in online.step(row, gate=4).left_out]
     assert [one[:2] for one in found.left_out] == left
+    assert [one[:2] for one in found.row(41).left_out] == [(40, 1)]
     assert {(40, 1), (90, 0), (90, 1)} <= set(left)
-    np.testing.assert_allclose(found.x_plus[-1], online.x, rtol=1e-8)
+    np.testing.assert_allclose(found.x_plus[-1], online.estimate.x_plus, rtol=1e-8)
 
 
 def test_a_filter_that_is_fed_online_is_as_it_was_after_a_refusal():

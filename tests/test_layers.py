@@ -256,6 +256,18 @@ bayes.potter._fields
     assert used == []
 
 
+def test_a_class_has_its_name_alone() -> None:
+    """One meaning for each public name, but for what a form of the filter carries, which each of them calls its State."""
+    homes: dict[str, list[str]] = {}
+    for path in FILES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                homes.setdefault(node.name, []).append(path.relative_to(ROOT).as_posix())
+    several = {name: where for name, where in homes.items() if len(where) > 1}
+    assert {each.rpartition("/")[0] for each in several.pop("State")} == {"filtering/algorithms"}
+    assert several == {}
+
+
 #: Where a dependency may be imported; a test of every row below shows that the row is not empty talk.
 HOMES = {
     "filterpy": {"filtering/engines/adapter.py", "models/interop.py"},

@@ -2,7 +2,9 @@
 
 import dataclasses
 import importlib.util
+import pickle
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -368,3 +370,18 @@ def test_a_kernel_is_compiled_anew_when_its_helpers_change(tmp_path, monkeypatch
     assert stamp() == before
     (tmp_path / "helpers.py").write_text("one = 2\n")
     assert stamp() != before
+
+
+def test_what_other_sources_left_is_not_read(tmp_path, monkeypatch):
+    """An index that names a class which is gone is no reason to fail: it is of the sources that had it."""
+    import numba
+
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr(kernels, "folder", lambda: tmp_path)
+    dispatcher = numba.njit(forward.alike)
+    kernels.keep(dispatcher)
+    gone = pickle.dumps(numba.__version__) + b"cctlabs.filtering.engines.forward\nGone\n."
+    Path(dispatcher._cache._cache_file._index_path).write_bytes(gone)
+    with pytest.raises(AttributeError, match="Gone"):
+        pickle.loads(gone[len(pickle.dumps(numba.__version__)) :])
+    assert dispatcher(np.array([True]), np.array([True]))

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from ctlabs.filtering import settling
 from ctlabs.filtering.engines import adapter, compiled
-from ctlabs.filtering.problem import Problem
+from ctlabs.filtering.problem import FilterProblem
 from ctlabs.labs import catalogue as labs
 from ctlabs.labs.experiment import Experiment
 from ctlabs.reporting import plots
@@ -117,7 +117,7 @@ class TestLab:
                 found = right(given, *rest)
                 touched.append(bool(found.K.any()))
                 return replace(found, K=1.05 * found.K)
-            changed = replace(given, model=larger(given.model)) if isinstance(given, Problem) else larger(given)
+            changed = replace(given, model=larger(given.model)) if isinstance(given, FilterProblem) else larger(given)
             return right(changed, *rest)
 
         for engine, verb in ((adapter, "covariances"), (compiled, "record")):

@@ -24,14 +24,14 @@ from ctlabs.files.modelfile import loads, ready
 from ctlabs.filtering import compare, kalman_filter, log_likelihood, smooth, steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.models import Anomaly, DiscreteModel, anomalous
-from ctlabs.workbench import commands as c
-from ctlabs.workbench import experiments
-from ctlabs.workbench.outcomes import Asked, Outcome, Upload, outcome, packed
-from ctlabs.workbench.packing import pack, unpack
-from ctlabs.workbench.reporting import report
-from ctlabs.workbench.session import Session
-from ctlabs.workbench.store import Store
-from ctlabs.workbench.worker import RunFailed, Runner, RunProgress
+from ctlabs.workbench.desk import commands as c
+from ctlabs.workbench.desk.packing import pack, unpack
+from ctlabs.workbench.desk.session import Session
+from ctlabs.workbench.desk.store import Store
+from ctlabs.workbench.runs import experiments
+from ctlabs.workbench.runs.outcomes import Asked, Outcome, Upload, outcome, packed
+from ctlabs.workbench.runs.reporting import report
+from ctlabs.workbench.runs.worker import RunFailed, Runner, RunProgress
 from tests.reference import EXACT, SOLVER
 
 MODEL = ready("constant_velocity").dumps()

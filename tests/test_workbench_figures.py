@@ -23,8 +23,8 @@ from ctlabs.reporting.plots.base import STYLE
 from ctlabs.reporting.screen import COLOURS, to_plotly, untyped
 from ctlabs.studies.understanding import Understanding, compute
 from ctlabs.text import per, squared
-from ctlabs.workbench import experiments, figures
-from ctlabs.workbench.outcomes import Asked, Outcome, Upload, outcome
+from ctlabs.workbench.runs import experiments, figures
+from ctlabs.workbench.runs.outcomes import Asked, Outcome, Upload, outcome
 from tests.reference import EXACT, SOLVER
 
 #: What single precision keeps of a curve, relative to its span.

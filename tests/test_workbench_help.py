@@ -18,12 +18,12 @@ from ctlabs.files.modelfile import ModelFile, loads, ready
 from ctlabs.filtering import flops, kalman_filter, steady
 from ctlabs.filtering.algorithms import catalogue
 from ctlabs.reporting.mathml import mathml
-from ctlabs.workbench import blocks, tour
-from ctlabs.workbench.commands import EditCell, New, Open
+from ctlabs.workbench.desk import blocks, tour
+from ctlabs.workbench.desk.commands import EditCell, New, Open
+from ctlabs.workbench.desk.session import Session
+from ctlabs.workbench.desk.store import Store
+from ctlabs.workbench.desk.tour import STEPS, Tour
 from ctlabs.workbench.help import Help, groups, help_for, topics
-from ctlabs.workbench.session import Session
-from ctlabs.workbench.store import Store
-from ctlabs.workbench.tour import STEPS, Tour
 from tests.reference import EXACT, SOLVER
 
 TEXTS = [each for group in groups().values() for each in group.entries.values()]
@@ -51,12 +51,12 @@ def test_there_is_help_on_every_field_algorithm_and_figure() -> None:
 
 def test_every_matrix_of_a_model_file_has_help() -> None:
     """What the file's format has, the help has."""
-    from ctlabs.files.modelfile.schema import SECTIONS, Settings
+    from ctlabs.files.modelfile.schema import SECTIONS, ExperimentTable
 
     for section in SECTIONS.values():
         for name in section.model_fields:
             assert help_for(f"model.{name}").what
-    for name in set(Settings.model_fields) - {"t0"}:
+    for name in set(ExperimentTable.model_fields) - {"t0"}:
         assert help_for(f"experiment.{name}").what
 
 

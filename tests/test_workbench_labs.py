@@ -21,10 +21,10 @@ from hypothesis import strategies as st
 from ctlabs.files.modelfile import gallery, ready
 from ctlabs.labs import catalogue as labs
 from ctlabs.labs.experiment import Experiment
-from ctlabs.workbench import catalogue
-from ctlabs.workbench.catalogue import check, fields, search, sheets
-from ctlabs.workbench.running import Running
-from ctlabs.workbench.worker import Runner
+from ctlabs.workbench.runs import catalogue
+from ctlabs.workbench.runs.catalogue import check, fields, search, sheets
+from ctlabs.workbench.runs.running import Running
+from ctlabs.workbench.runs.worker import Runner
 
 ROOT = Path(__file__).parent.parent
 NAMES = [each.name for each in sheets()]
@@ -36,7 +36,7 @@ DRAFT = "0123456789abcdef"
 def test_the_catalogue_has_all_labs_and_imports_none() -> None:
     """Titles, statements and variants are read, the scripts are not run: the page is there at once."""
     code = (
-        "import sys; from ctlabs.workbench import catalogue; print(len(catalogue.sheets())); "
+        "import sys; from ctlabs.workbench.runs import catalogue; print(len(catalogue.sheets())); "
         "print([name for name in sys.modules if name.startswith('ctlabs.tasks.')])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)

@@ -19,8 +19,8 @@ pytest.importorskip("nicegui", reason="the workbench is not installed: pip insta
 from ctlabs.files.modelfile import gallery, loads, new, ready
 from ctlabs.files.modelfile.schema import wrong_name
 from ctlabs.reporting.mathml import mathml
-from ctlabs.workbench import blocks
-from ctlabs.workbench.commands import (
+from ctlabs.workbench.desk import blocks
+from ctlabs.workbench.desk.commands import (
     AddConstant,
     AddPart,
     EditCell,
@@ -31,6 +31,9 @@ from ctlabs.workbench.commands import (
     Rewrite,
     apply,
 )
+from ctlabs.workbench.desk.session import Session
+from ctlabs.workbench.desk.sheet import ModelSheet
+from ctlabs.workbench.desk.store import Store
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.pages import STATIC, model_parts
 from ctlabs.workbench.pages.cells import POSITIONS, Slider, block, number, placed, shown, slider, typed
@@ -45,9 +48,6 @@ from ctlabs.workbench.pages.model_edits import (
     sections,
     unknown_name,
 )
-from ctlabs.workbench.session import Session
-from ctlabs.workbench.sheet import Sheet
-from ctlabs.workbench.store import Store
 from tests.reference import EXACT
 
 FEW = settings(deadline=None, max_examples=30, derandomize=True)
@@ -131,7 +131,7 @@ def test_an_impossible_text_changes_nothing_and_typing_goes_on(session: Session)
     assert (session.text, session.history) == (text, history)
     typing.do("a", cell(0, 0, "12"))
     assert len(session.history) == len(history)
-    assert session.shown(("model", "F", 0, 0)).text == "12"
+    assert session.sheet.shown(("model", "F", 0, 0)).text == "12"
 
 
 def test_an_edit_of_another_tab_is_not_taken_back_by_typing(session: Session) -> None:
@@ -140,11 +140,11 @@ def test_an_edit_of_another_tab_is_not_taken_back_by_typing(session: Session) ->
     typing.do("a", cell(0, 0, "1"))
     session.do(cell(1, 1, "5"))
     typing.do("a", cell(0, 0, "12"))
-    assert session.shown(("model", "F", 1, 1)).text == "5"
+    assert session.sheet.shown(("model", "F", 1, 1)).text == "5"
     session.undo()
     typing.do("a", cell(0, 0, "123"))
-    assert session.shown(("model", "F", 1, 1)).text == "5"
-    assert session.shown(("model", "F", 0, 0)).text == "123"
+    assert session.sheet.shown(("model", "F", 1, 1)).text == "5"
+    assert session.sheet.shown(("model", "F", 0, 0)).text == "123"
 
 
 def test_an_edit_without_a_key_is_always_one_of_its_own(session: Session) -> None:
@@ -168,8 +168,8 @@ def test_a_covariance_that_is_typed_stays_symmetric(typing: list[tuple[int, int,
     """What is typed on one side of P0 stands on the other too, so that no state in between is refused for that."""
     file = new(4)
     for i, j, text in typing:
-        file, _ = apply(file, cell_command(Sheet(file), "P0", f"{i},{j}", text))
-        texts = [[each.text for each in row] for row in Sheet(file).grids["P0"].rows]
+        file, _ = apply(file, cell_command(ModelSheet(file), "P0", f"{i},{j}", text))
+        texts = [[each.text for each in row] for row in ModelSheet(file).grids["P0"].rows]
         assert texts == [list(column) for column in zip(*texts, strict=True)]
         assert texts[i][j] == text
 
@@ -177,16 +177,16 @@ def test_a_covariance_that_is_typed_stays_symmetric(typing: list[tuple[int, int,
 def test_sides_that_differ_are_typed_one_by_one() -> None:
     """Where the other side has another text it is left alone, and so is every matrix that need not be symmetric."""
     file, _ = apply(new(2), EditCell(("model", "P0", 0, 1), "3"))
-    assert cell_command(Sheet(file), "P0", "0,1", "4") == EditCell(("model", "P0", 0, 1), "4")
-    assert cell_command(Sheet(file), "F", "1,0", "4") == EditCell(("model", "F", 1, 0), "4")
-    assert cell_command(Sheet(file), "P0", "1,1", "4") == EditCell(("model", "P0", 1, 1), "4")
-    assert cell_command(Sheet(file), "x0", "1,0", "4") == EditCell(("model", "x0", 1), "4")
+    assert cell_command(ModelSheet(file), "P0", "0,1", "4") == EditCell(("model", "P0", 0, 1), "4")
+    assert cell_command(ModelSheet(file), "F", "1,0", "4") == EditCell(("model", "F", 1, 0), "4")
+    assert cell_command(ModelSheet(file), "P0", "1,1", "4") == EditCell(("model", "P0", 1, 1), "4")
+    assert cell_command(ModelSheet(file), "x0", "1,0", "4") == EditCell(("model", "x0", 1), "4")
 
 
 def test_headers_are_names_and_units() -> None:
     """A name is typed beside its unit and the unit beside its name, of states in F and of measurements in H."""
     file = ready("constant_velocity")
-    sheet = Sheet(file)
+    sheet = ModelSheet(file)
     assert cell_command(sheet, "F", "name,1", "speed") == Name("state", 1, "speed", file.units[1])
     assert cell_command(sheet, "F", "unit,0", "km") == Name("state", 0, file.states[0], "km")
     assert cell_command(sheet, "H", "name,0", "radar") == Name("measurement", 0, "radar", file.measurement_units[0])
@@ -203,7 +203,7 @@ def test_a_pasted_block_fills_the_cells_that_there_are(n: int, row: int, column:
     expected = file.matrix("F").copy()
     inside = values[: n - row, : n - column]
     expected[row : row + len(inside), column : column + inside.shape[1]] = inside
-    made, _ = apply(file, block_command(Sheet(file), "F", row, column, text))
+    made, _ = apply(file, block_command(ModelSheet(file), "F", row, column, text))
     np.testing.assert_array_equal(made.matrix("F"), expected)
     assert made.problems() == []
 
@@ -218,7 +218,7 @@ def test_a_block_is_read_as_spreadsheets_write_it() -> None:
 def test_a_block_goes_into_an_estimate_that_was_left_out() -> None:
     """x0 may be left out of a file; a block pasted into the zeros that are shown is written with all of it."""
     file = new(3).remove(("model", "x0"))
-    made, _ = apply(file, block_command(Sheet(file), "x0", 1, 0, "4\n5"))
+    made, _ = apply(file, block_command(ModelSheet(file), "x0", 1, 0, "4\n5"))
     np.testing.assert_array_equal(made.matrix("x0"), [0, 4, 5])
 
 
@@ -263,7 +263,7 @@ def test_a_value_stands_beside_expressions_only() -> None:
     """A number needs none; an expression has its value, one that varies says of when; a wrong cell has its problem."""
     text = ready("constant_velocity").dumps()
     file = loads(text).edit(("model", "F", 0, 0), "2*sigma").edit(("model", "F", 1, 0), "sin(t)")
-    rows = Sheet(file.edit(("model", "F", 1, 1), "2*sgima")).grids["F"].rows
+    rows = ModelSheet(file.edit(("model", "F", 1, 1), "2*sgima")).grids["F"].rows
     assert shown(rows[0][1]) == ["1"]
     assert shown(rows[0][0]) == ["2*sigma", "= 10"]
     assert shown(rows[1][0])[1] == f"= {number(math.sin(1.0))} at t1"
@@ -283,7 +283,7 @@ def test_a_value_is_read_as_what_it_is(value: float) -> None:
 def test_every_matrix_of_a_model_has_its_place_and_its_help(name: str) -> None:
     """Each part stands in exactly one card, with a title, and there is help on it; its problems are found in the text."""
     file = ready(name)
-    sheet = Sheet(file)
+    sheet = ModelSheet(file)
     parts = [part for section in sections(sheet.kind, sheet.grids) for part in section.parts]
     assert sorted(parts) == sorted(sheet.grids)
     lines = file.dumps().splitlines()
@@ -299,7 +299,7 @@ def test_every_matrix_of_a_model_has_its_place_and_its_help(name: str) -> None:
 def test_every_part_that_can_be_added_has_words_for_it() -> None:
     """The buttons under the cards."""
     for kind in ("continuous", "discrete"):
-        for part in Sheet(new(2, 1, 1, kind)).missing_parts:
+        for part in ModelSheet(new(2, 1, 1, kind)).missing_parts:
             assert model_parts.PARTS[part]
             apply(new(2, 1, 1, kind), AddPart(part))  # type: ignore[arg-type]
 
@@ -307,7 +307,7 @@ def test_every_part_that_can_be_added_has_words_for_it() -> None:
 @pytest.mark.parametrize("name", GALLERY)
 def test_every_equation_of_the_gallery_becomes_mathml(name: str) -> None:
     """Well-formed, with no LaTeX left and no bracket of a matrix that a font would have to stretch."""
-    sheet = Sheet(ready(name))
+    sheet = ModelSheet(ready(name))
     for line in (*sheet.equations(), *sheet.statement()):
         found = ET.fromstring(mathml(line))
         assert found.tag.endswith("math")
@@ -329,12 +329,12 @@ def test_what_cannot_be_converted_is_shown_as_it_is() -> None:
 def test_a_name_that_is_typed_first_becomes_a_constant(session: Session) -> None:
     """The message about an unknown name says which constant to add, and with it the problem is gone."""
     session.do(EditCell(("model", "Q", 0, 0), "3*strength"))
-    (message,) = session.problems().values()
+    (message,) = session.sheet.problems.values()
     assert unknown_name(message) == "strength"
     session.do(AddConstant(unknown_name(message)))
-    assert session.problems() == {}
+    assert session.sheet.problems == {}
     session.do(EditCell(("model", "Q", 0, 0), "3*k"))
-    assert [unknown_name(message) for message in session.problems().values()] == [""]
+    assert [unknown_name(message) for message in session.sheet.problems.values()] == [""]
 
 
 @FEW

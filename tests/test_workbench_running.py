@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from ctlabs.workbench.worker import RunFailed, RunProgress
+from ctlabs.workbench.runs.worker import RunFailed, RunProgress
 
 pytest.importorskip("nicegui", reason="the workbench is not installed: pip install 'ctlabs[workbench]'")
 
-from ctlabs.workbench.running import Running
+from ctlabs.workbench.runs.running import Running
 
 
 async def ended(run: Running) -> None:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from ctlabs.workbench.safety import BODY, UPLOAD, Guard, is_loopback, new_token
+from ctlabs.workbench.serving.safety import BODY, UPLOAD, Guard, is_loopback, new_token
 
 TOKEN = "a-token-of-some-length"
 HERE = "127.0.0.1:8080"

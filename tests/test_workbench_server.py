@@ -24,9 +24,9 @@ from click.testing import CliRunner
 
 pytest.importorskip("nicegui", reason="the workbench is not installed: pip install 'ctlabs[workbench]'")
 
-from ctlabs.workbench import command, server
-from ctlabs.workbench.server import Desk, listen
-from ctlabs.workbench.store import FILE, Store
+from ctlabs.workbench.desk.store import FILE, Store
+from ctlabs.workbench.serving import command, server
+from ctlabs.workbench.serving.server import Desk, listen
 from tests.workbench_browser import until
 
 ROOT = Path(__file__).parent.parent
@@ -167,10 +167,10 @@ def test_bad_input_of_the_command_is_one_line() -> None:
 
 def test_the_command_loads_nothing_before_it_runs() -> None:
     """Neither the web framework nor the database nor the library; the frame needs no numpy."""
-    code = "import sys; import ctlabs.workbench.command; print(*sys.modules)"
+    code = "import sys; import ctlabs.workbench.serving.command; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
     assert not {"nicegui", "sqlalchemy", "numpy", "fastapi", "uvicorn"} & set(loaded.split())
-    code = "import sys; import ctlabs.workbench.server, ctlabs.workbench.pages.shell; print(*sys.modules)"
+    code = "import sys; import ctlabs.workbench.serving.server, ctlabs.workbench.pages.shell; print(*sys.modules)"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT).stdout
     assert not {"sqlalchemy", "numpy", "scipy", "ctlabs.models", "plotly", "pandas"} & set(loaded.split())
 
@@ -229,7 +229,7 @@ def page(session, shell):
 """
 _SERVE = """
 import sys, pathlib
-from ctlabs.workbench.server import serve
+from ctlabs.workbench.serving.server import serve
 if __name__ == "__main__":
     serve(sys.argv[1], int(sys.argv[2]), show=False, data=pathlib.Path(sys.argv[3]), pages="trial", session="trial_session:Session")
 """

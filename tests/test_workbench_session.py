@@ -19,15 +19,15 @@ from ctlabs.filtering import bucy, settling, steady
 from ctlabs.models import Anomaly, observability, shaping, spectra
 from ctlabs.models.discretisation import interval
 from ctlabs.studies.understanding import compute
-from ctlabs.workbench import commands as c
-from ctlabs.workbench import session as session_module
-from ctlabs.workbench import store as store_module
-from ctlabs.workbench.blocks import InsertBlock, block, rational
-from ctlabs.workbench.kinds import before_sampling
-from ctlabs.workbench.outcomes import Asked
-from ctlabs.workbench.session import Session
-from ctlabs.workbench.sheet import Sheet
-from ctlabs.workbench.store import Store
+from ctlabs.workbench.desk import commands as c
+from ctlabs.workbench.desk import session as session_module
+from ctlabs.workbench.desk import store as store_module
+from ctlabs.workbench.desk.blocks import InsertBlock, block, rational
+from ctlabs.workbench.desk.kinds import before_sampling
+from ctlabs.workbench.desk.session import Session
+from ctlabs.workbench.desk.sheet import ModelSheet
+from ctlabs.workbench.desk.store import Store
+from ctlabs.workbench.runs.outcomes import Asked
 from tests.reference import EXACT, SOLVER
 
 
@@ -124,7 +124,7 @@ class Edits(RuleBasedStateMachine):
         again = Session.resume(type(self).store, self.session.draft.id)
         assert again.text == self.session.text
         assert again.history == self.session.history
-        assert again.problems() == self.session.problems()
+        assert again.problems() == self.session.sheet.problems
         self.session = again
 
     @invariant()
@@ -139,8 +139,8 @@ class Edits(RuleBasedStateMachine):
         """Whatever is wrong with the model, it can be shown; its saved text is read as the same model."""
         again = loads(self.session.text, "", check=False)
         assert again.dumps() == self.session.text
-        assert {p.where for p in again.problems()} == set(self.session.problems())
-        assert all(isinstance(line, str) for line in [*self.session.equations(), *self.session.statement()])
+        assert {p.where for p in again.problems()} == set(self.session.sheet.problems)
+        assert all(isinstance(line, str) for line in [*self.session.sheet.equations(), *self.session.sheet.statement()])
         for grid in self.session.sheet.grids.values():
             assert all(isinstance(cell.text, str) for row in grid.rows for cell in row)
 
@@ -182,9 +182,9 @@ def test_typing_keeps_what_was_typed_and_tells_what_is_wrong_at_the_cell(session
     assert session.sheet.grids["F"].rows[0][1].value == 1.0
     session.do(c.AddConstant("omega", "3"))
     session.do(c.EditCell(("model", "F", 1, 0), "-omega^2"))
-    assert session.shown(("model", "F", 1, 0)) == c_cell(session)
-    assert session.shown(("model", "F", 1, 0)).value == -9.0
-    assert session.problems() == {}
+    assert session.sheet.shown(("model", "F", 1, 0)) == c_cell(session)
+    assert session.sheet.shown(("model", "F", 1, 0)).value == -9.0
+    assert session.sheet.problems == {}
 
 
 def c_cell(session: Session) -> Any:
@@ -282,7 +282,7 @@ def test_parts_come_and_go(session: Session) -> None:
     session.do(c.AddPart("u"))
     np.testing.assert_array_equal(session.file.matrix("B"), [[0, 0], [2 / 3, 0]])
     assert session.file.matrix("u").tolist() == [0, 0]
-    assert session.shown(("model", "B", 1, 0)).text == "2/3"
+    assert session.sheet.shown(("model", "B", 1, 0)).text == "2/3"
     session.do(c.RemovePart("u"))
     assert session.text == before
     session.do(c.AddPart("Rc"))
@@ -290,7 +290,7 @@ def test_parts_come_and_go(session: Session) -> None:
     assert session.file.continuous().N is not None
     assert session.sheet.missing_parts == ("u", "R")
     session.do(c.AddPart("R"))
-    assert session.problems() == {"model.N": "expected Rc beside N (the noise that w correlates with), received R"}
+    assert session.sheet.problems == {"model.N": "expected Rc beside N (the noise that w correlates with), received R"}
 
 
 # Blocks --------------------------------------------------------------------------------------------------------------
@@ -313,7 +313,7 @@ def test_a_block_in_a_file_is_the_augmented_model(session: Session, kind: str, t
     plant = session.file.continuous()
     strength = float(plant.Q[0, 0])
     session.do(InsertBlock(kind, text, 0, "noise", "y_in"))  # type: ignore[arg-type]  # one of the two kinds
-    assert session.problems() == {}
+    assert session.sheet.problems == {}
     found = session.file.continuous()
     if kind == "psd":
         S = spectra.parse(text)
@@ -381,7 +381,7 @@ def test_common_factors_are_cancelled_exactly() -> None:
 def test_every_ready_model_is_shown_and_understood(entry: Any) -> None:
     """Every cell has a value, equations have no holes, every part of the understanding is there or says why not."""
     file = loads(entry.text, "")
-    sheet = Sheet(file)
+    sheet = ModelSheet(file)
     for name, grid in sheet.grids.items():
         values = np.array([[cell.value for cell in row] for row in grid.rows], dtype=float)
         if name not in file.varying and grid.given:
@@ -456,7 +456,7 @@ def test_a_model_with_a_problem_is_not_understood_and_says_why(session: Session)
 def test_equations_have_the_numbers_in_and_the_statement_the_symbols(session: Session) -> None:
     """ẋ = Fx + Gw with values; with what was typed."""
     session.do(c.Open(ready("gauss_markov").dumps()))
-    equations, statement = session.equations(), session.statement()
+    equations, statement = session.sheet.equations(), session.sheet.statement()
     assert len(equations) == len(statement)
     assert statement != equations
     assert statement[0].startswith(r"\dot x = ")
@@ -563,7 +563,7 @@ def test_a_new_draft_begins_with_a_small_model_that_is_not_saved(session: Sessio
 
 def test_discretised_numbers_on_the_sheet_are_not_confused_with_the_file() -> None:
     """A cell that varies shows its value at the first measurement, and says that it varies."""
-    sheet = Sheet(ready("crane"))
+    sheet = ModelSheet(ready("crane"))
     moving = [cell for grid in sheet.grids.values() for row in grid.rows for cell in row if cell.varies]
     file = ready("crane")
     assert moving

@@ -17,8 +17,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ctlabs.workbench import store as module
-from ctlabs.workbench.store import FILE, Store, StoreError, data_folder, pack, unpack
+from ctlabs.workbench.desk import store as module
+from ctlabs.workbench.desk.store import FILE, Store, StoreError, data_folder, pack, unpack
 
 
 @pytest.fixture
@@ -297,7 +297,7 @@ def test_two_tabs_on_one_draft_interleave(store: Store) -> None:
 
 _EDITOR = """
 import sys
-from ctlabs.workbench.store import Store
+from ctlabs.workbench.desk.store import Store
 store = Store(sys.argv[1])
 draft = store.new_draft("me", "s", "0").id
 print(draft, flush=True)

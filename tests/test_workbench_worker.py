@@ -19,8 +19,8 @@ from typing import Any
 import pytest
 
 from ctlabs import DiscreteModel, montecarlo
-from ctlabs.workbench import worker
-from ctlabs.workbench.worker import FUNCTIONS, Job, RunFailed, Runner, RunProgress, rated
+from ctlabs.workbench.runs import worker
+from ctlabs.workbench.runs.worker import FUNCTIONS, Job, RunFailed, Runner, RunProgress, rated
 from tests import workbench_functions
 
 TABLE = {
@@ -379,7 +379,7 @@ def test_closing_ends_everything(tmp_path: Path) -> None:
 
 _SERVER = """
 import asyncio, sys
-from ctlabs.workbench.worker import Runner
+from ctlabs.workbench.runs.worker import Runner
 from tests.test_workbench_worker import TABLE
 
 async def main():

@@ -21,7 +21,7 @@ from ctlabs.analysis.score import Score, gathered
 from ctlabs.filtering import contradictions
 from ctlabs.filtering.filter import density, kalman_filter
 from ctlabs.filtering.measured import any_perfect, begins
-from ctlabs.filtering.problem import Problem, pose
+from ctlabs.filtering.problem import FilterProblem, pose
 from ctlabs.filtering.results import Contradiction
 from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
@@ -40,7 +40,7 @@ class Piece(NamedTuple):
     z: Array
     first: int | None
 
-    def problem(self, names: tuple[str, ...], values: Array) -> Problem:
+    def problem(self, names: tuple[str, ...], values: Array) -> FilterProblem:
         """Model and data at the values of the constants."""
         return pose(self.build(named(names, values)), self.z, first=self.first)
 

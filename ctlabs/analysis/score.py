@@ -14,11 +14,11 @@ from collections.abc import Callable
 import numpy as np
 
 from ctlabs.analysis.surface import Box, moved
-from ctlabs.filtering.problem import Problem
+from ctlabs.filtering.problem import FilterProblem
 from ctlabs.filtering.slopes import MATRICES, Slopes, beginning, slopes
 from ctlabs.linalg.checks import Array
 
-Posed = Callable[[Array], Problem]
+Posed = Callable[[Array], FilterProblem]
 
 #: The first step of a difference, as a part of the constant.
 STEP = 1e-3
@@ -60,7 +60,7 @@ class Score:
             return None
         return float(own.found.log_likelihood_diffuse[0]), np.array(found, dtype=np.float64)
 
-    def _derivative(self, values: Array, i: int, posed: Problem, own: Slopes, weights: Array) -> float | None:
+    def _derivative(self, values: Array, i: int, posed: FilterProblem, own: Slopes, weights: Array) -> float | None:
         """∂ℓ/∂θ_i, at the first step at which neither curvature nor rounding counts."""
         best, lowest, size = None, np.inf, self.size[i] or self.box.size[i]
         for _again in range(24):
@@ -93,7 +93,7 @@ class Score:
                 return _sum(own_weights, change)
         return best
 
-    def _stencil(self, values: Array, i: int, h: float, posed: Problem, own: Slopes) -> tuple[Array, Array, Array] | None:
+    def _stencil(self, values: Array, i: int, h: float, posed: FilterProblem, own: Slopes) -> tuple[Array, Array, Array] | None:
         """The change of the matrices with θ_i by fourth and by second order, and its rounding; ``None`` where neighbours are missing."""
         low, high = self.box.lower[i], self.box.upper[i]
         for side, (places, rows) in ((1, PAIR if self.trust[i] else CENTRAL), (1, FORWARD), (-1, FORWARD)):
@@ -128,7 +128,7 @@ def _along(own: Slopes) -> Array:
     return np.concatenate([part.ravel() for part in parts if part is not None] + ([np.ones(1)] if own.begun else []) + [own.z.ravel()])
 
 
-def gathered(problem: Problem, begun: int = 0) -> Array:
+def gathered(problem: FilterProblem, begun: int = 0) -> Array:
     """All matrices of a problem; after the ``begun`` instants of a vague start, what they leave in place of x0 and P0."""
     model, last = problem.model, []
     x0, P0 = model.x0, np.where(np.isfinite(model.P0), model.P0, 0.0)

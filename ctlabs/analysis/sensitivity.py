@@ -35,6 +35,7 @@ from ctlabs.linalg.correlated import regression
 from ctlabs.models import ContinuousModel, DiscreteModel, at, observability
 from ctlabs.models.discretisation import interval
 from ctlabs.models.linear import check_inputs
+from ctlabs.text import mode
 
 #: Below this fraction of the terms it is the difference of, a coupling of the error to the truth is rounding.
 ROUNDING = 1e-13
@@ -43,7 +44,27 @@ UNIT = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Actual:
+class TrueErrors:
+    """Mean and covariance of the errors e = x̂ − Cx before and after an update: ``bias_…`` ([steps+1,] d), ``P_…`` ([steps+1,] d, d)."""
+
+    bias_minus: Array
+    bias_plus: Array
+    P_minus: Array
+    P_plus: Array
+
+    @property
+    def mse_minus(self) -> Array:
+        """Mean square error before the update, P + bias biasᵀ, ([steps+1,] d, d)."""
+        return self.P_minus + self.bias_minus[..., :, None] * self.bias_minus[..., None, :]
+
+    @property
+    def mse_plus(self) -> Array:
+        """Mean square error after the update, P + bias biasᵀ, ([steps+1,] d, d)."""
+        return self.P_plus + self.bias_plus[..., :, None] * self.bias_plus[..., None, :]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Actual(TrueErrors):
     r"""The true error of a filter, e = x̂ − Cx, over time; d is the order of the design.
 
     ``t`` (steps+1,) s · ``bias_minus``, ``bias_plus`` (steps+1, d), mean error before and after the update ·
@@ -51,48 +72,20 @@ class Actual:
     """
 
     t: Array
-    bias_minus: Array
-    bias_plus: Array
-    P_minus: Array
-    P_plus: Array
     claimed: Covariances
-
-    @property
-    def mse_minus(self) -> Array:
-        """Mean square error before the update, P + bias biasᵀ, (steps+1, d, d)."""
-        return _mse(self.P_minus, self.bias_minus)
-
-    @property
-    def mse_plus(self) -> Array:
-        """Mean square error after the update, P + bias biasᵀ, (steps+1, d, d)."""
-        return _mse(self.P_plus, self.bias_plus)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ActualSteady:
+class ActualSteady(TrueErrors):
     """The limits of :class:`Actual`.
 
     ``bias_minus``, ``bias_plus`` (d,) · ``P_minus``, ``P_plus`` (d, d) · ``K`` (d, m), the constant gain ·
     ``poles`` (d,), of the filter · ``claimed``, the steady state the design believes in (None for a gain given)
     """
 
-    bias_minus: Array
-    bias_plus: Array
-    P_minus: Array
-    P_plus: Array
     K: Array
     poles: NDArray[np.complex128]
     claimed: steady_state.SteadyState | None
-
-    @property
-    def mse_minus(self) -> Array:
-        """Mean square error before the update, (d, d)."""
-        return _mse(self.P_minus, self.bias_minus)
-
-    @property
-    def mse_plus(self) -> Array:
-        """Mean square error after the update, (d, d)."""
-        return _mse(self.P_plus, self.bias_plus)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -192,7 +185,7 @@ def actual(
     maps = _maps(truth, design, C, plan.K, used)
     bias_minus, bias_plus = _means(truth, design, C, maps)
     P_minus, P_plus = _covariances(_all(truth), maps, used)
-    return Actual(plan.t, bias_minus, bias_plus, P_minus, P_plus, plan)
+    return Actual(bias_minus, bias_plus, P_minus, P_plus, plan.t, plan)
 
 
 def fixed_gain(design: DiscreteModel, K: ArrayLike, steps: int, first: int | None = None) -> Covariances:
@@ -253,7 +246,7 @@ def steady(
         if limit is not None and np.array_equal(C, np.eye(n)) and _same(truth, design):
             zero = np.zeros(n)  # a marginal mode without noise: ever smaller gains make its error vanish
             return ActualSteady(zero, zero, limit.P_minus, limit.P_plus, gain, poles, limit)
-        worst = _complex(poles[np.abs(poles).argmax()])
+        worst = mode(poles[np.abs(poles).argmax()])
         msg = f"steady: expected a filter with every pole inside the unit circle, received the pole {worst}"
         raise ValueError(msg)
     part = _reaching(truth, np.vstack([cycle[n:, :n], update.A[n:, :n]]))
@@ -354,10 +347,6 @@ def noise_by_input(model: ContinuousModel, dt: float) -> dict[str, Array]:
         name = "noise " + ", ".join(f"w{j + 1}" for j in group)
         parts[name] = interval(model.F, G @ model.Q[np.ix_(group, group)] @ G.T, dt).Qd
     return parts
-
-
-def _mse(P: Array, bias: Array) -> Array:
-    return P + bias[..., :, None] * bias[..., None, :]
 
 
 def _pair(
@@ -648,7 +637,7 @@ def _reaching(truth: DiscreteModel, coupling: Array) -> _Part:
         states = ", ".join(name for name, column in zip(truth.states, V.T, strict=True) if np.abs(column).max() > 1e-9)
         msg = (
             f"steady: expected stable modes and constants of the truth to drive the error, received the mode "
-            f"{_complex(max(lasting, key=abs))} of the states {states}, which grows or wanders: there is no limit"
+            f"{mode(max(lasting, key=abs))} of the states {states}, which grows or wanders: there is no limit"
         )
         raise ValueError(msg)
     from_y, S = np.zeros((len(V), 0)), one
@@ -725,7 +714,3 @@ def _limits(
         (mean[r:] + T @ y, X[r:, r:] + T @ P_y @ T.T),
         ((update_s.A @ mean)[r:] + T_plus @ y, X_plus[r:, r:] + T_plus @ P_y @ T_plus.T),
     )
-
-
-def _complex(value: complex) -> str:
-    return f"{value.real:.6g}" if abs(value.imag) < 1e-12 else f"{value.real:.6g} ± {abs(value.imag):.6g}i"

@@ -14,7 +14,7 @@ import click
 
 from ctlabs.cli import labs, models, own
 from ctlabs.cli.common import Commands
-from ctlabs.workbench.command import workbench
+from ctlabs.workbench.serving.command import workbench
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

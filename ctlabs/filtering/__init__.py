@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ctlabs.filtering.limit import steady_state
     from ctlabs.filtering.online import Filter
     from ctlabs.filtering.problem import Model
-    from ctlabs.filtering.results import Covariances, Filtered
+    from ctlabs.filtering.results import Covariances, Filtered, FilteredRow
     from ctlabs.filtering.settle import settling, settling_step
     from ctlabs.filtering.smoothing import Smoothed, smooth
 
@@ -26,6 +26,7 @@ _HOME = {
     "Covariances": "results",
     "Filter": "online",
     "Filtered": "results",
+    "FilteredRow": "results",
     "Forecast": "forecasting",
     "Model": "problem",
     "Smoothed": "smoothing",
@@ -48,6 +49,7 @@ __all__ = [
     "Covariances",
     "Filter",
     "Filtered",
+    "FilteredRow",
     "Forecast",
     "Model",
     "Smoothed",

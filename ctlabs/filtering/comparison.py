@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -14,13 +15,15 @@ from ctlabs.filtering.algorithms.catalogue import form as named
 from ctlabs.filtering.algorithms.contract import Counted, Noise, Numbers
 from ctlabs.filtering.engines import driver
 from ctlabs.filtering.engines.record import ByInstant
-from ctlabs.filtering.problem import Problem, pose
+from ctlabs.filtering.problem import FilterProblem, pose
 from ctlabs.filtering.results import Filtered, without_runs
 from ctlabs.linalg.checks import Array
 from ctlabs.models.linear import DiscreteModel
 
 #: Digits of the reference.
 DIGITS = 50
+#: How large the relative error of P and the error of the estimate (in units of its σ) may be.
+GRADES = (("exact", 1e-10, 1e-8), ("accurate", 1e-6, 1e-3), ("losing", 1e-2, 0.1))
 #: Rows of a record that is timed twice.
 SHORT = 200
 
@@ -42,6 +45,32 @@ class Comparison(NamedTuple):
     error_x: Array | None
     seconds: float | None
     failed: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judged:
+    """One form of the filter on a record.
+
+    ``flops`` and ``seconds`` per step · ``error_P``, ``error_x``: the largest relative error of P⁺ and the largest error of an
+    estimate in units of its σ, against 50 digits (``None`` where it was not compared, or refused) · ``failed``, why it refused or gave
+    up; empty otherwise · ``rms`` (n,), RMS error of the last estimates of simulated runs
+    """
+
+    name: str
+    flops: int | None = None
+    seconds: float | None = None
+    error_P: float | None = None
+    error_x: float | None = None
+    failed: str = ""
+    rms: Array | None = None
+
+    @property
+    def grade(self) -> str:
+        """"exact" to rounding, "accurate", "losing" digits, "wrong", "failed", or "" where it was not compared."""  # fmt: skip
+        P, x = self.error_P, self.error_x
+        if self.failed or P is None or x is None:
+            return "failed" if self.failed else ""
+        return next((name for name, bound_P, bound_x in GRADES if P <= bound_P and x <= bound_x), "wrong")
 
 
 def reference(model: DiscreteModel, z: ArrayLike, first: int | None = None) -> Filtered:
@@ -68,7 +97,7 @@ def flops(model: DiscreteModel, form: str) -> int:
     z = np.zeros((2, model.m, 1))
     if model.N is None:  # otherwise what a measurement tells of the next disturbance belongs to a step
         z[0] = np.nan
-    record = ByInstant(model, z, Counted, driver.entering(Problem(model, z, np.arange(2.0), 0, single=True)))
+    record = ByInstant(model, z, Counted, driver.entering(FilterProblem(model, z, np.arange(2.0), 0, single=True)))
     known = np.isfinite(model.P0).all()
     P0 = np.eye(model.n) + 0.1 if not known or contract.definite(model.P0) else model.P0
     state = how.start(model, contract.numbers(P0, Counted))
@@ -126,7 +155,7 @@ def compare(
     return tuple(_compared(problem, name, known) for name in names)
 
 
-def _compared(problem: Problem, name: str, exact: Filtered) -> Comparison:
+def _compared(problem: FilterProblem, name: str, exact: Filtered) -> Comparison:
     try:
         own, seconds = driver.run(problem, name, own_start=True)
         if len(own.t) <= SHORT:  # the first step of a process takes longer than all others: once more

@@ -24,7 +24,7 @@ import numpy as np
 
 from ctlabs.filtering import gathered
 from ctlabs.filtering.measured import perfect
-from ctlabs.filtering.problem import Problem
+from ctlabs.filtering.problem import FilterProblem
 from ctlabs.filtering.results import Contradiction, Filtered, Mask
 from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
@@ -113,7 +113,7 @@ def vaguely(terms: Array, n: int, k: int) -> Array:
 # What follows from them -----------------------------------------------------------------------------------------------
 
 
-def judged(problem: Problem, filtered: Filtered) -> Filtered:
+def judged(problem: FilterProblem, filtered: Filtered) -> Filtered:
     """The filtered record of a problem with its ``contradictions``, and −∞ for the log-likelihoods of the runs that have one."""
     found = find(problem.model, filtered.z, filtered, problem.first, problem.known)
     if not found:

@@ -25,7 +25,7 @@ from ctlabs.linalg.checks import Array
 from ctlabs.models.linear import DiscreteModel
 
 
-class Moved(NamedTuple):
+class StartShift(NamedTuple):
     """The most likely change of the initial estimate: ``shift`` (n,), ``gain`` (twice that of ln p(z)) and its degrees of freedom."""
 
     shift: Array
@@ -48,7 +48,7 @@ class Shocks:
     outlier_size: Array
     shock: Array
     shock_size: Array
-    start: Moved | None
+    start: StartShift | None
 
     @property
     def count(self) -> int:
@@ -80,10 +80,10 @@ def shocks(filtered: Filtered) -> Shocks:
     begin = int(np.flatnonzero(~np.isfinite(filtered.P_minus).all(axis=(1, 2))).max(initial=-1)) + 1
     system, M = corrected(model, filtered.used)
     (r, N), (u, D) = np.full((2, rows, n), np.nan), np.full((2, rows, m), np.nan)
-    told = engine.Told(r, N, u, D, np.zeros((n, n)))
+    told = engine.ShockOutputs(r, N, u, D, np.zeros((n, n)))
     own = (np.array(a, order="C") for a in (filtered.K, filtered.S, filtered.innovation, filtered.used))
     if begin < rows:
-        engine.backward(engine.Passed(system.Phi, M, system.H, *own), begin, told)
+        engine.backward(engine.ShockInputs(system.Phi, M, system.H, *own), begin, told)
     start = None
     if begin == 0 and np.isfinite(told.N0).all():
         start = _moved(told.r[0], told.N0)
@@ -98,11 +98,11 @@ def _judged(score: Array, information: Array) -> tuple[Array, Array]:
     return np.where(there, score / np.sqrt(safe), np.nan), np.where(there, score / safe, np.nan)
 
 
-def _moved(r: Array, N: Array) -> Moved:
+def _moved(r: Array, N: Array) -> StartShift:
     """The shift N⁺r of x0, as far as the record shows one."""
     scale = np.sqrt(np.where(N.diagonal() > 0, N.diagonal(), 1.0))
     values, vectors = np.linalg.eigh(N / (scale[:, None] * scale))
     seen = values > 1e-10
     along = vectors[:, seen].T @ (r / scale)
     shift = vectors[:, seen] @ (along / values[seen]) / scale
-    return Moved(shift, float((along**2 / values[seen]).sum()), int(seen.sum()))
+    return StartShift(shift, float((along**2 / values[seen]).sum()), int(seen.sum()))

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,6 +35,35 @@ class Updates(NamedTuple):
     S: Array
     K: Array
     nis: Array
+
+
+class EnsembleFilter(Protocol):
+    """What an experiment needs of a filter; any object of this kind is a design (given as a function that makes it).
+
+    ``x`` (d, runs), the estimates · ``P`` (d, d) or (d, d, runs), the covariance claimed, or ``None``
+    """
+
+    @property
+    def x(self) -> Array:
+        """Estimates."""
+        ...
+
+    @property
+    def P(self) -> Array | None:
+        """Covariance claimed."""
+        ...
+
+    def start(self, runs: int) -> None:
+        """Begin ``runs`` new records at t0."""
+        ...
+
+    def predict(self, k: int) -> None:
+        """From k−1 to k."""
+        ...
+
+    def update(self, k: int, z: Array) -> tuple[Array, float] | None:
+        """Use z_k (m, runs); the normalised innovation squared (runs,) and its degrees of freedom, if known."""
+        ...
 
 
 class Extended:

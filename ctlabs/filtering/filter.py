@@ -16,7 +16,7 @@ from ctlabs.filtering.algorithms.vague import needed
 from ctlabs.filtering.engines import adapter, compiled, driver, gains
 from ctlabs.filtering.engines.record import ByInstant
 from ctlabs.filtering.gate import gated
-from ctlabs.filtering.problem import Problem, by_instant, pose, rows_of
+from ctlabs.filtering.problem import FilterProblem, by_instant, pose, rows_of
 from ctlabs.filtering.results import Covariances, Filtered, LeftOut, Mask, without_runs
 from ctlabs.linalg.checks import Array
 from ctlabs.models.linear import ContinuousModel, DiscreteModel
@@ -163,9 +163,9 @@ def planned(model: DiscreteModel, absent: Mask, first: int, algorithm: str = "au
     return _without_data(_filtered(_silent(model, absent, t, first), algorithm, None))
 
 
-def _silent(model: DiscreteModel, absent: Mask, t: Array, first: int) -> Problem:
+def _silent(model: DiscreteModel, absent: Mask, t: Array, first: int) -> FilterProblem:
     """The problem of a record of zeros: the covariances depend on no data."""
-    return Problem(model, np.where(absent, np.nan, 0.0)[:, :, None], t, first, single=True)
+    return FilterProblem(model, np.where(absent, np.nan, 0.0)[:, :, None], t, first, single=True)
 
 
 def _without_data(found: Filtered) -> Covariances:
@@ -190,7 +190,7 @@ def log_likelihood(model: DiscreteModel, z: ArrayLike, first: int | None = None)
     return density(problem)[0]
 
 
-def density(problem: Problem) -> tuple[float, int]:
+def density(problem: FilterProblem) -> tuple[float, int]:
     """:func:`log_likelihood` of a posed problem, and how many elements enter the filter."""
     try:
         return compiled.log_likelihood(problem)
@@ -199,12 +199,12 @@ def density(problem: Problem) -> tuple[float, int]:
         return float(found.log_likelihood_diffuse[0]), int(found.used.sum())
 
 
-def solved(problem: Problem) -> Filtered:
+def solved(problem: FilterProblem) -> Filtered:
     """The record of a posed problem, by the default algorithm; with an axis of runs."""
     return _best(problem)
 
 
-def _filtered(problem: Problem, algorithm: str, given: Covariances | None) -> Filtered:
+def _filtered(problem: FilterProblem, algorithm: str, given: Covariances | None) -> Filtered:
     """The one place where an algorithm is chosen."""
     if given is not None:
         return _with_gains(problem, given)
@@ -219,7 +219,7 @@ def _filtered(problem: Problem, algorithm: str, given: Covariances | None) -> Fi
     return driver.run(problem, algorithm)[0]
 
 
-def _best(problem: Problem) -> Filtered:
+def _best(problem: FilterProblem) -> Filtered:
     """The compiled loop, or what keeps the digits that it has not."""
     try:
         return _compiled(problem)
@@ -227,7 +227,7 @@ def _best(problem: Problem) -> Filtered:
         return _rescued(problem, lost)
 
 
-def _rescued(problem: Problem, lost: compiled.LostDigits) -> Filtered:
+def _rescued(problem: FilterProblem, lost: compiled.LostDigits) -> Filtered:
     """Factors of P with which square roots, of P or of its inverse, agree; otherwise the compiled loop's refusal."""
     tried = cache(lambda form: _tried(problem, form))
     for factors, roots in product(("ud", "ld"), ("carlson", "srif")):
@@ -237,7 +237,7 @@ def _rescued(problem: Problem, lost: compiled.LostDigits) -> Filtered:
     raise lost
 
 
-def _tried(problem: Problem, form: str) -> Filtered | None:
+def _tried(problem: FilterProblem, form: str) -> Filtered | None:
     try:
         return driver.run(problem, form)[0]
     except (ValueError, FloatingPointError):
@@ -251,7 +251,7 @@ def agree(one: Filtered, other: Filtered) -> bool:
     return before and after and bool(np.isfinite(one.log_likelihood).all())
 
 
-def _compiled(problem: Problem) -> Filtered:
+def _compiled(problem: FilterProblem) -> Filtered:
     """A record in one pass; of an ensemble the gains, and one matrix product for all runs at every step.
 
     Joseph's form, or square roots where that would lose digits.
@@ -264,7 +264,7 @@ def _compiled(problem: Problem) -> Filtered:
     return driver.run(problem, "joseph")[0]
 
 
-def _with_gains(problem: Problem, given: Covariances) -> Filtered:
+def _with_gains(problem: FilterProblem, given: Covariances) -> Filtered:
     shape = (len(problem.z), problem.model.n, problem.model.m)
     if given.K.shape != shape:
         msg = f"gains: expected gains of shape {shape}, received {given.K.shape}"
@@ -277,7 +277,7 @@ def _at(given: Covariances, t: Array) -> Covariances:
     return given if np.array_equal(given.t, t) else replace(given, t=t)
 
 
-def _begun(problem: Problem) -> beginning.Beginning | None:
+def _begun(problem: FilterProblem) -> beginning.Beginning | None:
     """The first instants of a record from a vague start."""
     if not needed(problem.model, problem.model.P0):
         return None

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ctlabs.filtering.problem import Problem
+from ctlabs.filtering.problem import FilterProblem
 from ctlabs.filtering.results import Filtered, LeftOut
 from ctlabs.linalg.checks import Array
 from ctlabs.models.linear import DiscreteModel
@@ -34,8 +34,8 @@ def width(gate: Any) -> float:
 
 
 def gated(
-    problem: Problem, data: Array, gate: float, answer: Callable[[Problem], Filtered]
-) -> tuple[Problem, tuple[LeftOut, ...]]:
+    problem: FilterProblem, data: Array, gate: float, answer: Callable[[FilterProblem], Filtered]
+) -> tuple[FilterProblem, tuple[LeftOut, ...]]:
     """The problem without the elements beyond the gate, and these; ``data`` (rows, m, runs) as they were given, ``answer`` a filter.
 
     Raises
@@ -50,7 +50,7 @@ def gated(
     z, checked, begin, model, length = problem.z.copy(), -1, 0, problem.model, PIECE
     while checked < rows - 1:
         end = min(max(checked, begin) + length + 1, rows)
-        found = answer(Problem(_piece(model, begin, end), z[begin:end], problem.t[begin:end], 0, single=True))
+        found = answer(FilterProblem(_piece(model, begin, end), z[begin:end], problem.t[begin:end], 0, single=True))
         away = _away(found)
         away[: checked + 1 - begin] = 0.0
         beyond = np.flatnonzero((away > gate).any(axis=1))

@@ -27,7 +27,7 @@ from ctlabs.models import DiscreteModel
 
 if TYPE_CHECKING:
     from ctlabs.filtering.engines.common import System
-    from ctlabs.filtering.engines.rounding import Passed, Rounding
+    from ctlabs.filtering.engines.rounding import Rounding, RoundingInputs
 
 EPS = float(np.finfo(float).eps)
 
@@ -68,11 +68,11 @@ def innovations(model: DiscreteModel, z: Array, known: Array, history: Filtered 
         later = History(*(getattr(history, name)[rest] for name in History._fields))
         e[rest], allowed[rest] = innovations(_later(model, begun, later), z[rest], known[rest], later, asked[rest])
         return e, allowed
-    from ctlabs.filtering.engines.rounding import Passed, bounds  # numba costs 0.3 s to import
+    from ctlabs.filtering.engines.rounding import RoundingInputs, bounds  # numba costs 0.3 s to import
 
     data, x_minus, x_plus = (_own(a.reshape(rows, a.shape[1], -1)) for a in (z, history.x_minus, history.x_plus))
     P_minus, P_plus, used = _own(history.P_minus), _own(history.P_plus), _own(history.used)
-    seen = Passed(data, _own(known), x_minus, x_plus, P_minus, P_plus, used, asked, _own(history.K))
+    seen = RoundingInputs(data, _own(known), x_minus, x_plus, P_minus, P_plus, used, asked, _own(history.K))
     size = np.sqrt(np.where(np.isfinite(model.P0.diagonal()), model.P0.diagonal(), 0.0))
     bounds(*corrected(model, history.used), given(model.x0), size, 0, seen, e, allowed)
     return e, allowed
@@ -130,14 +130,14 @@ def begun(x: Array, P: Array) -> Gathered:
 def predicted(before: Gathered, x: Array, P: Array, Phi: Array, c: Array | None, Q: Array, m: int) -> Gathered:
     """One step ahead from x (n, 1) and P, by Φ, c (n, 1) and Q, of a model with m measurements."""
     from ctlabs.filtering.engines.common import System
-    from ctlabs.filtering.engines.rounding import Passed
+    from ctlabs.filtering.engines.rounding import RoundingInputs
 
     n, nobody = len(x), np.zeros((2, m), dtype=bool)
     nothing, H, R = np.empty((0, n)), np.zeros((1, m, n)), np.eye(m)[None]
     offset = nothing if c is None else _own(c.T)
     system = System(_own(Phi[None]), _own(Q[None]), offset, H, R, nothing)
     xs, Ps = np.array([x, x]), np.array([P, P])
-    seen = Passed(np.full((2, m, 1), np.nan), np.zeros((2, m)), xs, xs, Ps, Ps, nobody, nobody, np.empty((0, n, m)))
+    seen = RoundingInputs(np.full((2, m, 1), np.nan), np.zeros((2, m)), xs, xs, Ps, Ps, nobody, nobody, np.empty((0, n, m)))
     return _passed(before, system, 1, seen)[0]
 
 
@@ -146,19 +146,19 @@ def updated(
 ) -> tuple[Gathered, Array, Array]:
     """Through one instant's update, with x (n, 1) and P before and after it; and :func:`innovations` of it, (m,) each."""
     from ctlabs.filtering.engines.common import System
-    from ctlabs.filtering.engines.rounding import Passed
+    from ctlabs.filtering.engines.rounding import RoundingInputs
 
     n, nothing = len(x[0]), np.empty((0, len(x[0])))
     system = System(np.zeros((1, n, n)), np.zeros((1, n, n)), nothing, _own(H[None]), _own(R[None]), nothing)
     asked = perfect(R) & ~used & ~np.isnan(z)
     xs, Ps = [_own(each[None]) for each in x], [_own(each[None]) for each in P]
     none = np.empty((0, n, len(z)))
-    seen = Passed(_own(z[None, :, None]), _own(known[None]), xs[0], xs[1], Ps[0], Ps[1], _own(used[None]), asked[None], none)
+    seen = RoundingInputs(_own(z[None, :, None]), _own(known[None]), xs[0], xs[1], Ps[0], Ps[1], _own(used[None]), asked[None], none)
     after, e, allowed = _passed(before, system, 0, seen)
     return after, e[0, :, 0], allowed[0]
 
 
-def _passed(before: Gathered, system: System, row: int, seen: Passed) -> tuple[Gathered, Array, Array]:
+def _passed(before: Gathered, system: System, row: int, seen: RoundingInputs) -> tuple[Gathered, Array, Array]:
     """What :func:`ctlabs.filtering.engines.rounding.bounds` makes of one motion (row 1) or one update (row 0)."""
     from ctlabs.filtering.engines.rounding import Rounding, bounds
 

@@ -43,7 +43,7 @@ class Model(Protocol):
 
 
 @dataclass(frozen=True, slots=False, eq=False)
-class Problem:
+class FilterProblem:
     """A model and data by instants k = 0 … steps.
 
     ``model``, with what is known of its inputs in ``offset`` · ``z`` (steps+1, m, runs), NaN where nothing is measured and before
@@ -75,7 +75,7 @@ def pose(
     u: ArrayLike | None = None,
     u0: ArrayLike | None = None,
     P0: ArrayLike | None = None,
-) -> Problem:
+) -> FilterProblem:
     """The problem of :func:`ctlabs.kalman_filter`, whose arguments these are."""
     m = _known(model)
     rows, single = rows_of(z, m)
@@ -89,7 +89,7 @@ def pose(
     discrete = _stacked(model, steps)
     measured.horizon(discrete, steps, least=0)
     discrete = discrete.cut(steps)
-    changes: dict[str, Any] = {}
+    changes: dict[str, Any] = {} if begin == discrete.first else {"first": begin}
     for name, given in (("H", H), ("R", R)):
         if given is not None:
             changes[name] = _by_instants(name, given, len(rows), begin, getattr(discrete, name).shape[-2:])
@@ -99,7 +99,7 @@ def pose(
         discrete = replace(discrete, **changes)
     discrete, seen = driven(discrete, len(rows), begin, u, u0)
     data, known = _less(rows, seen, begin)
-    return Problem(discrete, data, np.arange(steps + 1) * discrete.dt, begin, single, known)
+    return FilterProblem(discrete, data, np.arange(steps + 1) * discrete.dt, begin, single, known)
 
 
 def _less(rows: Array, seen: Array | None, first: int) -> tuple[Array, Array | None]:
@@ -229,7 +229,7 @@ def _sampled(
     u: ArrayLike | None,
     u0: ArrayLike | None,
     P0: ArrayLike | None,
-) -> Problem:
+) -> FilterProblem:
     """The discrete model of the instants at which a continuous one is measured."""
     times = _times(t, len(rows))
     begin = _first(times, first)
@@ -252,7 +252,7 @@ def _sampled(
         states=model.states, measurements=model.measurements, units=model.units, measurement_units=model.measurement_units,
     )  # fmt: skip
     data, known = _less(rows, seen, begin)
-    return Problem(discrete, data, instants, begin, single, known)
+    return FilterProblem(discrete, data, instants, begin, single, known)
 
 
 def _times(t: ArrayLike | None, rows: int) -> Array:

@@ -73,6 +73,28 @@ class LeftOut(NamedTuple):
     sigmas: float
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class FilteredRow:
+    """One instant of :class:`Filtered`, whose names these are, without its axis of instants: what ``Filter.step`` and ``row`` give.
+
+    ``t`` s · ``x_minus``, ``x_plus`` (n,) · ``P_minus``, ``P_plus`` (n, n) · ``K`` (n, m) · ``S`` (m, m) · ``used`` (m,) ·
+    ``innovation`` (m,) · ``nis`` · ``contradictions`` and ``left_out``, those of this instant
+    """
+
+    t: float
+    x_minus: Array
+    x_plus: Array
+    P_minus: Array
+    P_plus: Array
+    K: Array
+    S: Array
+    used: Mask
+    innovation: Array
+    nis: Any
+    contradictions: tuple[Contradiction, ...] = ()
+    left_out: tuple[LeftOut, ...] = ()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Start:
     """What a smoother needs of the first instants: x = x̂ + e + Aδ after each update, and how it came about.
@@ -142,6 +164,15 @@ class Filtered(Covariances):
         if self.known is None or self.given is None:
             return self.model, self.z
         return replace(self.model, measurement_offset=self.known), self.given
+
+    def row(self, k: int) -> FilteredRow:
+        """The instant k = 0 … steps; a negative one counts from the end."""
+        k = range(self.steps + 1)[k]
+        names = ("x_minus", "x_plus", "P_minus", "P_plus", "K", "S", "used", "innovation", "nis")
+        found: dict[str, Any] = {name: getattr(self, name)[k] for name in names}
+        for name in ("contradictions", "left_out"):
+            found[name] = tuple(each for each in getattr(self, name) if each.row + self.model.first == k)
+        return FilteredRow(t=float(self.t[k]), **found)
 
     def error(self, when: str = "plus") -> Array:
         """e = x̂ − x, (steps+1, n[, runs]), after (``"plus"``) or before (``"minus"``) the update."""

@@ -21,7 +21,7 @@ from ctlabs.filtering.algorithms import vague
 from ctlabs.filtering.engines.compiled import fixed
 from ctlabs.filtering.engines.record import ByInstant
 from ctlabs.filtering.filter import solved
-from ctlabs.filtering.problem import Problem
+from ctlabs.filtering.problem import FilterProblem
 from ctlabs.filtering.results import Filtered
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.correlated import regression
@@ -62,7 +62,7 @@ class Begun(NamedTuple):
     P: Array
 
 
-def slopes(problem: Problem) -> Slopes | None:
+def slopes(problem: FilterProblem) -> Slopes | None:
     """∂ℓ by every matrix, for one record; ``None`` where ℓ has no derivative: it is −∞, or w correlates with perfect measurements.
 
     Raises
@@ -88,7 +88,7 @@ def slopes(problem: Problem) -> Slopes | None:
     H, R = _stack(model.H), _stack(model.R)
     steps, n, m = rows - 1, model.n, model.m
     own = _lengths(model, steps) if M is None else {"Phi": steps, "Qd": steps, "offset": steps}
-    out = adjoint.Slopes(
+    out = adjoint.AdjointSlopes(
         np.zeros((own["Phi"], n, n)), np.zeros((own["Qd"], n, n)), np.zeros((own["offset"], n)), np.zeros((len(H), m, n)),
         np.zeros((len(R), m, m)), np.zeros((rows, m)), np.zeros(n), np.zeros((n, n)),
     )  # fmt: skip
@@ -96,7 +96,7 @@ def slopes(problem: Problem) -> Slopes | None:
         histories = [np.ascontiguousarray(a) for a in (
             found.x_minus[:, :, 0], found.x_plus[:, :, 0], found.P_minus, found.P_plus, found.K, found.innovation[:, :, 0], found.S, used,
         )]  # fmt: skip
-        adjoint.backward(fixed(Phi), fixed(H), adjoint.Passed(*histories), begun, out)
+        adjoint.backward(fixed(Phi), fixed(H), adjoint.AdjointInputs(*histories), begun, out)
     N = None
     if M is not None:
         N = _uncoupled(problem, used, M, out, begun)
@@ -107,7 +107,7 @@ def slopes(problem: Problem) -> Slopes | None:
     )  # fmt: skip
 
 
-def beginning(problem: Problem, begun: int) -> Begun:
+def beginning(problem: FilterProblem, begun: int) -> Begun:
     """The first ``begun`` instants from a vague start, each as :mod:`ctlabs.filtering.algorithms.vague` takes it.
 
     However soon another model's start is known, the number of instants is the one asked for: what is left behind them is a smooth
@@ -128,7 +128,7 @@ def beginning(problem: Problem, begun: int) -> Begun:
         state = vague.predict(state, *record.motion(begun - 1))
     elif state.lost.any():
         return Begun(total, np.zeros(problem.model.n), np.zeros(problem.model.P0.shape))
-    return Begun(total, vague.mean(state)[:, 0], vague.covariance(state))
+    return Begun(total, state.mean[:, 0], state.covariance)
 
 
 def _moderate(model: DiscreteModel) -> bool:
@@ -168,11 +168,11 @@ def _motions(model: DiscreteModel, used: Array) -> tuple[Array | None, Array | N
     return Phi, M
 
 
-def _uncoupled(problem: Problem, used: Array, M: Array, out: object, begun: int) -> Array:
+def _uncoupled(problem: FilterProblem, used: Array, M: Array, out: object, begun: int) -> Array:
     """∂ℓ by N; those by R and H are completed by what M = NR⁻¹ carries, and Φ − MH, Qd − MNᵀ, c + Mz are as by Φ, Qd, c."""
     from ctlabs.filtering.engines import adjoint
 
-    assert isinstance(out, adjoint.Slopes)
+    assert isinstance(out, adjoint.AdjointSlopes)
     model, z = problem.model, np.where(used, np.nan_to_num(problem.z[:, :, 0]), 0.0)
     N = np.zeros(M.shape[1:])
     for k in range(max(begun, 0), len(M)):

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,10 +23,11 @@ from scipy import special
 
 from ctlabs.filtering.algorithms.contract import Counted
 from ctlabs.filtering.engines import adapter
+from ctlabs.filtering.extended import EnsembleFilter
 from ctlabs.linalg import checks, rounding
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.factors import ldl
-from ctlabs.models import DiscreteModel, at
+from ctlabs.models import DiscreteModel, NonlinearModel, at
 
 #: Orders of processing in :func:`extended`.
 ORDERS = ("joint", "fixed", "relinearised")
@@ -246,46 +247,6 @@ def posterior_by_quadrature(
     return Estimate(np.array([mean]), np.array([[p @ (x - mean) ** 2]]))
 
 
-class Functions(Protocol):
-    """What :class:`SequentialExtended` and :class:`PointMass` need of a model.
-
-    Additive noises, x' = f(k, x, w) = f(k, x, 0) + w and z = h(k, x, v) = h(k, x, 0) + v; a
-    :class:`ctlabs.montecarlo.NonlinearModel` with such functions is one.
-    """
-
-    @property
-    def f(self) -> Callable[[int, Array, Array], Array]:
-        """The state at k+1."""
-
-    @property
-    def h(self) -> Callable[[int, Array, Array], Array]:
-        """The measurement at k."""
-
-    @property
-    def F(self) -> Callable[[int, Array], Array] | None:
-        """∂f/∂x, (n, n[, runs])."""
-
-    @property
-    def H(self) -> Callable[[int, Array], Array] | None:
-        """∂h/∂x, (m, n[, runs])."""
-
-    @property
-    def Qd(self) -> Array | Callable[[int, Array], Array]:
-        """Covariance of w, (n, n) or (steps, n, n)."""
-
-    @property
-    def R(self) -> Array | Callable[[int, Array], Array]:
-        """Covariance of v, (m, m) or (steps+1, m, m), diagonal."""
-
-    @property
-    def x0(self) -> Array:
-        """Mean at t0."""
-
-    @property
-    def P0(self) -> Array:
-        """Covariance at t0."""
-
-
 class SequentialExtended:
     """The extended filter that processes one element after another, each relinearised, for many runs at once.
 
@@ -297,7 +258,7 @@ class SequentialExtended:
     model : functions with derivatives F and H, additive noises, R diagonal (0 and inf allowed)
     """
 
-    def __init__(self, model: Functions) -> None:
+    def __init__(self, model: NonlinearModel) -> None:
         if model.F is None or model.H is None or callable(model.Qd) or callable(model.R):
             msg = "model: expected derivatives F, H and matrices Qd, R, received a model without one of them"
             raise ValueError(msg)
@@ -361,7 +322,7 @@ class PointMass:
         likelihoods of the elements
     """
 
-    def __init__(self, model: Functions, grid: ArrayLike) -> None:
+    def __init__(self, model: NonlinearModel, grid: ArrayLike) -> None:
         self.grid = checks.shaped("grid", grid, ("points",))
         if callable(model.Qd) or callable(model.R) or len(model.x0) != 1:
             msg = "model: expected a scalar state and matrices Qd, R, received others"
@@ -423,23 +384,6 @@ class PointMass:
         return nis, float(used)
 
 
-class RunningFilter(Protocol):
-    """A filter of many runs, as :func:`ctlabs.montecarlo.monte_carlo` drives it."""
-
-    @property
-    def x(self) -> Array:
-        """Estimates, (d, runs)."""
-
-    def start(self, runs: int) -> None:
-        """Begin."""
-
-    def predict(self, k: int) -> None:
-        """From k−1 to k."""
-
-    def update(self, k: int, z: Array) -> tuple[Array, float] | None:
-        """Use z_k."""
-
-
 class Together:
     """Several filters on the same data as one design, so that their errors can be compared run by run.
 
@@ -449,12 +393,12 @@ class Together:
 
     Parameters
     ----------
-    filters : objects that make up a :class:`ctlabs.montecarlo.EnsembleFilter`, not started
+    filters : objects that make up a :class:`ctlabs.filtering.extended.EnsembleFilter`, not started
     """
 
     P = None
 
-    def __init__(self, *filters: RunningFilter) -> None:
+    def __init__(self, *filters: EnsembleFilter) -> None:
         self.filters = filters
 
     @property

@@ -101,6 +101,11 @@ def keep(dispatcher: Any) -> None:
 
         _impl_class = Implementation
 
+        def __init__(self, py_func: Any) -> None:
+            """What other sources left may name types that are gone: it is of another version, and is not read."""
+            super().__init__(py_func)  # type: ignore[no-untyped-call]  # numba has no types
+            self._cache_file._version += f" {self._cache_file._source_stamp}"
+
     try:
         if os.environ.get("NUMBA_CACHE_DIR"):
             dispatcher.enable_caching()

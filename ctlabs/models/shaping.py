@@ -25,6 +25,7 @@ from ctlabs.linalg.resolvent import resolvent
 from ctlabs.linalg.staircase import growing
 from ctlabs.linalg.units import balanced
 from ctlabs.models import ContinuousModel
+from ctlabs.text import mode
 
 #: A mode is on the imaginary axis when its distance from it is below this fraction of the size of F in balanced units.
 MARGIN = 1e-12
@@ -314,7 +315,7 @@ def stationary_covariance(model: ContinuousModel) -> Array:
     if (np.abs(flow + flow.T + W) <= MARGIN * (terms + terms.T + np.abs(W))).all():
         return np.array(model.P0)
     msg = (
-        f"model: expected modes in the left half-plane (or P0 that does not change), received the mode {_mode(worst)}"
+        f"model: expected modes in the left half-plane (or P0 that does not change), received the mode {mode(worst)}"
         f" of the states {_states(model, worst)}: the process is not stationary"
     )
     raise ValueError(msg)
@@ -369,7 +370,7 @@ def psd(model: ContinuousModel, w: ArrayLike, output: int = 0) -> Array:
     worst = values[values.real.argmax()]
     if worst.real > _margin(model.F):
         msg = (
-            f"model: expected no mode in the right half-plane, received the mode {_mode(worst)} "
+            f"model: expected no mode in the right half-plane, received the mode {mode(worst)} "
             f"of the states {_states(model, worst)}: its process has no spectrum"
         )
         raise ValueError(msg)
@@ -485,10 +486,6 @@ def _margin(F: Array) -> float:
     """What counts as 0 among the modes' rates: rounding beside the elements of F in units in which they are alike."""
     x = balanced(F, continuous=True).states
     return MARGIN * max(np.abs(F * x / x[:, None]).max(initial=0.0), np.finfo(float).tiny)
-
-
-def _mode(value: complex) -> str:
-    return f"{value.real:.6g}" if abs(value.imag) < 1e-12 else f"{value.real:.6g} ± {abs(value.imag):.6g}i"
 
 
 def _states(model: ContinuousModel, value: complex) -> str:

@@ -6,11 +6,11 @@ statistics over a grid of parameters; :mod:`chance` says whether an ensemble agr
 
 from __future__ import annotations
 
+from ctlabs.filtering.extended import EnsembleFilter
 from ctlabs.montecarlo import chance
 from ctlabs.montecarlo.blocks import BlockFailed, Interrupted
 from ctlabs.montecarlo.executors import Team, team
 from ctlabs.montecarlo.histogram import Bins, Histogram
-from ctlabs.montecarlo.nonlinear import EnsembleFilter
 from ctlabs.montecarlo.runner import monte_carlo
 from ctlabs.montecarlo.simulation import Simulation, simulate
 from ctlabs.montecarlo.statistics import Statistics

@@ -9,7 +9,7 @@ from threading import Event
 import numpy as np
 
 from ctlabs.filtering import measured
-from ctlabs.filtering.extended import Extended
+from ctlabs.filtering.extended import EnsembleFilter, Extended
 from ctlabs.filtering.results import Covariances, Mask
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
@@ -19,7 +19,7 @@ from ctlabs.models.histories import Truth, entry, truth_arrays
 from ctlabs.models.nonlinear import NonlinearModel
 from ctlabs.montecarlo import identity, streams
 from ctlabs.montecarlo.histogram import Bins, Counter
-from ctlabs.montecarlo.nonlinear import EnsembleFilter, Scheduled, normalised
+from ctlabs.montecarlo.nonlinear import Scheduled, normalised
 from ctlabs.montecarlo.plan import WIDTH, Gains, Tiling, gains, layout, missing
 from ctlabs.montecarlo.statistics import Claims
 from ctlabs.montecarlo.sums import Sums, columns

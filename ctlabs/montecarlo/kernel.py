@@ -72,39 +72,21 @@ def dense(A: Array) -> bool:
 
 
 @inlined
-def add_product(A: Array, x: Array, y: Array, work: Array) -> None:
-    """y += A x; zeros of a small or sparse A cost nothing."""
+def add_product(A: Array, x: Array, y: Array, work: Array, sign: float = 1.0) -> None:
+    """y += ± A x; zeros of a small or sparse A cost nothing."""
     if dense(A):
         product = work[: A.shape[0]]
         blas(A, x, product)
         for i in range(y.shape[0]):
             for r in range(y.shape[1]):
-                y[i, r] += product[i, r]
+                y[i, r] += sign * product[i, r]
         return
     for i in range(A.shape[0]):
         for j in range(A.shape[1]):
-            a = A[i, j]
+            a = sign * A[i, j]
             if a != 0.0:
                 for r in range(y.shape[1]):
                     y[i, r] += a * x[j, r]
-
-
-@inlined
-def subtract_product(A: Array, x: Array, y: Array, work: Array) -> None:
-    """y −= A x."""
-    if dense(A):
-        product = work[: A.shape[0]]
-        blas(A, x, product)
-        for i in range(y.shape[0]):
-            for r in range(y.shape[1]):
-                y[i, r] -= product[i, r]
-        return
-    for i in range(A.shape[0]):
-        for j in range(A.shape[1]):
-            a = A[i, j]
-            if a != 0.0:
-                for r in range(y.shape[1]):
-                    y[i, r] -= a * x[j, r]
 
 
 @inlined
@@ -211,7 +193,7 @@ def error(estimate: Array, x: Array, design: Design, shift: Array, count: int, e
         for i in range(e.shape[0]):
             for r in range(e.shape[1]):
                 e[i, r] = estimate[i, r] - shift[i]
-        subtract_product(design.E, x, e, work)
+        add_product(design.E, x, e, work, -1.0)
     if count < e.shape[1]:
         e[:, count:] = 0.0
 
@@ -270,7 +252,7 @@ def block(
                 add_product(truth.H[k % truth.H.shape[0]], x, z, work)
                 add_product(truth.L[k % truth.L.shape[0]], xiv, z, work)
                 nu[:] = z
-                subtract_product(design.H[k % design.H.shape[0]], estimate, nu, work)
+                add_product(design.H[k % design.H.shape[0]], estimate, nu, work, -1.0)
                 add_product(design.K[k], nu, estimate, work)
                 add_form(design.V[k], zeros, nu, count, work, q, row[6 * d + 2 : 6 * d + 4])
                 error(estimate, x, design, design.shift[k], count, e, work)

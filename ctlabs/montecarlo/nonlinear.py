@@ -1,43 +1,12 @@
-"""The filters of an experiment with functions: what it needs of one, and the linear filter with gains known beforehand."""
+"""The filters of an experiment with functions: the linear filter with gains known beforehand."""
 
 from __future__ import annotations
-
-from typing import Protocol
 
 import numpy as np
 
 from ctlabs.linalg.checks import Array
 from ctlabs.models.histories import entry
 from ctlabs.montecarlo.plan import Design, whiten
-
-
-class EnsembleFilter(Protocol):
-    """What an experiment needs of a filter; any object of this kind is a design (given as a function that makes it).
-
-    ``x`` (d, runs), the estimates · ``P`` (d, d) or (d, d, runs), the covariance claimed, or ``None``
-    """
-
-    @property
-    def x(self) -> Array:
-        """Estimates."""
-        ...
-
-    @property
-    def P(self) -> Array | None:
-        """Covariance claimed."""
-        ...
-
-    def start(self, runs: int) -> None:
-        """Begin ``runs`` new records at t0."""
-        ...
-
-    def predict(self, k: int) -> None:
-        """From k−1 to k."""
-        ...
-
-    def update(self, k: int, z: Array) -> tuple[Array, float] | None:
-        """Use z_k (m, runs); the normalised innovation squared (runs,) and its degrees of freedom, if known."""
-        ...
 
 
 class Scheduled:

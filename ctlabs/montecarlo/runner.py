@@ -9,6 +9,7 @@ from concurrent.futures import Executor
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ctlabs.filtering.extended import EnsembleFilter
 from ctlabs.filtering.measured import begins
 from ctlabs.filtering.results import Covariances
 from ctlabs.linalg import checks
@@ -21,7 +22,6 @@ from ctlabs.montecarlo.executors import InBlocks, Task, Team, team
 from ctlabs.montecarlo.functional import functional
 from ctlabs.montecarlo.histogram import Bins
 from ctlabs.montecarlo.linear import linear
-from ctlabs.montecarlo.nonlinear import EnsembleFilter
 from ctlabs.montecarlo.plan import selection
 from ctlabs.montecarlo.progress import Progress, reporter
 from ctlabs.montecarlo.statistics import Statistics, from_sums

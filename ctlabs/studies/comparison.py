@@ -15,7 +15,7 @@ import numpy as np
 from ctlabs import montecarlo
 from ctlabs.files import clock
 from ctlabs.filtering.algorithms.catalogue import FORMS
-from ctlabs.filtering.comparison import Comparison, compare, flops, reference
+from ctlabs.filtering.comparison import Comparison, Judged, compare, flops, reference
 from ctlabs.filtering.filter import kalman_filter
 from ctlabs.filtering.problem import by_instant
 from ctlabs.filtering.results import Filtered
@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from ctlabs.files.modelfile import ModelFile
     from ctlabs.models import DiscreteModel
 
-#: How large the relative error of P and the error of the estimate (in units of its σ) may be.
-GRADES = (("exact", 1e-10, 1e-8), ("accurate", 1e-6, 1e-3), ("losing", 1e-2, 0.1))
 #: Relative error of P up to which a form survives a sweep.
 GOOD = 1e-6
 #: Products of numbers with 50 digits that a study may take (some ten seconds); a longer record is cut.
@@ -55,32 +53,6 @@ class Case(NamedTuple):
     def rows(self) -> Array:
         """The record's rows."""
         return self.z[self.first :]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Judged:
-    """One form of the filter on a record.
-
-    ``flops`` and ``seconds`` per step · ``error_P``, ``error_x``: the largest relative error of P⁺ and the largest error of an
-    estimate in units of its σ, against 50 digits (``None`` where it was not compared, or refused) · ``failed``, why it refused or gave
-    up; empty otherwise · ``rms`` (n,), RMS error of the last estimates of simulated runs
-    """
-
-    name: str
-    flops: int | None = None
-    seconds: float | None = None
-    error_P: float | None = None
-    error_x: float | None = None
-    failed: str = ""
-    rms: Array | None = None
-
-    @property
-    def grade(self) -> str:
-        """"exact" to rounding, "accurate", "losing" digits, "wrong", "failed", or "" where it was not compared."""  # fmt: skip
-        P, x = self.error_P, self.error_x
-        if self.failed or P is None or x is None:
-            return "failed" if self.failed else ""
-        return next((name for name, bound_P, bound_x in GRADES if P <= bound_P and x <= bound_x), "wrong")
 
 
 class Attempt(NamedTuple):

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import special
 
 from ctlabs.analysis import fitting
-from ctlabs.filtering.disturbances import Moved
+from ctlabs.filtering.disturbances import StartShift
 from ctlabs.filtering.filter import kalman_filter, log_likelihood
 from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
@@ -118,7 +118,7 @@ def wandering(model: DiscreteModel, z: Array, first: int) -> list[Candidate]:
     return found
 
 
-def started(model: DiscreteModel, z: Array, moved: Moved | None) -> list[Candidate]:
+def started(model: DiscreteModel, z: Array, moved: StartShift | None) -> list[Candidate]:
     """The most likely initial estimate, where the record did not begin without information."""
     if moved is None or not moved.dof:
         return []

@@ -6,14 +6,14 @@ array([[15099.]])
 """
 
 from ctlabs.files.modelfile.catalogue import Entry, copy, gallery, ready
-from ctlabs.files.modelfile.document import Constant, Experiment, ModelFile, load, loads
+from ctlabs.files.modelfile.document import Constant, ExperimentSettings, ModelFile, load, loads
 from ctlabs.files.modelfile.errors import ModelFileError, Problem
 from ctlabs.files.modelfile.writing import from_model, new
 
 __all__ = [
     "Constant",
     "Entry",
-    "Experiment",
+    "ExperimentSettings",
     "ModelFile",
     "ModelFileError",
     "Problem",

@@ -36,7 +36,7 @@ class Constant(NamedTuple):
     meaning: str
 
 
-class Experiment(NamedTuple):
+class ExperimentSettings(NamedTuple):
     """[experiment]: t0 (s), first (0 or 1), steps, runs, seed, algorithms."""
 
     t0: float
@@ -147,10 +147,10 @@ class ModelFile:
         return self._values.dt
 
     @property
-    def experiment(self) -> Experiment:
+    def experiment(self) -> ExperimentSettings:
         """What the commands do unless they are told otherwise."""
         told = self._document.experiment
-        return Experiment(self._values.t0, told.first, told.steps, told.runs, told.seed, told.algorithms)
+        return ExperimentSettings(self._values.t0, told.first, told.steps, told.runs, told.seed, told.algorithms)
 
     @property
     def mapping(self) -> Mapping:

@@ -116,7 +116,7 @@ class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Constant(_Table):
+class ConstantTable(_Table):
     """A constant: its value, and what a slider needs."""
 
     value: Cell
@@ -163,7 +163,7 @@ class Discrete(_Model):
     offset: Vector | None = None
 
 
-class Settings(_Table):
+class ExperimentTable(_Table):
     """[experiment]: what the commands do unless they are told otherwise."""
 
     t0: Cell = ZERO
@@ -232,10 +232,10 @@ class Document(_Table):
     kind: str
     constants: dict[
         Annotated[str, PlainValidator(_constant_name)],
-        Annotated[Constant, BeforeValidator(lambda value: value if isinstance(value, dict) else {"value": value})],
+        Annotated[ConstantTable, BeforeValidator(lambda value: value if isinstance(value, dict) else {"value": value})],
     ] = {}
     model: Continuous | Discrete
-    experiment: Settings = Settings()
+    experiment: ExperimentTable = ExperimentTable()
     data: Data = Data()
 
 
@@ -386,7 +386,7 @@ def _problem(data: dict[str, Any], found: Any, path: Path) -> Problem:
 
 def _unknown(kind: str, path: Path) -> str:
     key = str(path[-1])
-    fields: Any = {"model": SECTIONS[kind], "experiment": Settings, "constants": Constant, "data": Data}.get(
+    fields: Any = {"model": SECTIONS[kind], "experiment": ExperimentTable, "constants": ConstantTable, "data": Data}.get(
         str(path[0]), Document
     )
     known = list(fields.model_fields)

@@ -20,33 +20,24 @@ R = 0 and singular R: yes · singular Q, P0, Φ: yes.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ctlabs.filtering.algorithms import contract
-from ctlabs.filtering.algorithms.contract import Evidence, Noise, Numbers
+from ctlabs.filtering.algorithms.contract import Evidence, Noise, Numbers, RootState
 from ctlabs.models import DiscreteModel
 
 
-class State(NamedTuple):
-    """``x`` (n, runs) · ``root`` (n, n), lower triangular, P = root·rootᵀ."""
-
-    x: Numbers
-    root: Numbers
-
-
-def start(model: DiscreteModel, P0: Numbers) -> State:
+def start(model: DiscreteModel, P0: Numbers) -> RootState:
     """The state at t0."""
-    return State(contract.column(model, P0), Noise(contract.known("array", P0)).root)
+    return RootState(contract.column(model, P0), Noise(contract.known("array", P0)).root)
 
 
-def predict(state: State, Phi: Numbers, c: Numbers | None, Q: Noise) -> State:
+def predict(state: RootState, Phi: Numbers, c: Numbers | None, Q: Noise) -> RootState:
     """One step ahead."""
-    return State(contract.moved(Phi, state.x, c), contract.triangular(np.hstack([Phi @ state.root, Q.thin])))
+    return RootState(contract.moved(Phi, state.x, c), contract.triangular(np.hstack([Phi @ state.root, Q.thin])))
 
 
-def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evidence]:
+def update(state: RootState, z: Numbers, H: Numbers, R: Noise) -> tuple[RootState, Evidence]:
     """One instant's measurements, all at once."""
     x, m = state.x, len(H)
     after = contract.triangular(pre_array(state.root, H, R))
@@ -55,19 +46,9 @@ def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evide
     if not told.all():  # an element without noise and known already: its column is zero throughout
         nu, S_root, K_bar = nu[told], S_root[np.ix_(told, told)], K_bar[:, told]
     e = contract.substituted(S_root, nu) if len(nu) else nu
-    return State(x + K_bar @ e, root), contract.whitened(e, S_root.diagonal())
+    return RootState(x + K_bar @ e, root), contract.whitened(e, S_root.diagonal())
 
 
 def pre_array(root: Numbers, H: Numbers, R: Noise) -> Numbers:
     """[R½, HP½; 0, P½], (m+n, m+n)."""
     return np.block([[R.root, H @ root], [contract.zeros(H.T.shape, root), root]])
-
-
-def mean(state: State) -> Numbers:
-    """The estimate, (n, runs)."""
-    return state.x
-
-
-def covariance(state: State) -> Numbers:
-    """The covariance of its error, (n, n)."""
-    return state.root @ state.root.T

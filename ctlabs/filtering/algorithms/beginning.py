@@ -199,7 +199,7 @@ def _instant(record: ByInstant, k: int, state: vague.State, gains: bool) -> tupl
     """One instant, and the state after it."""
     n, m, runs = len(state.P), record.z.shape[1], record.z.shape[2]
     own: dict[str, Any] = {"known": state.unknown == 0, "determined": 0, "log_likelihood": np.zeros(runs)}
-    own |= {"x_minus": _spread(vague.mean(state), runs), "P_minus": contract.doubles(vague.covariance(state))}
+    own |= {"x_minus": _spread(state.mean, runs), "P_minus": contract.doubles(state.covariance)}
     own |= {"nominal_x_minus": _spread(state.x, runs), "nis": np.full(runs, np.nan)}
     own |= {"nominal_innovation": np.full((m, runs), np.nan), "innovation": np.full((m, runs), np.nan)}
     own |= {"nominal_excess": np.full((m, runs), np.nan), "nominal_terms": np.full(m, np.nan)}
@@ -221,7 +221,7 @@ def _instant(record: ByInstant, k: int, state: vague.State, gains: bool) -> tupl
             own["nis"] = contract.doubles(told.nis)
     A, L = np.zeros((n, n)), np.zeros((n, n))
     A[:, : state.A.shape[1]], L[:, : state.L.shape[1]] = contract.doubles(state.A), contract.doubles(state.L)
-    own |= {"x_plus": _spread(vague.mean(state), runs), "P_plus": contract.doubles(vague.covariance(state))}
+    own |= {"x_plus": _spread(state.mean, runs), "P_plus": contract.doubles(state.covariance)}
     own |= {"nominal_x_plus": _spread(state.x, runs), "nominal_P": contract.doubles(state.P), "nominal_L": L, "nominal_A": A}
     return own | {"unknown": state.unknown, "used": record.used[k].copy()}, state
 

@@ -18,35 +18,28 @@ R = 0 and singular R: yes · singular Q, P0, Φ: yes.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ctlabs.filtering.algorithms import contract
-from ctlabs.filtering.algorithms.contract import Evidence, Noise, Numbers
+from ctlabs.filtering.algorithms.contract import Evidence, Noise, Numbers, RootState
 from ctlabs.models import DiscreteModel
 
 
-class State(NamedTuple):
-    """``x`` (n, runs) · ``C`` (n, n), upper triangular, P = CCᵀ."""
-
-    x: Numbers
-    C: Numbers
-
-
-def start(model: DiscreteModel, P0: Numbers) -> State:
+def start(model: DiscreteModel, P0: Numbers) -> RootState:
     """The state at t0."""
     root = Noise(contract.known("carlson", P0)[::-1, ::-1].copy()).root  # lower, from above; reversed, upper from below
-    return State(contract.column(model, P0), root[::-1, ::-1].copy())
+    return RootState(contract.column(model, P0), root[::-1, ::-1].copy())
 
 
-def predict(state: State, Phi: Numbers, c: Numbers | None, Q: Noise) -> State:
+def predict(state: RootState, Phi: Numbers, c: Numbers | None, Q: Noise) -> RootState:
     """One step ahead."""
-    lower = contract.triangular(np.hstack([Phi @ state.C, Q.thin])[::-1].copy())
-    return State(contract.moved(Phi, state.x, c), lower[::-1, ::-1].copy())
+    lower = contract.triangular(np.hstack([Phi @ state.root, Q.thin])[::-1].copy())
+    return RootState(contract.moved(Phi, state.x, c), lower[::-1, ::-1].copy())
 
 
-def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evidence]:
+def update(state: RootState, z: Numbers, H: Numbers, R: Noise) -> tuple[RootState, Evidence]:
     """One instant's measurements, one element after another."""
     x, C = state
     z, H, d = contract.decorrelated(z, H, R)
@@ -57,7 +50,7 @@ def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evide
         s.append(a)
         if a:
             x = x + np.outer(e / a, nu[i])
-    return State(x, C), contract.independent(np.array(nu), np.array(s))
+    return RootState(x, C), contract.independent(np.array(nu), np.array(s))
 
 
 def _measured(C: Numbers, h: Numbers, a: Any) -> tuple[Numbers, Numbers, Any]:
@@ -71,13 +64,3 @@ def _measured(C: Numbers, h: Numbers, a: Any) -> tuple[Numbers, Numbers, Any]:
         e[: j + 1] = e[: j + 1] + f[j] * old
         a = after
     return C, e, a
-
-
-def mean(state: State) -> Numbers:
-    """The estimate, (n, runs)."""
-    return state.x
-
-
-def covariance(state: State) -> Numbers:
-    """The covariance of its error, (n, n)."""
-    return state.C @ state.C.T

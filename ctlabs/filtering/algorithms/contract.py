@@ -1,7 +1,8 @@
 r"""What every form of the filter promises, and the arithmetic they share.
 
-A form is a module with five functions: ``start``, ``predict``, ``update``, ``mean``, ``covariance`` (:class:`Form`). It
-carries a state of its own making (a NamedTuple of arrays) from instant to instant:
+A form is a module with three functions: ``start``, ``predict``, ``update`` (:class:`Form`). It carries a state (a NamedTuple of
+arrays) from instant to instant, :class:`CovarianceState`, :class:`RootState` or one of its own making, which says what it means by its
+``mean``, the estimate (n, runs), or (n, 1) before data of several runs came in, and ``covariance``, that of its error (n, n):
 
 .. math:: x \leftarrow \Phi x + c, \quad P \leftarrow \Phi P\Phi^T + Q; \qquad
           z = Hx + v,\ E[vv^T] = R
@@ -43,6 +44,40 @@ class Evidence(NamedTuple):
     nis: Numbers
 
 
+class CovarianceState(NamedTuple):
+    """``x`` (n, runs) · ``P`` (n, n)."""
+
+    x: Numbers
+    P: Numbers
+
+    @property
+    def mean(self) -> Numbers:
+        """The estimate, (n, runs)."""
+        return self.x
+
+    @property
+    def covariance(self) -> Numbers:
+        """The covariance of its error, (n, n)."""
+        return self.P
+
+
+class RootState(NamedTuple):
+    """``x`` (n, runs) · ``root`` (n, n), P = root·rootᵀ."""
+
+    x: Numbers
+    root: Numbers
+
+    @property
+    def mean(self) -> Numbers:
+        """The estimate, (n, runs)."""
+        return self.x
+
+    @property
+    def covariance(self) -> Numbers:
+        """The covariance of its error, (n, n)."""
+        return self.root @ self.root.T
+
+
 class Form(Protocol):
     """The functions of a form's module. Each returns a new state and leaves the given one as it is."""
 
@@ -60,12 +95,6 @@ class Form(Protocol):
 
         Of perfect elements (R = 0) those that are known already have been left out by the driver.
         """
-
-    def mean(self, state: Any) -> Numbers:
-        """The estimate, (n, runs), or (n, 1) before data of several runs came in."""
-
-    def covariance(self, state: Any) -> Numbers:
-        """The covariance of its error, (n, n)."""
 
 
 class Noise:

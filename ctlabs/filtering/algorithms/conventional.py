@@ -13,45 +13,26 @@ better than the prediction it loses as many digits as P⁻/P⁺ has, then its sy
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from ctlabs.filtering.algorithms import contract
-from ctlabs.filtering.algorithms.contract import Evidence, Noise, Numbers
+from ctlabs.filtering.algorithms.contract import CovarianceState, Evidence, Noise, Numbers
 from ctlabs.models import DiscreteModel
 
 
-class State(NamedTuple):
-    """``x`` (n, runs) · ``P`` (n, n)."""
-
-    x: Numbers
-    P: Numbers
-
-
-def start(model: DiscreteModel, P0: Numbers) -> State:
+def start(model: DiscreteModel, P0: Numbers) -> CovarianceState:
     """The state at t0."""
-    return State(contract.column(model, P0), contract.known("conventional", P0))
+    return CovarianceState(contract.column(model, P0), contract.known("conventional", P0))
 
 
-def predict(state: State, Phi: Numbers, c: Numbers | None, Q: Noise) -> State:
+def predict(state: CovarianceState, Phi: Numbers, c: Numbers | None, Q: Noise) -> CovarianceState:
     """One step ahead."""
-    return State(contract.moved(Phi, state.x, c), Phi @ state.P @ Phi.T + Q.matrix)
+    return CovarianceState(contract.moved(Phi, state.x, c), Phi @ state.P @ Phi.T + Q.matrix)
 
 
-def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evidence]:
+def update(state: CovarianceState, z: Numbers, H: Numbers, R: Noise) -> tuple[CovarianceState, Evidence]:
     """One instant's measurements, all at once."""
     x, P = state
     cross = P @ H.T
     S = H @ cross + R.matrix
     K = contract.solve(S.T, cross.T).T
     nu = z - H @ x
-    return State(x + K @ nu, P - K @ (H @ P)), contract.evidence(nu, S)
-
-
-def mean(state: State) -> Numbers:
-    """The estimate, (n, runs)."""
-    return state.x
-
-
-def covariance(state: State) -> Numbers:
-    """The covariance of its error, (n, n)."""
-    return state.P
+    return CovarianceState(x + K @ nu, P - K @ (H @ P)), contract.evidence(nu, S)

@@ -25,33 +25,23 @@ like an error of eps·√(HPHᵀ/R) of itself. Where measurements are 10⁴ time
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ctlabs.filtering.algorithms import array, contract
-from ctlabs.filtering.algorithms.contract import Evidence, Noise, Numbers
+from ctlabs.filtering.algorithms.contract import Evidence, Noise, Numbers, RootState
 from ctlabs.models import DiscreteModel
 
 
-class State(NamedTuple):
-    """``x`` (n, runs) · ``root`` (n, n), lower triangular, P = root·rootᵀ."""
-
-    x: Numbers
-    root: Numbers
-
-
-def start(model: DiscreteModel, P0: Numbers) -> State:
+def start(model: DiscreteModel, P0: Numbers) -> RootState:
     """The state at t0."""
-    return State(contract.column(model, P0), Noise(contract.known("extended_array", P0)).root)
+    return RootState(contract.column(model, P0), Noise(contract.known("extended_array", P0)).root)
 
 
-def predict(state: State, Phi: Numbers, c: Numbers | None, Q: Noise) -> State:
-    """One step ahead."""
-    return State(contract.moved(Phi, state.x, c), contract.triangular(np.hstack([Phi @ state.root, Q.thin])))
+#: One step ahead.
+predict = array.predict
 
 
-def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evidence]:
+def update(state: RootState, z: Numbers, H: Numbers, R: Noise) -> tuple[RootState, Evidence]:
     """One instant's measurements, all at once."""
     if R.singular:
         contract.refuse("extended_array", "a regular R", "a perfect measurement (a singular R)")
@@ -60,14 +50,4 @@ def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evide
     extended = np.vstack([array.pre_array(root, H, R), np.hstack([row, contract.zeros((len(row), n), root)])])
     after = contract.triangularised(extended, m + n)
     root, e, y = after[m : m + n, m:], -after[m + n :, :m].T, after[m + n :, m:].T
-    return State(x + root @ y, root), contract.whitened(e, after.diagonal()[:m])
-
-
-def mean(state: State) -> Numbers:
-    """The estimate, (n, runs)."""
-    return state.x
-
-
-def covariance(state: State) -> Numbers:
-    """The covariance of its error, (n, n)."""
-    return state.root @ state.root.T
+    return RootState(x + root @ y, root), contract.whitened(e, after.diagonal()[:m])

@@ -34,6 +34,18 @@ class State(NamedTuple):
     Y: Numbers
     y: Numbers
 
+    @property
+    def mean(self) -> Numbers:
+        """The estimate, (n, runs)."""
+        C = contract.cholesky(self.Y)
+        return contract.substituted_back(C.T, contract.substituted(C, self.y))
+
+    @property
+    def covariance(self) -> Numbers:
+        """The covariance of its error, (n, n)."""
+        root = contract.substituted(contract.cholesky(self.Y), contract.identity(len(self.Y), self.Y))
+        return root.T @ root
+
 
 def start(model: DiscreteModel, P0: Numbers) -> State:
     """The state at t0."""
@@ -66,16 +78,6 @@ def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evide
     return State(Y, y), _evidence(state, z, H, R)
 
 
-def mean(state: State) -> Numbers:
-    """The estimate, (n, runs)."""
-    C = contract.cholesky(state.Y)
-    return contract.substituted_back(C.T, contract.substituted(C, state.y))
-
-
-def covariance(state: State) -> Numbers:
-    """The covariance of its error, (n, n)."""
-    root = contract.substituted(contract.cholesky(state.Y), contract.identity(len(state.Y), state.Y))
-    return root.T @ root
 
 
 def _evidence(state: State, z: Numbers, H: Numbers, R: Noise) -> Evidence:

@@ -16,31 +16,24 @@ even a rounded one, but a variance that is a small difference of large entries i
 from __future__ import annotations
 
 from threading import local
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from ctlabs.filtering.algorithms import contract
-from ctlabs.filtering.algorithms.contract import Evidence, Noise, Numbers
+from ctlabs.filtering.algorithms.contract import CovarianceState, Evidence, Noise, Numbers
 from ctlabs.filtering.engines import adapter
 from ctlabs.filtering.motion import without_cancelled
 from ctlabs.models import DiscreteModel
 
 
-class State(NamedTuple):
-    """``x`` (n, runs) · ``P`` (n, n)."""
-
-    x: Numbers
-    P: Numbers
-
-
-def start(model: DiscreteModel, P0: Numbers) -> State:
+def start(model: DiscreteModel, P0: Numbers) -> CovarianceState:
     """The state at t0."""
     _filterpy(model.n)  # costs 0.7 s to import: here rather than in a step
-    return State(contract.column(model, P0), contract.known("joseph", P0))
+    return CovarianceState(contract.column(model, P0), contract.known("joseph", P0))
 
 
-def predict(state: State, Phi: Numbers, c: Numbers | None, Q: Noise) -> State:
+def predict(state: CovarianceState, Phi: Numbers, c: Numbers | None, Q: Noise) -> CovarianceState:
     """One step ahead."""
     x, P = state
     if P.dtype == np.float64:
@@ -50,10 +43,10 @@ def predict(state: State, Phi: Numbers, c: Numbers | None, Q: Noise) -> State:
         ahead = without_cancelled(kf.P, Phi, P, Q.matrix)
     else:
         ahead = Phi @ P @ Phi.T + Q.matrix
-    return State(contract.moved(Phi, x, c), ahead)
+    return CovarianceState(contract.moved(Phi, x, c), ahead)
 
 
-def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evidence]:
+def update(state: CovarianceState, z: Numbers, H: Numbers, R: Noise) -> tuple[CovarianceState, Evidence]:
     """One instant's measurements, all at once."""
     x, P = state
     nu = z - H @ x
@@ -63,23 +56,13 @@ def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evide
         K, S, after, used = adapter.updated(kf, H, R.matrix)
         if not used.all():
             nu_used, S_used = nu[used], S[np.ix_(used, used)]
-            return State(x + K[:, used] @ nu_used, after), contract.evidence(nu_used, S_used)
-        return State(x + K @ nu, after), contract.evidence(nu, S)
+            return CovarianceState(x + K[:, used] @ nu_used, after), contract.evidence(nu_used, S_used)
+        return CovarianceState(x + K @ nu, after), contract.evidence(nu, S)
     cross = P @ H.T
     S = H @ cross + R.matrix
     K = contract.solve(S, cross.T).T
     left = contract.identity(len(P), P) - K @ H
-    return State(x + K @ nu, left @ P @ left.T + K @ R.matrix @ K.T), contract.evidence(nu, S)
-
-
-def mean(state: State) -> Numbers:
-    """The estimate, (n, runs)."""
-    return state.x
-
-
-def covariance(state: State) -> Numbers:
-    """The covariance of its error, (n, n)."""
-    return state.P
+    return CovarianceState(x + K @ nu, left @ P @ left.T + K @ R.matrix @ K.T), contract.evidence(nu, S)
 
 
 #: One filter per thread and order: it is filled and read step by step, and keeps nothing but its buffers.

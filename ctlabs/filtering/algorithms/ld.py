@@ -39,6 +39,16 @@ class State(NamedTuple):
     L: Numbers
     d: Numbers
 
+    @property
+    def mean(self) -> Numbers:
+        """The estimate, (n, runs)."""
+        return self.x
+
+    @property
+    def covariance(self) -> Numbers:
+        """The covariance of its error, (n, n)."""
+        return (self.L * self.d) @ self.L.T
+
 
 def start(model: DiscreteModel, P0: Numbers) -> State:
     """The state at t0."""
@@ -83,13 +93,3 @@ def gram_schmidt(rows: Numbers, weights: Numbers) -> tuple[Numbers, Numbers]:
             L[j + 1 :, j] = V[j + 1 :] @ weighted / square
             V[j + 1 :] = V[j + 1 :] - np.outer(L[j + 1 :, j], V[j])
     return L, d
-
-
-def mean(state: State) -> Numbers:
-    """The estimate, (n, runs)."""
-    return state.x
-
-
-def covariance(state: State) -> Numbers:
-    """The covariance of its error, (n, n)."""
-    return (state.L * state.d) @ state.L.T

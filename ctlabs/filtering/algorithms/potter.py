@@ -18,33 +18,23 @@ R = 0 and singular R: yes · singular Q, P0, Φ: yes.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from ctlabs.filtering.algorithms import contract
-from ctlabs.filtering.algorithms.contract import Evidence, Noise, Numbers
+from ctlabs.filtering.algorithms import array, contract
+from ctlabs.filtering.algorithms.contract import Evidence, Noise, Numbers, RootState
 from ctlabs.models import DiscreteModel
 
 
-class State(NamedTuple):
-    """``x`` (n, runs) · ``S`` (n, n), P = SSᵀ."""
-
-    x: Numbers
-    S: Numbers
-
-
-def start(model: DiscreteModel, P0: Numbers) -> State:
+def start(model: DiscreteModel, P0: Numbers) -> RootState:
     """The state at t0."""
-    return State(contract.column(model, P0), Noise(contract.known("potter", P0)).root)
+    return RootState(contract.column(model, P0), Noise(contract.known("potter", P0)).root)
 
 
-def predict(state: State, Phi: Numbers, c: Numbers | None, Q: Noise) -> State:
-    """One step ahead."""
-    return State(contract.moved(Phi, state.x, c), contract.triangular(np.hstack([Phi @ state.S, Q.thin])))
+#: One step ahead.
+predict = array.predict
 
 
-def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evidence]:
+def update(state: RootState, z: Numbers, H: Numbers, R: Noise) -> tuple[RootState, Evidence]:
     """One instant's measurements, one element after another."""
     x, S = state
     z, H, d = contract.decorrelated(z, H, R)
@@ -58,14 +48,4 @@ def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evide
         Sf = S @ f
         x = x + np.outer(Sf / s[i], nu[i])
         S = S - np.outer(Sf, f / (s[i] + (s[i] * d[i]) ** 0.5))
-    return State(x, S), contract.independent(np.array(nu), np.array(s))
-
-
-def mean(state: State) -> Numbers:
-    """The estimate, (n, runs)."""
-    return state.x
-
-
-def covariance(state: State) -> Numbers:
-    """The covariance of its error, (n, n)."""
-    return state.S @ state.S.T
+    return RootState(x, S), contract.independent(np.array(nu), np.array(s))

@@ -19,33 +19,23 @@ R = 0 and singular R: yes · singular Q, P0, Φ: yes. As accurate as Joseph's fo
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
-from ctlabs.filtering.algorithms import contract
-from ctlabs.filtering.algorithms.contract import Evidence, Noise, Numbers
+from ctlabs.filtering.algorithms import contract, conventional
+from ctlabs.filtering.algorithms.contract import CovarianceState, Evidence, Noise, Numbers
 from ctlabs.models import DiscreteModel
 
 
-class State(NamedTuple):
-    """``x`` (n, runs) · ``P`` (n, n)."""
-
-    x: Numbers
-    P: Numbers
-
-
-def start(model: DiscreteModel, P0: Numbers) -> State:
+def start(model: DiscreteModel, P0: Numbers) -> CovarianceState:
     """The state at t0."""
-    return State(contract.column(model, P0), contract.known("sequential", P0))
+    return CovarianceState(contract.column(model, P0), contract.known("sequential", P0))
 
 
-def predict(state: State, Phi: Numbers, c: Numbers | None, Q: Noise) -> State:
-    """One step ahead."""
-    return State(contract.moved(Phi, state.x, c), Phi @ state.P @ Phi.T + Q.matrix)
+#: One step ahead.
+predict = conventional.predict
 
 
-def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evidence]:
+def update(state: CovarianceState, z: Numbers, H: Numbers, R: Noise) -> tuple[CovarianceState, Evidence]:
     """One instant's measurements, one element after another."""
     x, P = state
     z, H, d = contract.decorrelated(z, H, R)
@@ -60,14 +50,4 @@ def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evide
         x = x + np.outer(K, nu[i])
         P = P - np.outer(K, f)
         P = P - np.outer(P @ h - d[i] * K, K)
-    return State(x, P), contract.independent(np.array(nu), np.array(s))
-
-
-def mean(state: State) -> Numbers:
-    """The estimate, (n, runs)."""
-    return state.x
-
-
-def covariance(state: State) -> Numbers:
-    """The covariance of its error, (n, n)."""
-    return state.P
+    return CovarianceState(x, P), contract.independent(np.array(nu), np.array(s))

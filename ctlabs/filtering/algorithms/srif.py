@@ -41,6 +41,17 @@ class State(NamedTuple):
     rho: Numbers
     b: Numbers
 
+    @property
+    def mean(self) -> Numbers:
+        """The estimate, (n, runs)."""
+        return contract.substituted_back(self.rho, self.b)
+
+    @property
+    def covariance(self) -> Numbers:
+        """The covariance of its error, (n, n)."""
+        root = contract.substituted_back(self.rho, contract.identity(len(self.rho), self.rho))
+        return root @ root.T
+
 
 def start(model: DiscreteModel, P0: Numbers) -> State:
     """The state at t0."""
@@ -84,15 +95,6 @@ def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evide
     return after, contract.whitened(left[n:, n:].T, S_root)
 
 
-def mean(state: State) -> Numbers:
-    """The estimate, (n, runs)."""
-    return contract.substituted_back(state.rho, state.b)
-
-
-def covariance(state: State) -> Numbers:
-    """The covariance of its error, (n, n)."""
-    root = contract.substituted_back(state.rho, contract.identity(len(state.rho), state.rho))
-    return root @ root.T
 
 
 def _triangle(equations: Numbers, unknown: int, first: int) -> Numbers:

@@ -43,6 +43,16 @@ class State(NamedTuple):
     waiting: bool
     limits: Limits
 
+    @property
+    def mean(self) -> Numbers:
+        """The estimate, (n, runs)."""
+        return self.x
+
+    @property
+    def covariance(self) -> Numbers:
+        """The covariance that the filter claims, (n, n)."""
+        return self.P
+
 
 def start(model: DiscreteModel, P0: Numbers) -> State:
     """The state at t0."""
@@ -73,14 +83,6 @@ def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Evide
     return State(state.x + limits.K @ nu, limits.P_plus, False, limits), contract.evidence(nu, limits.S)
 
 
-def mean(state: State) -> Numbers:
-    """The estimate, (n, runs)."""
-    return state.x
-
-
-def covariance(state: State) -> Numbers:
-    """The covariance that the filter claims, (n, n)."""
-    return state.P
 
 
 def _absent(limits: Limits, received: int) -> None:

@@ -36,6 +36,16 @@ class State(NamedTuple):
     U: Numbers
     d: Numbers
 
+    @property
+    def mean(self) -> Numbers:
+        """The estimate, (n, runs)."""
+        return self.x
+
+    @property
+    def covariance(self) -> Numbers:
+        """The covariance of its error, (n, n)."""
+        return (self.U * self.d) @ self.U.T
+
 
 def start(model: DiscreteModel, P0: Numbers) -> State:
     """The state at t0."""
@@ -76,13 +86,3 @@ def _measured(U: Numbers, d: Numbers, h: Numbers, s: Any) -> tuple[Numbers, Numb
         K[:j] = K[:j] + old * b[j]
         K[j], s = b[j], after
     return U, d, K, s
-
-
-def mean(state: State) -> Numbers:
-    """The estimate, (n, runs)."""
-    return state.x
-
-
-def covariance(state: State) -> Numbers:
-    """The covariance of its error, (n, n)."""
-    return (state.U * state.d) @ state.U.T

@@ -65,8 +65,21 @@ class State(NamedTuple):
         """The states of which nothing is known, (n,)."""
         return (contract.doubles(self.A[:, : self.unknown]) != 0).any(axis=1)
 
+    @property
+    def mean(self) -> Numbers:
+        """The estimate, (n, runs); NaN for a state not known at all."""
+        return np.where(self.lost[:, None], contract.like(np.nan, self.x), self.x)
 
-class Told(NamedTuple):
+    @property
+    def covariance(self) -> Numbers:
+        """The covariance of its error, (n, n); ``inf`` and zeros beside it for a state not known at all."""
+        lost, vague = self.lost, self.A[:, self.unknown :]
+        P = np.where(lost[:, None] | lost, contract.zeros(self.P.shape, self.P), self.P + vague @ vague.T)
+        P[lost, lost] = contract.like(np.inf, P)
+        return P
+
+
+class VagueUpdate(NamedTuple):
     """What one instant says: ``log_likelihood`` and ``nis`` (runs,), the ``used`` elements (m,).
 
     ``determined``: how many unknown columns it determined · ``excess`` (m, runs), the innovation of an element that is left out,
@@ -162,18 +175,18 @@ def rooted(state: State, *parts: Numbers) -> State:
     return state._replace(P=L @ L.T, L=L)
 
 
-def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, Told]:
+def update(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[State, VagueUpdate]:
     """One instant's measurements, one element after another; a perfect one of what is known already is left out."""
     z, H, r = contract.decorrelated(z, H, R)
     state = state._replace(x=np.repeat(state.x, z.shape[1] // state.x.shape[1], axis=1))
     none = contract.zeros(z.shape[1], state.P)
-    told = Told(none, none, np.ones(len(z), dtype=bool), 0, np.full(z.shape, np.nan), np.full(len(z), np.nan))
+    told = VagueUpdate(none, none, np.ones(len(z), dtype=bool), 0, np.full(z.shape, np.nan), np.full(len(z), np.nan))
     for i in range(len(z)):
         state, told = _element(state, told, i, z[i], H[i], r[i])
     return folded(state), told
 
 
-def _element(state: State, told: Told, i: int, z: Numbers, h: Numbers, r: Any) -> tuple[State, Told]:
+def _element(state: State, told: VagueUpdate, i: int, z: Numbers, h: Numbers, r: Any) -> tuple[State, VagueUpdate]:
     """One element z (runs,) with the row h (n,) and the variance r."""
     eps, number = precision(state.P), state.unknown
     nu, K, s = z - h @ state.x, *_gain(state, h, r, eps)
@@ -213,7 +226,7 @@ def _element(state: State, told: Told, i: int, z: Numbers, h: Numbers, r: Any) -
     return after._replace(x=state.x + np.outer(K_all, nu), A=A, unknown=unknown.shape[1]), told
 
 
-def _left_out(told: Told, i: int, nu: Numbers, terms: Numbers) -> Told:
+def _left_out(told: VagueUpdate, i: int, nu: Numbers, terms: Numbers) -> VagueUpdate:
     """An element whose innovation ν (runs,) has no variance."""
     used, excess, size = told.used.copy(), told.excess.copy(), told.terms.copy()
     used[i], excess[i], size[i] = False, contract.doubles(nu), contract.doubles(terms).max()
@@ -243,17 +256,6 @@ def folded(state: State) -> State:
     return rooted(state, state.L, small)._replace(A=A)
 
 
-def mean(state: State) -> Numbers:
-    """The estimate, (n, runs); NaN for a state not known at all."""
-    return np.where(state.lost[:, None], contract.like(np.nan, state.x), state.x)
-
-
-def covariance(state: State) -> Numbers:
-    """The covariance of its error, (n, n); ``inf`` and zeros beside it for a state not known at all."""
-    lost, vague = state.lost, state.A[:, state.unknown :]
-    P = np.where(lost[:, None] | lost, contract.zeros(state.P.shape, state.P), state.P + vague @ vague.T)
-    P[lost, lost] = contract.like(np.inf, P)
-    return P
 
 
 def innovation(state: State, z: Numbers, H: Numbers, R: Noise) -> tuple[Array, Array]:

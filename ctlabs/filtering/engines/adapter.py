@@ -119,7 +119,7 @@ def covariances(model: DiscreteModel, absent: Mask) -> Covariances:
             msg = f"P_minus: expected finite covariances, received an overflow at step {k} (t = {k * model.dt:g} s)"
             raise FloatingPointError(msg)
         if not state.settled:
-            P_minus = vague.covariance(state)
+            P_minus = state.covariance
             state, step = _vague(state, H, R)
             kf.P = state.P
             rows.append((P_minus, step))
@@ -165,4 +165,4 @@ def _vague(state: vague.State, H: Array, R: Array) -> tuple[vague.State, Update]
         left_out = np.flatnonzero(used)[~told.used]
         used[left_out], K[:, left_out], S[left_out], S[:, left_out] = False, 0.0, 0.0, 0.0
         S[left_out, left_out] = np.inf
-    return state, Update(K, S, vague.covariance(state), used)
+    return state, Update(K, S, state.covariance, used)

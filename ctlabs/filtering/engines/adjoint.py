@@ -32,7 +32,7 @@ from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import helper, kernel
 
 
-class Passed(NamedTuple):
+class AdjointInputs(NamedTuple):
     """A filtered record: what the backward pass reads. Shapes as in :class:`ctlabs.filtering.results.Filtered`, without runs."""
 
     x_minus: Array
@@ -45,7 +45,7 @@ class Passed(NamedTuple):
     used: Array
 
 
-class Slopes(NamedTuple):
+class AdjointSlopes(NamedTuple):
     """∂ℓ by each matrix: entry k of one that varies, or the sum over all instants in a stack of one.
 
     ``Phi``, ``Qd`` (steps or 1, n, n) · ``offset`` (steps or 1, n) · ``H`` (steps+1 or 1, m, n) · ``R`` (steps+1 or 1, m, m) ·
@@ -72,7 +72,7 @@ def _equal(A: Array, B: Array) -> bool:
     return True
 
 
-class Sums(NamedTuple):
+class AdjointSums(NamedTuple):
     """What instants with the same gain and covariances sum up to, before :func:`_added` takes it.
 
     ``rr`` (n, n), of rrᵀ, and ``rx`` (n, n), of r·x̂⁺ᵀ, after the motion · ``uu`` (m, m), ``ub`` (m, n), ``ux`` (m, n), of uuᵀ, u·r⁻ᵀ and
@@ -87,7 +87,7 @@ class Sums(NamedTuple):
 
 
 @partial(helper, inline="always")
-def _resting(seen: Passed, k: int) -> bool:
+def _resting(seen: AdjointInputs, k: int) -> bool:
     """Whether the same elements are used at k as at k+1, with the same gain and covariance."""
     n, m = seen.K.shape[1], seen.K.shape[2]
     for a in range(m):
@@ -103,7 +103,7 @@ def _resting(seen: Passed, k: int) -> bool:
 
 
 @partial(helper, inline="always")
-def _settled(seen: Passed, k: int) -> bool:
+def _settled(seen: AdjointInputs, k: int) -> bool:
     """Whether P⁻ of k, and P⁺ before it, are those of k+1."""
     n = seen.K.shape[1]
     for i in range(n):
@@ -115,7 +115,7 @@ def _settled(seen: Passed, k: int) -> bool:
 
 @helper
 def _updated(k: int, J: Array, V: Array, pick: Array, count: int, r: Array, u: Array, before: Array,
-             seen: Passed, sums: Sums, out: Slopes) -> None:  # fmt: skip
+             seen: AdjointInputs, sums: AdjointSums, out: AdjointSlopes) -> None:  # fmt: skip
     """r through the update at k, and its part of the sums."""
     n = r.shape[0]
     for a in range(count):
@@ -141,7 +141,7 @@ def _updated(k: int, J: Array, V: Array, pick: Array, count: int, r: Array, u: A
 
 
 @helper
-def _moved(k: int, F: Array, r: Array, before: Array, seen: Passed, sums: Sums, out: Slopes) -> None:
+def _moved(k: int, F: Array, r: Array, before: Array, seen: AdjointInputs, sums: AdjointSums, out: AdjointSlopes) -> None:
     """r through the motion to k, and its part of the sums."""
     n, c = r.shape[0], k - 1 if out.offset.shape[0] > 1 else 0
     for i in range(n):
@@ -159,7 +159,7 @@ def _moved(k: int, F: Array, r: Array, before: Array, seen: Passed, sums: Sums, 
 
 
 @helper
-def _measured(k: int, times: int, D: Array, X: Array, pick: Array, count: int, seen: Passed, sums: Sums, out: Slopes) -> None:
+def _measured(k: int, times: int, D: Array, X: Array, pick: Array, count: int, seen: AdjointInputs, sums: AdjointSums, out: AdjointSlopes) -> None:
     """What H and R gain of the sums over so many updates, the first of which is at k."""
     n, h, g = X.shape[1], k if out.H.shape[0] > 1 else 0, k if out.R.shape[0] > 1 else 0
     for a in range(count):
@@ -176,7 +176,7 @@ def _measured(k: int, times: int, D: Array, X: Array, pick: Array, count: int, s
 
 
 @helper
-def _driven(k: int, times: int, F: Array, N: Array, G: Array, work: Array, seen: Passed, sums: Sums, out: Slopes) -> None:
+def _driven(k: int, times: int, F: Array, N: Array, G: Array, work: Array, seen: AdjointInputs, sums: AdjointSums, out: AdjointSlopes) -> None:
     """What Φ and Qd gain of the sums over so many motions, the first of which is to k; N is that before the measurement at k."""
     n, f, q = G.shape[0], k - 1 if out.Phi.shape[0] > 1 else 0, k - 1 if out.Qd.shape[0] > 1 else 0
     for i in range(n):
@@ -253,7 +253,7 @@ def _told(
 @helper
 def _rested(
     k: int, begin: int, F: Array, J: Array, V: Array, pick: Array, count: int,
-    r: Array, u: Array, before: Array, seen: Passed, sums: Sums, out: Slopes,
+    r: Array, u: Array, before: Array, seen: AdjointInputs, sums: AdjointSums, out: AdjointSlopes,
 ) -> int:  # fmt: skip
     """Back from k as long as nothing changes but r, not as far as ``begin``; the last instant that is done."""
     while k - 1 > begin and _resting(seen, k - 1) and _settled(seen, k - 1):
@@ -265,14 +265,14 @@ def _rested(
 
 
 @kernel
-def backward(Phi: Array, H: Array, seen: Passed, begin: int, out: Slopes) -> None:
+def backward(Phi: Array, H: Array, seen: AdjointInputs, begin: int, out: AdjointSlopes) -> None:
     """From the last instant back to ``begin``; adds to ``out``. ``Phi`` (steps or 1, n, n), ``H`` (steps+1 or 1, m, n)."""
     rows, m, n = seen.K.shape[0], seen.K.shape[2], seen.K.shape[1]
     r, before, N, N_minus, B = np.zeros(n), np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n))
     work, G = np.zeros((n, n)), np.zeros((n, n))
     pick, u, C, V, D = np.empty(m, dtype=np.int64), np.zeros(m), np.zeros((m, m)), np.zeros((m, m)), np.zeros((m, m))
     NK, SH, X = np.zeros((n, m)), np.zeros((m, n)), np.zeros((m, n))
-    sums = Sums(np.zeros((n, n)), np.zeros((n, n)), np.zeros((m, m)), np.zeros((m, n)), np.zeros((m, n)))
+    sums = AdjointSums(np.zeros((n, n)), np.zeros((n, n)), np.zeros((m, m)), np.zeros((m, n)), np.zeros((m, n)))
     still = Phi.shape[0] == 1 and H.shape[0] == 1 and out.Qd.shape[0] == 1 and out.R.shape[0] == 1
     moved = True  # whether N has changed since the instant after
     k = rows

@@ -23,7 +23,7 @@ from ctlabs.filtering.algorithms import contract
 from ctlabs.filtering.algorithms.beginning import Beginning, begin
 from ctlabs.filtering.engines import driver
 from ctlabs.filtering.engines.record import ByInstant
-from ctlabs.filtering.problem import Problem
+from ctlabs.filtering.problem import FilterProblem
 from ctlabs.filtering.results import Filtered, Mask
 from ctlabs.linalg.checks import Array
 from ctlabs.models.linear import DiscreteModel
@@ -38,7 +38,7 @@ class LostDigits(FloatingPointError):
     """The covariance of an innovation has no digits left in double precision."""
 
 
-def record(problem: Problem) -> Filtered:
+def record(problem: FilterProblem) -> Filtered:
     """One record (a problem of one run), equal to that of the form ``joseph`` but for rounding.
 
     Raises
@@ -69,7 +69,7 @@ def record(problem: Problem) -> Filtered:
     return contradictions.judged(problem, found)
 
 
-def log_likelihood(problem: Problem) -> tuple[float, int]:
+def log_likelihood(problem: FilterProblem) -> tuple[float, int]:
     """``log_likelihood_diffuse`` of :func:`record`, without histories, and how many elements enter the filter: for fitting."""
     model, rows = problem.model, len(problem.z)
     used = _entering(problem)
@@ -113,19 +113,19 @@ def _histories(rows: int, n: int, m: int) -> Histories:
     )
 
 
-def _entering(problem: Problem) -> Mask:
+def _entering(problem: FilterProblem) -> Mask:
     """The elements that are measured, (steps+1, m)."""
     model, rows = problem.model, len(problem.z)
     variances = np.diagonal(model.R, axis1=-2, axis2=-1)
     return ~problem.absent & np.isfinite(variances if variances.ndim == 1 else variances[:rows])
 
 
-def _begin(problem: Problem, used: Mask, *, gains: bool = True) -> Beginning | None:
+def _begin(problem: FilterProblem, used: Mask, *, gains: bool = True) -> Beginning | None:
     """The first instants from a vague start; ``used`` is corrected there."""
     return begin(ByInstant(problem.model, problem.z, float, used), problem.model.P0, gains=gains)
 
 
-def _forward(problem: Problem, used: Mask, out: Histories, begun: Beginning | None) -> tuple[float, str] | None:
+def _forward(problem: FilterProblem, used: Mask, out: Histories, begun: Beginning | None) -> tuple[float, str] | None:
     """The log-likelihood of what follows the beginning, and the form; the histories in ``out``. None where nothing is left to learn.
 
     That is where a perfect measurement is of what is known already.
@@ -153,7 +153,7 @@ def _forward(problem: Problem, used: Mask, out: Histories, begun: Beginning | No
     return None if end == forward.PERFECT else (float(total), algorithm)
 
 
-def _perfect(problem: Problem) -> Filtered:
+def _perfect(problem: FilterProblem) -> Filtered:
     """The record of a model with perfect measurements, by filterpy."""
     found = driver.run(problem, "joseph")[0]
     begun = 0 if found.start is None else len(found.start.P)  # before, something unknown may be measured
@@ -163,7 +163,7 @@ def _perfect(problem: Problem) -> Filtered:
     return found
 
 
-def _when(problem: Problem, k: int) -> str:
+def _when(problem: FilterProblem, k: int) -> str:
     return f"at step {k} (t = {moment(problem.t[k])} s)"
 
 

@@ -16,7 +16,7 @@ from ctlabs.filtering.algorithms.contract import Form, Noise, Numbers
 from ctlabs.filtering.engines import adapter
 from ctlabs.filtering.engines.record import ByInstant
 from ctlabs.filtering.measured import any_perfect
-from ctlabs.filtering.problem import Problem
+from ctlabs.filtering.problem import FilterProblem
 from ctlabs.filtering.results import Filtered, Mask, gains
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import symmetric
@@ -24,7 +24,7 @@ from ctlabs.models.linear import DiscreteModel
 from ctlabs.text import moment
 
 
-def run(problem: Problem, form: str, kind: Any = float, *, own_start: bool = False) -> tuple[Filtered, float]:
+def run(problem: FilterProblem, form: str, kind: Any = float, *, own_start: bool = False) -> tuple[Filtered, float]:
     """The record by one form in one kind of number, rounded to doubles; and the seconds per step of prediction and update.
 
     From a P0 of which a part is unknown, or very large beside the noises, the form takes over when that part is known about as
@@ -52,7 +52,7 @@ def run(problem: Problem, form: str, kind: Any = float, *, own_start: bool = Fal
                     step, before = record.motion(k - 1), perf_counter()
                     state = how.predict(state, *step)
                     seconds += perf_counter() - before
-                x, P = how.mean(state), how.covariance(state)
+                x, P = state.mean, state.covariance
                 out.x_minus[k], out.P_minus[k] = contract.doubles(x), contract.doubles(P)
                 if not (used := record.used[k]).any():
                     out.x_plus[k], out.P_plus[k] = out.x_minus[k], out.P_minus[k]
@@ -61,10 +61,7 @@ def run(problem: Problem, form: str, kind: Any = float, *, own_start: bool = Fal
                 state, told = how.update(state, *measured)
                 seconds += perf_counter() - before
                 out.innovation[k, used], out.S[k][np.ix_(used, used)] = innovation(x, P, *measured)
-                out.x_plus[k], out.P_plus[k] = (
-                    contract.doubles(how.mean(state)),
-                    contract.doubles(how.covariance(state)),
-                )
+                out.x_plus[k], out.P_plus[k] = contract.doubles(state.mean), contract.doubles(state.covariance)
                 if np.isfinite(out.S[k, used, used]).all():
                     out.nis[k] = contract.doubles(told.nis)
                     out.log_likelihood += contract.doubles(told.log_likelihood)
@@ -88,7 +85,7 @@ def run(problem: Problem, form: str, kind: Any = float, *, own_start: bool = Fal
     return contradictions.judged(problem, found), seconds / max(steps, 1)
 
 
-def entering(problem: Problem) -> Mask:
+def entering(problem: FilterProblem) -> Mask:
     """Which elements enter the updates, (steps+1, m)."""
     model, rows = problem.model, len(problem.z)
     matrices = model.R[:rows] if model.R.ndim == 3 else model.R[None]

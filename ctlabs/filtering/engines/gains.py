@@ -13,10 +13,10 @@ from ctlabs.models.linear import at
 
 if TYPE_CHECKING:
     from ctlabs.filtering.algorithms.beginning import Beginning
-    from ctlabs.filtering.problem import Problem
+    from ctlabs.filtering.problem import FilterProblem
 
 
-def apply(problem: Problem, plan: Covariances, algorithm: str, begun: Beginning | None = None) -> Filtered:
+def apply(problem: FilterProblem, plan: Covariances, algorithm: str, begun: Beginning | None = None) -> Filtered:
     """The estimates of all runs, and what they say of the model that the gains were made for; ``begun``, after a vague start."""
     model, z = problem.model, problem.z
     x_minus = np.empty((len(z), model.n, z.shape[2]))

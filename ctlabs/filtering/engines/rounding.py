@@ -26,7 +26,7 @@ class Rounding(NamedTuple):
     j: Array
 
 
-class Passed(NamedTuple):
+class RoundingInputs(NamedTuple):
     """What was measured, and what a filter made of it: z (rows, m, runs) without what was ``known`` (rows, m) of it, x (rows, n, runs),
     P (rows, n, n), which elements entered the updates and which are ``asked`` for (rows, m); ``K`` (rows, n, m), its gains, or empty.
     """
@@ -109,7 +109,7 @@ def largest(values: Array, out: Array) -> None:
 
 
 @helper
-def given(seen: Passed, k: int, out: Array) -> None:
+def given(seen: RoundingInputs, k: int, out: Array) -> None:
     """The terms of row k of z: its own, and twice what was known, which is taken off what was measured."""
     largest(seen.z[k], out)
     for a in range(out.shape[0]):
@@ -156,7 +156,7 @@ def own(V: Array, nu: Array, pick: Array, count: int, scale: Array) -> float:
 
 
 @kernel
-def bounds(system: System, M: Array, w: Rounding, size: Array, begun: int, seen: Passed, e: Array, allowed: Array) -> None:
+def bounds(system: System, M: Array, w: Rounding, size: Array, begun: int, seen: RoundingInputs, e: Array, allowed: Array) -> None:
     """Innovations ``e`` (rows, m, runs) of the elements asked for, given those before them, and what rounding may leave of them.
 
     ``system.Phi`` and ``M`` (steps or 1, n, m) move the state by Φ − MH and Mz where w and v correlate; M may be empty. ``w``

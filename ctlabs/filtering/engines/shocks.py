@@ -22,7 +22,7 @@ from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import kernel
 
 
-class Passed(NamedTuple):
+class ShockInputs(NamedTuple):
     """What the filter left: Phi (steps or 1, n, n), already Φ − NR⁺H, and M = NR⁺ (steps, n, m) or empty; H (steps+1 or 1, m, n),
     K (steps+1, n, m), S (steps+1, m, m), nu, used (steps+1, m).
     """
@@ -36,7 +36,7 @@ class Passed(NamedTuple):
     used: Array
 
 
-class Told(NamedTuple):
+class ShockOutputs(NamedTuple):
     """To be filled: r (steps+1, n), the diagonals of N (steps+1, n); u, the diagonals of D (steps+1, m); N of the first instant (n, n)."""
 
     r: Array
@@ -47,7 +47,7 @@ class Told(NamedTuple):
 
 
 @helper
-def stepped(p: Passed, k: int, pick: Array, count: int, Kp: Array, L: Array) -> None:
+def stepped(p: ShockInputs, k: int, pick: Array, count: int, Kp: Array, L: Array) -> None:
     """The predictor's gain Kp (n, m, the leading columns) and L (n, n) of the step after k."""
     n, Phi, H = p.K.shape[1], entry(p.Phi, k), entry(p.H, k)
     for i in range(n):
@@ -85,7 +85,7 @@ def carried(N: Array, L: Array, work: Array, size: Array, out: Array) -> None:
 
 
 @kernel
-def backward(p: Passed, begin: int, out: Told) -> None:
+def backward(p: ShockInputs, begin: int, out: ShockOutputs) -> None:
     """Fill ``out`` from the last instant back to ``begin``."""
     last, n, m = p.K.shape[0] - 1, p.K.shape[1], p.K.shape[2]
     r, N, ahead = np.zeros(n), np.zeros((n, n)), np.zeros((n, n))

@@ -9,6 +9,6 @@ A measurement that belongs to the past is put in its place and what came after i
 that of the same measurements in order, to the bit. A filter is saved and loaded to the bit as well.
 """
 
-from ctlabs.filtering.online.filter import Filter, OnlineEstimate
+from ctlabs.filtering.online.filter import Filter
 
-__all__ = ["Filter", "OnlineEstimate"]
+__all__ = ["Filter"]

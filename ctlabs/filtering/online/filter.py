@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,8 +18,8 @@ from ctlabs.filtering.engines.driver import innovation, taken_over
 from ctlabs.filtering.gate import width
 from ctlabs.filtering.measured import begins
 from ctlabs.filtering.online import files
-from ctlabs.filtering.online.plants import Given, Instant, finite_time, plant, short
-from ctlabs.filtering.results import Contradiction, LeftOut, Mask
+from ctlabs.filtering.online.plants import Given, Snapshot, finite_time, plant, short
+from ctlabs.filtering.results import Contradiction, FilteredRow, LeftOut, Mask, gains
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
@@ -26,26 +27,6 @@ from ctlabs.text import moment
 
 #: Its recursion tells which perfect measurements are known already.
 JOSEPH = form("joseph")
-
-
-class OnlineEstimate(NamedTuple):
-    r"""What a filter knows at an instant.
-
-    ``t`` s · ``x`` (n,), ``P`` (n, n), estimate and covariance of its error given everything measured so far ·
-    ``innovation`` (m,), NaN where an element did not enter the update · ``S`` (m, m), its covariance, ``inf`` on the
-    diagonal there · ``nis``, :math:`\nu^TS^{-1}\nu`, NaN where nothing entered · ``contradictions``, the perfect measurements of
-    this instant (``row``, counted as the rows of a record) that disagree with what was known exactly
-    (:mod:`ctlabs.filtering.contradictions`) · ``left_out``, what this step left out as beyond the gate
-    """
-
-    t: float
-    x: Array
-    P: Array
-    innovation: Array
-    S: Array
-    nis: float
-    contradictions: tuple[Contradiction, ...] = ()
-    left_out: tuple[LeftOut, ...] = ()
 
 
 class Filter:
@@ -73,7 +54,7 @@ class Filter:
 
     >>> walk = DiscreteModel([[1]], [[1]], [[1]], [[1]], P0=[[10]])
     >>> online = Filter(walk, algorithm="ud")
-    >>> [online.step(z).x.round(6).item() for z in (1.0, None, 2.0)]
+    >>> [online.step(z).x_plus.round(6).item() for z in (1.0, None, 2.0)]
     [0.916667, 0.916667, 1.723404]
     """
 
@@ -107,7 +88,7 @@ class Filter:
         exact = gathered.begun(self._plant.model.x0, self._plant.P0) if perfect else None
         told = (z, S, np.nan, 0.0, 0.0, exact, exact, z, z)
         H, R0 = self._plant.measured(0)
-        start = Instant(0, self._plant.t0, u, z, np.zeros(len(z)), np.array(H), np.array(R0), none, state, state, known, known, *told)
+        start = Snapshot(0, self._plant.t0, u, z, np.zeros(len(z)), np.array(H), np.array(R0), none, state, state, known, known, *told)
         self._past = [start]
 
     def step(
@@ -119,7 +100,7 @@ class Filter:
         H: ArrayLike | None = None,
         R: ArrayLike | None = None,
         gate: float | None = None,
-    ) -> OnlineEstimate:
+    ) -> FilteredRow:
         """Go to time t and take in what was measured there.
 
         Parameters
@@ -134,7 +115,7 @@ class Filter:
 
         Returns
         -------
-        Estimate at the present instant, to which a late measurement contributes without moving it
+        The present instant, to which a late measurement contributes without moving it
 
         Raises
         ------
@@ -174,7 +155,7 @@ class Filter:
             msg = f"form {self._algorithm}: expected matrices with an inverse, received {received}"
             raise FloatingPointError(msg) from error
         self._begun = True
-        return self.estimate._replace(left_out=left)
+        return replace(self.estimate, left_out=left)
 
     def _gated(
         self, data: Array, gate: float, t: float | None, u: ArrayLike | None, H: ArrayLike | None, R: ArrayLike | None
@@ -182,8 +163,9 @@ class Filter:
         """The data within the gate, and the others: of a prediction to that time, which is undone."""
         before = self._past, self._before, self._begun
         try:
-            x, P = self.step(None, t, u, H=H, R=R)[1:3]
+            self.step(None, t, u, H=H, R=R)
             now = self._past[-1]
+            x, P = _values(now.after)
         finally:
             self._past, self._before, self._begun = before
         unknown = np.abs(now.H) @ np.isinf(P.diagonal()) > 0
@@ -197,21 +179,24 @@ class Filter:
         return np.where(beyond, np.nan, data), left
 
     @property
-    def estimate(self) -> OnlineEstimate:
+    def estimate(self) -> FilteredRow:
         """The estimate at the present instant, as :meth:`step` returned it."""
         now = self._past[-1]
-        return OnlineEstimate(now.t, self.x, self.P, now.innovation.copy(), now.S.copy(), now.nis, _contradictions(now, self._first))
-
-    @property
-    def x(self) -> Array:
-        """Estimate of the state at the present, (n,); NaN where nothing is known of a state."""
-        return _values(self._form, self._past[-1].after)[0][:, 0].copy()
-
-    @property
-    def P(self) -> Array:
-        """Covariance of its error, (n, n); ``inf`` on the diagonal where nothing is known of a state."""
-        P = _values(self._form, self._past[-1].after)[1]
-        return 0.5 * (P + P.T)
+        (x_minus, P_minus), (x_plus, P_plus) = _values(now.before), _values(now.after)
+        K = gains(P_minus[None], now.H, now.S[None], now.used[None])[0]
+        return FilteredRow(
+            t=now.t,
+            x_minus=x_minus,
+            x_plus=x_plus,
+            P_minus=P_minus,
+            P_plus=P_plus,
+            K=K,
+            S=now.S.copy(),
+            used=now.used.copy(),
+            innovation=now.innovation.copy(),
+            nis=now.nis,
+            contradictions=_contradictions(now, self._first),
+        )
 
     @property
     def t(self) -> float:
@@ -290,7 +275,7 @@ class Filter:
         restored._before, restored._begun = (float(own), float(diffuse)), bool(header["begun"])
         return restored
 
-    def _template(self, before: int | None, after: int | None, ahead: bool, known: bool) -> Instant:
+    def _template(self, before: int | None, after: int | None, ahead: bool, known: bool) -> Snapshot:
         """An instant of the right shapes: how many columns its states have before the form takes over, and whether there is a
         second state that tells what is known exactly, before and after the update.
         """
@@ -335,7 +320,7 @@ class Filter:
             past, way = [*self._past[:i], self._completed(there, new)], []
         self._go(past, [*way, *(Given(old.t, old.u, old.z, old.H, old.R) for old in later)])
 
-    def _completed(self, instant: Instant, given: Given) -> Instant:
+    def _completed(self, instant: Snapshot, given: Given) -> Snapshot:
         """An instant with the data that were missing."""
         data = given.z
         new = ~np.isnan(data)
@@ -355,7 +340,7 @@ class Filter:
         H, R = (own if other is None else other for own, other in ((instant.H, given.H), (instant.R, given.R)))
         return self._updated(instant._replace(H=np.array(H), R=np.array(R)), np.where(new, data, instant.z))
 
-    def _go(self, past: list[Instant], way: Iterable[Given]) -> None:
+    def _go(self, past: list[Snapshot], way: Iterable[Given]) -> None:
         """Predict and update along the ``way``; nothing changes unless all of it succeeds."""
         past, before = list(past), self._before
         for given in way:
@@ -365,7 +350,7 @@ class Filter:
                 before = (before[0] + gone.log_likelihood, before[1] + gone.diffuse)
         self._past, self._before = past, before
 
-    def _predicted(self, last: Instant, given: Given) -> Instant:
+    def _predicted(self, last: Snapshot, given: Given) -> Snapshot:
         """The next instant before its data."""
         if np.isnan(last.u).any() and self._plant.given.B is not None:
             msg = "u0: expected the known input from t0 to the first measurement (the model has B), received None"
@@ -382,20 +367,20 @@ class Filter:
         else:
             if ahead is not None:
                 ahead = JOSEPH.predict(ahead, *motion)
-                x, P, (Phi, c, Q) = self._form.mean(before), self._form.covariance(before), motion
-                exact = gathered.predicted(exact, x, P, Phi, c, Q.matrix, model.m)
+                Phi, c, Q = motion
+                exact = gathered.predicted(exact, before.mean, before.covariance, Phi, c, Q.matrix, model.m)
             before = self._form.predict(before, *motion)
         H, R = self._plant.measured(last.k + 1)
         H, R = np.array(H if given.H is None else given.H), np.array(R if given.R is None else given.R)
         new = last._replace(k=last.k + 1, t=given.t, u=given.u, H=H, R=R, before=before, ahead=ahead, approaching=exact)
         return new._replace(seen=self._plant.seen(last.k + 1, given.u))
 
-    def _updated(self, instant: Instant, z: Array) -> Instant:
+    def _updated(self, instant: Snapshot, z: Array) -> Snapshot:
         """The instant with the data z: from its state before to that after."""
         H, R, data = instant.H, instant.R, z - instant.seen
         used = np.isfinite(R.diagonal()) & ~np.isnan(z)
         if instant.ahead is None and not isinstance(instant.before, vague.State) and measured.perfect(R).any():
-            x, P = _values(self._form, instant.before)
+            x, P = instant.before.mean, instant.before.covariance
             instant = instant._replace(ahead=taken_over(JOSEPH, self._plant.model, x, P), approaching=gathered.begun(x[:, 0], P))
         if instant.ahead is not None:
             used = measured.informative(instant.ahead.P, H, measured.without(R, ~used))
@@ -413,17 +398,17 @@ class Filter:
             changed = changed._replace(log_likelihood=-np.inf, diffuse=-np.inf)
         return changed
 
-    def _told(self, instant: Instant, own: tuple[Array, Array, contract.Noise]) -> Instant:
+    def _told(self, instant: Snapshot, own: tuple[Array, Array, contract.Noise]) -> Snapshot:
         """The instant after its elements used, by the form."""
         after, told = self._form.update(instant.before, *own)
         known = None if instant.ahead is None else JOSEPH.update(instant.ahead, *own)[0]
         nu, S, used = instant.innovation, instant.S, instant.used
-        x, P = _values(self._form, instant.before)
+        x, P = instant.before.mean, instant.before.covariance
         nu[used, None], S[np.ix_(used, used)] = innovation(x, P, *own)
         both = float(told.nis[0]), float(told.log_likelihood[0])
         return instant._replace(after=after, known=known, nis=both[0], log_likelihood=both[1], diffuse=both[1])
 
-    def _vaguely(self, instant: Instant, own: tuple[Array, Array, contract.Noise]) -> Instant:
+    def _vaguely(self, instant: Snapshot, own: tuple[Array, Array, contract.Noise]) -> Snapshot:
         """The instant after its elements used, before the form takes over."""
         before, nu, S, used = instant.before, instant.innovation, instant.S, instant.used.copy()
         after, told = vague.update(before, *own)
@@ -439,15 +424,15 @@ class Filter:
         finite = used.any() and np.isfinite(S.diagonal()[used]).all()
         return changed._replace(nis=float(told.nis[0]) if finite else np.nan)
 
-    def _compared(self, instant: Instant, H: Array, R: Array) -> Instant:
+    def _compared(self, instant: Snapshot, H: Array, R: Array) -> Snapshot:
         """The instant with what its measurements say of what was known already."""
-        x, P = ([f(each) for each in (instant.before, instant.after)] for f in (self._form.mean, self._form.covariance))
+        x, P = zip(*((each.mean, each.covariance) for each in (instant.before, instant.after)), strict=True)
         found = gathered.updated(instant.approaching, instant.z - instant.seen, instant.seen, H, R, x, P, instant.used)
         return instant._replace(gathered=found[0], excess=found[1], allowed=found[2])
 
     def _finite(self, t: float, state: Any, variances: Array) -> None:
         """An overflow is refused; from a start without information NaN and inf have their meaning."""
-        x, P = _values(self._form, state)
+        x, P = state.mean, state.covariance
         start = not np.isfinite(self._plant.P0).all()
         free = np.isposinf(P.diagonal()) & start
         finite = (np.isfinite(P) | np.diag(free)).all() and (np.isfinite(x[:, 0]) | free).all()
@@ -456,7 +441,7 @@ class Filter:
             raise FloatingPointError(msg)
 
 
-def _contradictions(instant: Instant, first: int) -> tuple[Contradiction, ...]:
+def _contradictions(instant: Snapshot, first: int) -> tuple[Contradiction, ...]:
     """The elements of an instant that disagree with what was known."""
     wrong = np.flatnonzero(np.abs(instant.excess) > instant.allowed)
     return tuple(
@@ -464,10 +449,10 @@ def _contradictions(instant: Instant, first: int) -> tuple[Contradiction, ...]:
     )
 
 
-def _values(form: Any, state: Any) -> tuple[Array, Array]:
-    """Mean (n, 1) and covariance (n, n) of a form's state, or of one before the form takes over."""
-    how = vague if isinstance(state, vague.State) else form
-    return how.mean(state), how.covariance(state)
+def _values(state: Any) -> tuple[Array, Array]:
+    """Estimate (n,) and covariance (n, n) of a state, symmetric to the bit."""
+    P = state.covariance
+    return state.mean[:, 0].copy(), 0.5 * (P + P.T)
 
 
 def _columns(state: Any) -> int | None:

@@ -26,7 +26,7 @@ ON_GRID = 1e-6
 SKIPPED = 10**6
 
 
-class Instant(NamedTuple):
+class Snapshot(NamedTuple):
     """One instant: the known input from then on, the data with their H and R, and the form's states before and after the update.
 
     ``seen`` (m,): what known inputs bring into the data.
@@ -149,7 +149,7 @@ class Periodic(Plant):
             raise ValueError(msg)
         return self.t0 + k * model.dt
 
-    def way(self, last: Instant, given: Given) -> Iterator[Given]:
+    def way(self, last: Snapshot, given: Given) -> Iterator[Given]:
         """The instants after the last one up to the given one, without a measurement before it."""
         time = given.t
         end = round((time - self.t0) / self.model.dt)
@@ -160,7 +160,7 @@ class Periodic(Plant):
         between = (Given(self.t0 + k * self.model.dt, last.u, nothing) for k in range(last.k + 1, end))
         return chain(between, [given._replace(t=self.t0 + end * self.model.dt)])
 
-    def motion(self, last: Instant, given: Given) -> tuple[Array, Array | None, Noise]:
+    def motion(self, last: Snapshot, given: Given) -> tuple[Array, Array | None, Noise]:
         """Φ, c and Q to the next instant; with N ≠ 0 what the last measurement tells of w is in them."""
         model, used = self.model, last.used
         coupled = model.N is not None and bool(used.any())
@@ -176,7 +176,7 @@ class Periodic(Plant):
             c = told if c is None else c + told
         return Phi, c, Q
 
-    def _motion(self, last: Instant) -> tuple[Array, Noise, Array | None]:
+    def _motion(self, last: Snapshot) -> tuple[Array, Noise, Array | None]:
         Phi, Qd, M = motion.measured(self.model, last.k, last.used, last.H, last.R)
         return Phi, Noise(Qd), M
 
@@ -198,11 +198,11 @@ class Sampled(Plant):
             raise ValueError(msg)
         return self.t0 if t is None else finite_time("t", t)
 
-    def way(self, last: Instant, given: Given) -> Iterator[Given]:
+    def way(self, last: Snapshot, given: Given) -> Iterator[Given]:
         """The next instant, whenever it is."""
         return iter([given])
 
-    def motion(self, last: Instant, given: Given) -> tuple[Array, Array | None, Noise]:
+    def motion(self, last: Snapshot, given: Given) -> tuple[Array, Array | None, Noise]:
         """Φ, c and Q over the interval; equal intervals are discretised once."""
         h = given.t - last.t
         Phi, Q, input_ = self._keep(("h", h), True, lambda: self._interval(h))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,6 +11,9 @@ from numpy.typing import ArrayLike
 from ctlabs.linalg.checks import Array
 from ctlabs.reporting.drawing import Band, Curve, Drawing, Mark, Panel, array, finite, labelled, line_styles
 from ctlabs.text import _, fill, per
+
+if TYPE_CHECKING:
+    from ctlabs.filtering.comparison import Judged
 
 #: An error of zero in a logarithmic figure.
 FLOOR = 1e-17
@@ -104,26 +107,6 @@ def gains(
         alike = {curve.unit for curve in curves}
         panels.append(Panel(labelled(fill(_("gain of {name}"), name=state), alike.pop() if len(alike) == 1 else ""), curves))
     return Drawing(_("Gain"), "t, s", tuple(panels), verbatim=True)
-
-
-class Judged(Protocol):
-    """A form of the filter with its errors against 50 digits and its cost (None: there is none)."""
-
-    @property
-    def name(self) -> str:
-        """Of the form."""
-
-    @property
-    def error_P(self) -> float | None:
-        """Relative error of P."""
-
-    @property
-    def error_x(self) -> float | None:
-        """Error of the estimate, in units of its σ."""
-
-    @property
-    def flops(self) -> int | None:
-        """Operations of a step."""
 
 
 def algorithms(found: Sequence[Judged]) -> Drawing:

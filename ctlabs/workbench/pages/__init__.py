@@ -15,8 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
+    from ctlabs.workbench.desk.session import Session
     from ctlabs.workbench.pages.shell import Shell
-    from ctlabs.workbench.session import Session
 
 #: Style sheets and scripts, which are in the head of every page.
 STATIC = Path(__file__).parent.parent / "static"

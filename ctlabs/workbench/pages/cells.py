@@ -7,7 +7,7 @@ import re
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.sheet import Cell
+    from ctlabs.workbench.desk.sheet import Cell
 
 #: Positions of a slider, and from which ratio of its ends on it is logarithmic.
 POSITIONS, DECADES = 200, 100.0

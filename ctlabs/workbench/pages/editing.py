@@ -6,11 +6,12 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from ctlabs.workbench.pages.model_edits import Typing
+from ctlabs.workbench.runs.inside import line
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.commands import Command
+    from ctlabs.workbench.desk.commands import Command
+    from ctlabs.workbench.desk.session import Session
     from ctlabs.workbench.pages.shell import Shell
-    from ctlabs.workbench.session import Session
 
 
 class Editor:
@@ -61,8 +62,3 @@ class Editor:
             return
         self.shell.saved()
         self._changed("")
-
-
-def line(why: BaseException) -> str:
-    """What an exception says, in one line."""
-    return " ".join(str(why).split())

@@ -11,20 +11,20 @@ from nicegui import ui
 from ctlabs.files.modelfile import gallery, loads
 from ctlabs.filtering.algorithms.catalogue import FORMS
 from ctlabs.models import Anomaly
-from ctlabs.workbench import commands
+from ctlabs.workbench.desk import commands
 from ctlabs.workbench.help import help_for
-from ctlabs.workbench.outcomes import LARGEST
 from ctlabs.workbench.pages.dialogs import buttons, dialog
 from ctlabs.workbench.pages.keep import export_dialog
 from ctlabs.workbench.pages.results import Results
 from ctlabs.workbench.pages.showing import Show, difference, help_button, times
-from ctlabs.workbench.running import said
+from ctlabs.workbench.runs.outcomes import LARGEST
+from ctlabs.workbench.runs.running import said
 
 if TYPE_CHECKING:
     from nicegui.events import UploadEventArguments
 
+    from ctlabs.workbench.desk.session import Session
     from ctlabs.workbench.pages.shell import Shell
-    from ctlabs.workbench.session import Session
 
 PAGE = {"place": 3, "title": "Experiment", "icon": "science"}
 
@@ -448,7 +448,7 @@ class _Experiment:
         self.told.text = "Ending…"
 
     def _refusal(self) -> str:
-        problems = self.session.problems()
+        problems = self.session.sheet.problems
         if not problems:
             return ""
         where, what = next(iter(problems.items()))

@@ -17,8 +17,8 @@ from ctlabs.workbench.pages.cells import NUMBER, POSITIONS, Label, Shown, Slider
 if TYPE_CHECKING:
     from nicegui.events import GenericEventArguments
 
-    from ctlabs.workbench.commands import What
-    from ctlabs.workbench.sheet import Cell, Grid
+    from ctlabs.workbench.desk.commands import What
+    from ctlabs.workbench.desk.sheet import Cell, Grid
 
 #: What is typed: the key of a cell ("0,1" row and column, "name,0", "unit,0" of a header) and the text; the answer is why not.
 Typed = Callable[[str, str], str]

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 from nicegui import ui
 
 from ctlabs.workbench import help as texts
-from ctlabs.workbench import tour
+from ctlabs.workbench.desk import tour
 from ctlabs.workbench.pages import listed
 
 if TYPE_CHECKING:
+    from ctlabs.workbench.desk.session import Session
     from ctlabs.workbench.pages.shell import Shell
-    from ctlabs.workbench.session import Session
 
 PAGE = {"place": 6, "title": "Help", "icon": "help_outline"}
 

@@ -11,16 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
-from ctlabs.workbench import figures, tour
+from ctlabs.workbench.desk import tour
 from ctlabs.workbench.pages.dialogs import buttons, dialog
 from ctlabs.workbench.pages.showing import Show, difference, help_button, table
-from ctlabs.workbench.running import said
+from ctlabs.workbench.runs import figures
+from ctlabs.workbench.runs.running import said
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.comparing import Difference, Row
+    from ctlabs.workbench.desk.session import Session
+    from ctlabs.workbench.desk.store import KeptExperiment
     from ctlabs.workbench.pages.shell import Shell
-    from ctlabs.workbench.session import Session
-    from ctlabs.workbench.store import KeptExperiment
+    from ctlabs.workbench.runs.comparing import Difference, Row
 
 PAGE = {"place": 4, "title": "Keep", "icon": "inventory_2"}
 

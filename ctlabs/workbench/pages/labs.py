@@ -14,15 +14,15 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
 from ctlabs.text import number
-from ctlabs.workbench import catalogue
-from ctlabs.workbench.catalogue import LabOutcome, LabSheet, Parameter, Typed
 from ctlabs.workbench.help import help_for
-from ctlabs.workbench.running import said
+from ctlabs.workbench.runs import catalogue
+from ctlabs.workbench.runs.catalogue import LabOutcome, LabSheet, Parameter, Typed
+from ctlabs.workbench.runs.running import said
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.desk import Desk
+    from ctlabs.workbench.desk.desk import Desk
+    from ctlabs.workbench.desk.session import Session
     from ctlabs.workbench.pages.shell import Shell
-    from ctlabs.workbench.session import Session
 
 PAGE = {"place": 5, "title": "Labs", "icon": "school"}
 
@@ -177,7 +177,7 @@ class _Labs:
 
     def _open(self, name: str) -> None:
         from ctlabs.files.modelfile import ready
-        from ctlabs.workbench.commands import Open
+        from ctlabs.workbench.desk.commands import Open
 
         self.shell.saving()
         self.session.do(Open(ready(name).dumps(), f"{name}.toml"))

@@ -16,11 +16,12 @@ from nicegui import ui
 from ctlabs.files.modelfile.errors import ModelFileError
 from ctlabs.files.modelfile.toml import LARGEST, decoded
 from ctlabs.reporting.mathml import mathml
-from ctlabs.workbench import commands
+from ctlabs.workbench.desk import commands
+from ctlabs.workbench.desk.sheet import LETTERS
 from ctlabs.workbench.pages import model_dialogs
 from ctlabs.workbench.pages import model_parts as parts
 from ctlabs.workbench.pages.cells import Label
-from ctlabs.workbench.pages.editing import Editor, line
+from ctlabs.workbench.pages.editing import Editor
 from ctlabs.workbench.pages.grid import GridElement, TextField
 from ctlabs.workbench.pages.math import Equations
 from ctlabs.workbench.pages.model_constants import Constants
@@ -32,14 +33,14 @@ from ctlabs.workbench.pages.model_edits import (
     sections,
     unknown_name,
 )
-from ctlabs.workbench.sheet import LETTERS
+from ctlabs.workbench.runs.inside import line
 
 if TYPE_CHECKING:
     from nicegui.events import UploadEventArguments
 
+    from ctlabs.workbench.desk.session import Session
+    from ctlabs.workbench.desk.sheet import Cell, ModelSheet
     from ctlabs.workbench.pages.shell import Shell
-    from ctlabs.workbench.session import Session
-    from ctlabs.workbench.sheet import Cell, Sheet
 
 PAGE = {"place": 1, "title": "Model", "icon": "grid_on"}
 
@@ -567,12 +568,12 @@ def _notes(session: Session) -> dict[str, Any]:
     return dict(found.notes) if found else {}
 
 
-def _experiment(sheet: Sheet) -> dict[str, Any]:
+def _experiment(sheet: ModelSheet) -> dict[str, Any]:
     found = sheet.data.get("experiment")
     return found if isinstance(found, dict) else {}
 
 
 def _default_t0() -> Cell:
-    from ctlabs.workbench.sheet import Cell
+    from ctlabs.workbench.desk.sheet import Cell
 
     return Cell(("experiment", "t0"), "0", 0.0)

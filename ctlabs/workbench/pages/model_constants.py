@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
-from ctlabs.workbench import commands
+from ctlabs.workbench.desk import commands
 from ctlabs.workbench.pages import model_parts as parts
 from ctlabs.workbench.pages.cells import number, slider
 from ctlabs.workbench.pages.grid import Range, TextField
 from ctlabs.workbench.pages.model_edits import free_name
 
 if TYPE_CHECKING:
+    from ctlabs.workbench.desk.sheet import ConstantRow
     from ctlabs.workbench.pages.editing import Editor
-    from ctlabs.workbench.sheet import ConstantRow
 
 
 class Constants:

@@ -12,7 +12,7 @@ from ctlabs.files.modelfile import gallery
 from ctlabs.files.modelfile.errors import ModelFileError
 from ctlabs.files.modelfile.schema import LARGEST
 from ctlabs.text import latex_matrix, latex_number
-from ctlabs.workbench import blocks, commands
+from ctlabs.workbench.desk import blocks, commands
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.pages.dialogs import buttons, dialog
 from ctlabs.workbench.pages.math import Equations
@@ -20,7 +20,7 @@ from ctlabs.workbench.pages.model_parts import Earlier, earlier_list
 
 if TYPE_CHECKING:
     from ctlabs.files.modelfile import Entry
-    from ctlabs.workbench.session import Session
+    from ctlabs.workbench.desk.session import Session
 
 EXAMPLES = {
     "transfer": ("1/(2*s + 1)", "s/(s^2 + 0.4*s + 4)", "1/(s*(s + 1))"),

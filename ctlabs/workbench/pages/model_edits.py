@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING, NamedTuple
 
 from ctlabs.files.modelfile.errors import Path
-from ctlabs.workbench import commands
+from ctlabs.workbench.desk import commands
 from ctlabs.workbench.pages.cells import placed
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.session import Session
-    from ctlabs.workbench.sheet import Sheet
+    from ctlabs.workbench.desk.session import Session
+    from ctlabs.workbench.desk.sheet import ModelSheet
 
 #: Matrices that are equal to their transpose: what is typed on one side stands on the other too.
 SYMMETRIC = ("Q", "Qd", "R", "Rc", "P0")
@@ -97,7 +97,7 @@ def sections(kind: str, given: Iterable[str]) -> tuple[Section, ...]:
     return tuple(each._replace(parts=tuple(name for name in each.parts if name in has)) for each in (*found, last))
 
 
-def cell_command(sheet: Sheet, name: str, key: str, text: str) -> commands.Command:
+def cell_command(sheet: ModelSheet, name: str, key: str, text: str) -> commands.Command:
     """What typing into a cell or header of a grid means."""
     first, _, second = key.partition(",")
     if first in {"name", "unit"}:
@@ -116,7 +116,7 @@ def cell_command(sheet: Sheet, name: str, key: str, text: str) -> commands.Comma
     return commands.EditCell(path, text)
 
 
-def block_command(sheet: Sheet, name: str, row: int, column: int, text: str) -> commands.EditCells:
+def block_command(sheet: ModelSheet, name: str, row: int, column: int, text: str) -> commands.EditCells:
     """What pasting a block at a cell means."""
     matrix = sheet.grids[name]
     size = len(matrix.rows), len(matrix.rows[0])

@@ -13,7 +13,7 @@ from nicegui import ui
 from ctlabs.workbench.help import help_for
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.session import Session
+    from ctlabs.workbench.desk.session import Session
 
 #: So many earlier models are offered.
 EARLIER = 8

@@ -10,13 +10,13 @@ import numpy as np
 from nicegui import ui
 
 from ctlabs.text import number
-from ctlabs.workbench import figures
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.pages.showing import Show, help_button, table, times
+from ctlabs.workbench.runs import figures
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.outcomes import InnovationTests, Outcome
-    from ctlabs.workbench.session import Session
+    from ctlabs.workbench.desk.session import Session
+    from ctlabs.workbench.runs.outcomes import InnovationTests, Outcome
 
 #: States and measurements that are drawn at first.
 SHOWN = 3

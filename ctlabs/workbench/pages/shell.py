@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from nicegui import Client
     from starlette.requests import Request
 
-    from ctlabs.workbench.desk import Desk, Seat
+    from ctlabs.workbench.desk.desk import Desk, Seat
 
 log = logging.getLogger("ctlabs.workbench")
 

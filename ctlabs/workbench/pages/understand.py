@@ -15,14 +15,14 @@ from ctlabs.files.modelfile import loads
 from ctlabs.reporting.mathml import mathml
 from ctlabs.studies.understanding import Part, Poles, Understanding, compute
 from ctlabs.text import number
-from ctlabs.workbench import figures
 from ctlabs.workbench.pages.editing import Editor
 from ctlabs.workbench.pages.model_constants import Constants
 from ctlabs.workbench.pages.showing import Show, matrix, table
+from ctlabs.workbench.runs import figures
 
 if TYPE_CHECKING:
+    from ctlabs.workbench.desk.session import Session
     from ctlabs.workbench.pages.shell import Shell
-    from ctlabs.workbench.session import Session
 
 PAGE = {"place": 2, "title": "Understand", "icon": "insights"}
 
@@ -144,7 +144,7 @@ class _Understand:
         self.left = True
 
     def _fill(self, found: Understanding) -> None:
-        problems = self.session.problems()
+        problems = self.session.sheet.problems
         self.to_model.set_visibility(bool(problems))
         lines = found.sentences or (found.discrete.reason,)
         self.summary.content = f'<ul class="ctl-und-summary">{"".join(f"<li>{escape(line)}</li>" for line in lines)}</ul>'

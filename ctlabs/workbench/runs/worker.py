@@ -30,7 +30,7 @@ from concurrent.futures import Future
 from multiprocessing.connection import wait
 from typing import Any, NamedTuple, Protocol
 
-from ctlabs.workbench.inside import TELL, Kind, cores, line, work
+from ctlabs.workbench.runs.inside import TELL, Kind, cores, line, work
 
 log = logging.getLogger("ctlabs.workbench")
 
@@ -38,11 +38,11 @@ log = logging.getLogger("ctlabs.workbench")
 FUNCTIONS: Mapping[str, str] = {
     "montecarlo": "ctlabs.montecarlo:monte_carlo",
     "simulate": "ctlabs.montecarlo:simulate",
-    "experiment": "ctlabs.workbench.experiments:run",
-    "lab": "ctlabs.workbench.catalogue:run_lab",
+    "experiment": "ctlabs.workbench.runs.experiments:run",
+    "lab": "ctlabs.workbench.runs.catalogue:run_lab",
 }
 #: Loaded by a process before its first run.
-WARM: Sequence[str] = ("ctlabs.workbench.warm",)
+WARM: Sequence[str] = ("ctlabs.workbench.runs.warm",)
 #: What a run may take beyond what the loaded library takes, in bytes; and for how long, in seconds.
 MEMORY, SECONDS = 2 * 1024**3, 600.0
 #: How long a cancelled run may take to stop by itself, and how long a process may load, in seconds.

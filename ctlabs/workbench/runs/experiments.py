@@ -19,6 +19,7 @@ from ctlabs.analysis import diagnosis
 from ctlabs.files import timed
 from ctlabs.files.modelfile import ModelFile, loads
 from ctlabs.filtering import contradictions
+from ctlabs.filtering.comparison import Judged
 from ctlabs.filtering.filter import log_likelihood
 from ctlabs.filtering.results import Filtered
 from ctlabs.filtering.smoothing import smooth
@@ -27,7 +28,7 @@ from ctlabs.linalg.covariance import deviations
 from ctlabs.models import DiscreteModel, anomalous
 from ctlabs.studies import common, comparison, simulation
 from ctlabs.text import number
-from ctlabs.workbench.outcomes import Asked, ErrorStatistics, InnovationTests, Outcome, packed
+from ctlabs.workbench.runs.outcomes import Asked, ErrorStatistics, InnovationTests, Outcome, packed
 
 __all__ = ["Asked", "Outcome", "prepared", "run"]
 
@@ -43,12 +44,12 @@ def run(
     progress: Callable[[int, int], object] | None = None,
     workers: int | None = None,
 ) -> dict[str, Any]:
-    """Carry out a plan on a model; the plain form of an :class:`~ctlabs.workbench.outcomes.Outcome`.
+    """Carry out a plan on a model; the plain form of an :class:`~ctlabs.workbench.runs.outcomes.Outcome`.
 
     Parameters
     ----------
     model : text of a model file
-    plan : plain form of a :class:`~ctlabs.workbench.outcomes.Asked`
+    plan : plain form of a :class:`~ctlabs.workbench.runs.outcomes.Asked`
     progress : function of (runs done, runs)
     workers : threads
 
@@ -115,7 +116,7 @@ def _refused(tried: dict[str, comparison.Attempt], name: str) -> tuple[str, ...]
 
 def _algorithms(
     model: DiscreteModel, z: Array, tried: dict[str, comparison.Attempt], first: int, true: Array | None = None
-) -> tuple[comparison.Judged, ...]:
+) -> tuple[Judged, ...]:
     """The chosen algorithms on the first record: cost, accuracy, and errors of simulated runs."""
     rows = comparison.judge(model, z, tried, first, PATIENCE)
     if true is None:

@@ -7,10 +7,10 @@ import threading
 from collections.abc import Awaitable, Callable
 from typing import TYPE_CHECKING
 
-from ctlabs.workbench.worker import RunFailed
+from ctlabs.workbench.runs.worker import RunFailed
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.worker import Cancel, RunProgress
+    from ctlabs.workbench.runs.worker import Cancel, RunProgress
 
 #: What is run: a function of where to tell its progress, and of what cancels it.
 Work = Callable[[Callable[["RunProgress"], object], "Cancel"], Awaitable[object]]
@@ -85,7 +85,7 @@ class Running:
 def said(progress: RunProgress | None) -> str:
     """How far a run is, in words.
 
-    >>> from ctlabs.workbench.worker import RunProgress
+    >>> from ctlabs.workbench.runs.worker import RunProgress
     >>> said(RunProgress(0.25, 500.0, 2000, 8000)), said(RunProgress(0.0, 500.0, 2000, 0)), said(RunProgress(0.0, 0.0, 0, 0, 2))
     ('2 000 of 8 000 runs, 500 per second, 12 s left', '2 000 runs, 500 per second', '2 runs before this one')
     """

@@ -18,8 +18,8 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ctlabs.workbench import safety
-from ctlabs.workbench.desk import Desk, Seat
+from ctlabs.workbench.desk.desk import Desk, Seat
+from ctlabs.workbench.serving import safety
 
 if TYPE_CHECKING:
     from nicegui import Client
@@ -100,7 +100,7 @@ def serve(
     data: Path | None = None,
     names: Iterable[str] = (),
     pages: str = "ctlabs.workbench.pages",
-    session: str = "ctlabs.workbench.session:Session",
+    session: str = "ctlabs.workbench.desk.session:Session",
 ) -> None:
     """Listen and serve until Ctrl-C; everything is saved at any time, so the process may as well be killed.
 
@@ -109,7 +109,7 @@ def serve(
     host : the address to listen on; all but loopback addresses need a token, which is printed
     port : the port; without one, the first free one from 8080 on
     show : open the page in the browser
-    data : folder of the database; :func:`ctlabs.workbench.store.data_folder` if not given
+    data : folder of the database; :func:`ctlabs.workbench.desk.store.data_folder` if not given
     names : further names by which this machine is called
     pages, session : the package of the pages, the class of a session ("module:class")
 

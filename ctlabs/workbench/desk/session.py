@@ -22,19 +22,19 @@ from typing import TYPE_CHECKING, Any
 
 from ctlabs.files.datafile import Record
 from ctlabs.files.modelfile import ModelFile, loads, new
-from ctlabs.files.modelfile.errors import Path
 from ctlabs.studies.understanding import Understanding, compute
-from ctlabs.workbench import commands, comparing
-from ctlabs.workbench.commands import Command
-from ctlabs.workbench.comparing import Difference
-from ctlabs.workbench.outcomes import REGISTERED, Asked, Outcome, Upload, outcome, packed
-from ctlabs.workbench.running import Running
-from ctlabs.workbench.sheet import Cell, Sheet
-from ctlabs.workbench.store import REVISIONS
+from ctlabs.workbench.desk import commands
+from ctlabs.workbench.desk.commands import Command
+from ctlabs.workbench.desk.sheet import ModelSheet
+from ctlabs.workbench.desk.store import REVISIONS
+from ctlabs.workbench.runs import comparing
+from ctlabs.workbench.runs.comparing import Difference
+from ctlabs.workbench.runs.outcomes import REGISTERED, Asked, Outcome, Upload, outcome, packed
+from ctlabs.workbench.runs.running import Running
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.store import Draft, KeptExperiment, Store
-    from ctlabs.workbench.worker import Cancel, Runner, RunProgress
+    from ctlabs.workbench.desk.store import Draft, KeptExperiment, Store
+    from ctlabs.workbench.runs.worker import Cancel, Runner, RunProgress
 
 #: Longest name of an experiment.
 LONGEST = 120
@@ -67,7 +67,7 @@ class Session:
     def __init__(self, draft: Draft, *, store: Store, runner: Runner | None = None) -> None:
         self.draft, self.store, self.runner = draft, store, runner
         self._revisions = [(each.number, each.label) for each in store.history(draft.id)]
-        self._sheet: Sheet | None = None
+        self._sheet: ModelSheet | None = None
         self._understanding: Understanding | None = None
         self._at = next(i for i, (number, _) in enumerate(self._revisions) if number == draft.number)
         self._set(_file(draft.text), draft.text)
@@ -131,10 +131,10 @@ class Session:
         return f"{word or 'model'}.toml"
 
     @property
-    def sheet(self) -> Sheet:
+    def sheet(self) -> ModelSheet:
         """The model as grids of cells, constants and equations."""
         if self._sheet is None:
-            self._sheet = Sheet(self.file)
+            self._sheet = ModelSheet(self.file)
         return self._sheet
 
     def do(self, command: Command) -> None:
@@ -214,22 +214,6 @@ class Session:
             for i, (number, label) in enumerate(self._revisions)
         )
 
-    def problems(self) -> dict[str, str]:
-        """What is wrong with the model, by place ("model.F[0][1]", "constants.q", "" for the whole)."""
-        return self.sheet.problems
-
-    def shown(self, path: Path) -> Cell:
-        """A cell: its text, value and problem."""
-        return self.sheet.shown(path)
-
-    def equations(self) -> list[str]:
-        """The model in LaTeX, with its numbers in."""
-        return self.sheet.equations()
-
-    def statement(self) -> list[str]:
-        """The model in LaTeX, as typed."""
-        return self.sheet.statement()
-
     def understand(self) -> Understanding:
         """What can be said of the model; computed once for every text."""
         if self._understanding is None:
@@ -297,7 +281,7 @@ class Session:
 
         Raises
         ------
-        ValueError, ctlabs.workbench.worker.RunFailed
+        ValueError, ctlabs.workbench.runs.worker.RunFailed
             The plan or the model cannot be run; it was cancelled, too large or too long. One line.
         """
         job, text, plan = self.job(), self.text, self.plan
@@ -367,20 +351,20 @@ class Session:
 
         "html", "png" and "svg" take about a second: call it in a thread (``asyncio.to_thread``).
         """
-        from ctlabs.workbench import exports
+        from ctlabs.workbench.runs import exports
 
         old = self._kept(number)
         return exports.export(old.name, old.model, self._plan(old.settings), self.outcome(number), kind, figure)
 
     def figures(self, number: int) -> dict[str, str]:
         """The pictures of a kept experiment, and what each shows."""
-        from ctlabs.workbench.figures import pictures
+        from ctlabs.workbench.runs.figures import pictures
 
         return {name: caption for name, (_, caption) in pictures(self.outcome(number)).items()}
 
     def export_name(self, number: int, kind: str) -> str:
         """A name for an exported file."""
-        from ctlabs.workbench import exports
+        from ctlabs.workbench.runs import exports
 
         return exports.filename(self._kept(number).name, number, kind)
 
@@ -446,7 +430,7 @@ class Session:
     ) -> Outcome:
         name, arguments = job
         if self.runner is None:
-            from ctlabs.workbench import experiments
+            from ctlabs.workbench.runs import experiments
 
             return outcome(await asyncio.to_thread(experiments.run, **arguments))
         result = await self.runner.run(name, arguments, session=self.draft.id, progress=progress, cancel=cancel)
@@ -463,7 +447,7 @@ class Session:
             self.store.note(self.draft.id, result=number)
 
     def _keep(self, found: Outcome, text: str, plan: Asked, name: str) -> int:
-        title = Sheet(loads(text, "", check=False)).title or "Untitled model"
+        title = ModelSheet(loads(text, "", check=False)).title or "Untitled model"
         words = _line(name) or f"{title}: " + (plan.data.name if plan.data else f"{plan.runs} runs, seed {plan.seed}")
         return self.store.keep(self.draft.owner, words, text, self._settings(plan), plan.seed, packed(found))
 

@@ -1,4 +1,4 @@
-"""The other end of :mod:`ctlabs.workbench.worker`: what happens inside the process of a run.
+"""The other end of :mod:`ctlabs.workbench.runs.worker`: what happens inside the process of a run.
 
 Messages to it: (name, arguments, threads) begins a run, "stop" ends it. Messages from it: "loaded" once; then for each
 run ("progress", done, total) any number of times and ("done", result) or ("failed", kind, line, traceback) once.

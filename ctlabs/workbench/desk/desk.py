@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.store import Draft, Store
-    from ctlabs.workbench.worker import Runner
+    from ctlabs.workbench.desk.store import Draft, Store
+    from ctlabs.workbench.runs.worker import Runner
 
 log = logging.getLogger("ctlabs.workbench")
 
@@ -64,7 +64,7 @@ class Desk:
         """The database, opened at first use."""
         with self._loading:
             if self._store is None:
-                from ctlabs.workbench.store import Store
+                from ctlabs.workbench.desk.store import Store
 
                 self._store = Store(self.folder)
                 if self._store.notice:
@@ -76,7 +76,7 @@ class Desk:
         """The processes for long runs; none is started yet."""
         with self._loading:
             if self._runner is None:
-                from ctlabs.workbench.worker import Runner
+                from ctlabs.workbench.runs.worker import Runner
 
                 self._runner = Runner()
             return self._runner

@@ -23,7 +23,7 @@ from ctlabs.linalg import riccati
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.companion import companion
 from ctlabs.models import spectra
-from ctlabs.workbench.plain import data
+from ctlabs.workbench.desk.plain import data
 
 #: Highest degree of a numerator or denominator.
 DEGREE = 12

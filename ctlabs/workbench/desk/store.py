@@ -6,7 +6,7 @@ is a model, its settings, its seed and its results, kept until it is deleted, wh
 
 The file is in SQLite's WAL mode: several tabs, threads and processes read while one writes. A commit survives the end of
 the process; after a loss of power the file is whole, but the last edits may be missing (``synchronous = NORMAL``).
-Nothing here depends on a page. How results become text: :mod:`ctlabs.workbench.packing`.
+Nothing here depends on a page. How results become text: :mod:`ctlabs.workbench.desk.packing`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from typing import Any
 
 import sqlalchemy as sa
 
-from ctlabs.workbench.packing import pack, unpack
+from ctlabs.workbench.desk.packing import pack, unpack
 
 #: The name of the file in the data folder.
 FILE = "workbench.sqlite3"

@@ -6,8 +6,8 @@ from pprint import pformat
 
 import ctlabs
 from ctlabs.files.modelfile import ModelFile
-from ctlabs.workbench.experiments import prepared
-from ctlabs.workbench.outcomes import Asked, Outcome
+from ctlabs.workbench.runs.experiments import prepared
+from ctlabs.workbench.runs.outcomes import Asked, Outcome
 
 
 def python(name: str, model: str, plan: Asked, found: Outcome) -> str:

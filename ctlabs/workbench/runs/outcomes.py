@@ -1,5 +1,5 @@
 """What is asked of an experiment (:class:`Asked`) and what comes out (:class:`Outcome`); how it is computed:
-:mod:`ctlabs.workbench.experiments`.
+:mod:`ctlabs.workbench.runs.experiments`.
 
 Both have a plain form (numbers, texts, lists, arrays) that travels to another process and into the store.
 """
@@ -19,12 +19,12 @@ from ctlabs.files.modelfile import ModelFile
 from ctlabs.files.modelfile.errors import meant, shown
 from ctlabs.files.modelfile.schema import RUNS, STEPS
 from ctlabs.filtering.algorithms.catalogue import FORMS
+from ctlabs.filtering.comparison import Judged
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import deviations
 from ctlabs.models.anomalies import Anomaly
-from ctlabs.studies.comparison import Judged
 
-#: The name under which :func:`ctlabs.workbench.experiments.run` is in the worker's table.
+#: The name under which :func:`ctlabs.workbench.runs.experiments.run` is in the worker's table.
 REGISTERED = "experiment"
 #: Largest measured record that a plan holds, in characters.
 LARGEST = 20_000_000

@@ -13,7 +13,7 @@ from ctlabs.reporting.plots import records, studies
 from ctlabs.text import fill, number, squared
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.outcomes import Outcome
+    from ctlabs.workbench.runs.outcomes import Outcome
 
 #: States and measurements of which an export has pictures.
 SHOWN = 6

@@ -10,11 +10,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ctlabs.workbench.commands import Open
+from ctlabs.workbench.desk.commands import Open
 from ctlabs.workbench.help import read
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.session import Session
+    from ctlabs.workbench.desk.session import Session
 
 @dataclass(frozen=True, slots=True)
 class TourStep:

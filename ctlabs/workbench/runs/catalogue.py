@@ -25,8 +25,8 @@ from ctlabs.reporting.params import Validator
 
 if TYPE_CHECKING:
     from ctlabs.files.modelfile import Entry
-    from ctlabs.workbench.running import Work
-    from ctlabs.workbench.worker import Runner
+    from ctlabs.workbench.runs.running import Work
+    from ctlabs.workbench.runs.worker import Runner
 
 #: A matrix, a list and a single value, as they are typed.
 Typed = str | Sequence[Sequence[str]]
@@ -394,7 +394,7 @@ def run_lab(
 
 
 def work(runner: Runner, draft: str, name: str, values: Mapping[str, Any], runs: int, seed: int, folder: Path) -> Work:
-    """The run of a lab for :meth:`ctlabs.workbench.running.Running.start`: in another process, its report into a folder."""
+    """The run of a lab for :meth:`ctlabs.workbench.runs.running.Running.start`: in another process, its report into a folder."""
     before = outcome(folder)
     arguments = {
         "name": name,

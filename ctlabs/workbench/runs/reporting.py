@@ -16,9 +16,9 @@ from ctlabs.filtering.filter import kalman_filter
 from ctlabs.models import anomalous
 from ctlabs.reporting.report import Report
 from ctlabs.studies import common, comparison, second
-from ctlabs.workbench.figures import pictures
-from ctlabs.workbench.outcomes import Asked, Outcome
-from ctlabs.workbench.programs import files, python
+from ctlabs.workbench.runs.figures import pictures
+from ctlabs.workbench.runs.outcomes import Asked, Outcome
+from ctlabs.workbench.runs.programs import files, python
 
 #: The second route of a report's check goes over so many steps.
 CHECKED = 1000

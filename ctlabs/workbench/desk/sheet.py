@@ -16,7 +16,7 @@ from ctlabs.files.modelfile.errors import Path, place
 from ctlabs.files.modelfile.expressions import Expression, ExpressionError, parse, values
 from ctlabs.files.modelfile.values import VARYING
 from ctlabs.text import latex_number
-from ctlabs.workbench.plain import data
+from ctlabs.workbench.desk.plain import data
 
 #: Matrices with more rows or columns are shown by their size in equations.
 LARGEST = 8
@@ -71,7 +71,7 @@ class ConstantRow:
     used: bool = False
 
 
-class Sheet:
+class ModelSheet:
     """A file, ready to be shown. Made anew for every text; all parts are computed when they are first asked for."""
 
     def __init__(self, file: ModelFile) -> None:
@@ -182,7 +182,7 @@ class Sheet:
 
     @property
     def missing_parts(self) -> tuple[str, ...]:
-        """Parts that could be added (:class:`ctlabs.workbench.commands.AddPart`); one more known input always can."""
+        """Parts that could be added (:class:`ctlabs.workbench.desk.commands.AddPart`); one more known input always can."""
         if self.kind == "continuous":
             names = ("u", "N", "Rc") if "R" in self._model else ("u", "N", "R")
             return tuple(

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from ctlabs.files.modelfile import new
-from ctlabs.workbench.experiments import run
-from ctlabs.workbench.outcomes import Asked, Upload
+from ctlabs.workbench.runs.experiments import run
+from ctlabs.workbench.runs.outcomes import Asked, Upload
 
 _MODEL = new(1, 1, 1).dumps()
 run(_MODEL, Asked(steps=20, runs=2).plain(), progress=lambda _done, _runs: None, workers=1)

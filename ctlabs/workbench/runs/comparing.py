@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ctlabs.workbench.outcomes import Outcome
+from ctlabs.workbench.runs.outcomes import Outcome
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.store import KeptExperiment
+    from ctlabs.workbench.desk.store import KeptExperiment
 
 
 class Line(NamedTuple):

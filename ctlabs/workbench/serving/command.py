@@ -34,7 +34,7 @@ def workbench(host: str, port: int | None, no_open: bool, data: Path | None) -> 
     if importlib.util.find_spec("nicegui") is None or importlib.util.find_spec("sqlalchemy") is None:
         msg = "workbench: expected its packages to be installed, received none: pip install 'ctlabs[workbench]'"
         raise click.ClickException(msg)
-    from ctlabs.workbench.server import serve
+    from ctlabs.workbench.serving.server import serve
 
     try:
         serve(host, port, show=not no_open, data=data)

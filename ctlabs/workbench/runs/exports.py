@@ -15,8 +15,8 @@ import numpy as np
 import ctlabs
 from ctlabs.linalg.checks import Array
 from ctlabs.studies import common
-from ctlabs.workbench.outcomes import Asked, Outcome, packed
-from ctlabs.workbench.programs import python
+from ctlabs.workbench.runs.outcomes import Asked, Outcome, packed
+from ctlabs.workbench.runs.programs import python
 
 #: Endings of the files, and their types for a browser.
 KINDS = {
@@ -37,7 +37,7 @@ def export(name: str, model: str, plan: Asked, found: Outcome, kind: str, figure
     ----------
     name, model, plan, found : of the experiment
     kind : one of :data:`KINDS`
-    figure : which picture ("png", "svg"), a name of :func:`ctlabs.workbench.figures.pictures`; the first where not given
+    figure : which picture ("png", "svg"), a name of :func:`ctlabs.workbench.runs.figures.pictures`; the first where not given
 
     Raises
     ------
@@ -52,7 +52,7 @@ def export(name: str, model: str, plan: Asked, found: Outcome, kind: str, figure
     if kind == "html":
         from ctlabs.reporting import render
         from ctlabs.reporting.report import Picture
-        from ctlabs.workbench.reporting import report
+        from ctlabs.workbench.runs.reporting import report
 
         made = report(name, model, plan, found)
         pictures = {block.name: render.png(block.figure) for block in made.blocks if isinstance(block, Picture)}
@@ -137,7 +137,7 @@ def _json(value: Any) -> Any:
 
 def _picture(found: Outcome, kind: str, figure: str) -> bytes:
     from ctlabs.reporting import render
-    from ctlabs.workbench.figures import pictures
+    from ctlabs.workbench.runs.figures import pictures
 
     drawn = pictures(found)
     figure = figure or next(iter(drawn))

@@ -2,7 +2,7 @@
 
 A command that is impossible raises ``ValueError`` in one line; a value that is wrong (an unknown name in a cell) is not
 impossible: it stays where it was typed, and the file tells what is wrong with it (:meth:`ctlabs.files.modelfile.ModelFile.problems`).
-A new command is a class with the method ``apply``; coloured noise is :class:`ctlabs.workbench.blocks.InsertBlock`.
+A new command is a class with the method ``apply``; coloured noise is :class:`ctlabs.workbench.desk.blocks.InsertBlock`.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import numpy as np
 from ctlabs.files.modelfile import ModelFile, loads, new
 from ctlabs.files.modelfile.errors import Path, place, shown
 from ctlabs.files.modelfile.schema import wrong_name
-from ctlabs.workbench.kinds import converted
-from ctlabs.workbench.plain import typed
+from ctlabs.workbench.desk.kinds import converted
+from ctlabs.workbench.desk.plain import typed
 
 #: The file after a command, and what was done, in a few words.
 Done: TypeAlias = tuple[ModelFile, str]

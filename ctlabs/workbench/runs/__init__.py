@@ -1,0 +1,1 @@
+"""Experiments and labs as they run: in processes of their own, what comes out, its figures, reports and files."""

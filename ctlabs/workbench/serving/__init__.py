@@ -1,0 +1,1 @@
+"""The server: the command, what listens, and the guard around it."""
