@@ -159,7 +159,8 @@ def _moved(k: int, F: Array, r: Array, before: Array, seen: AdjointInputs, sums:
 
 
 @helper
-def _measured(k: int, times: int, D: Array, X: Array, pick: Array, count: int, seen: AdjointInputs, sums: AdjointSums, out: AdjointSlopes) -> None:
+def _measured(k: int, times: int, D: Array, X: Array, pick: Array, count: int,
+              seen: AdjointInputs, sums: AdjointSums, out: AdjointSlopes) -> None:  # fmt: skip
     """What H and R gain of the sums over so many updates, the first of which is at k."""
     n, h, g = X.shape[1], k if out.H.shape[0] > 1 else 0, k if out.R.shape[0] > 1 else 0
     for a in range(count):
@@ -176,7 +177,8 @@ def _measured(k: int, times: int, D: Array, X: Array, pick: Array, count: int, s
 
 
 @helper
-def _driven(k: int, times: int, F: Array, N: Array, G: Array, work: Array, seen: AdjointInputs, sums: AdjointSums, out: AdjointSlopes) -> None:
+def _driven(k: int, times: int, F: Array, N: Array, G: Array, work: Array,
+            seen: AdjointInputs, sums: AdjointSums, out: AdjointSlopes) -> None:  # fmt: skip
     """What Φ and Qd gain of the sums over so many motions, the first of which is to k; N is that before the measurement at k."""
     n, f, q = G.shape[0], k - 1 if out.Phi.shape[0] > 1 else 0, k - 1 if out.Qd.shape[0] > 1 else 0
     for i in range(n):
