@@ -3,20 +3,18 @@
 import math
 
 import numpy as np
+from ctlabs.tasks._task05_model import SIMULATED
 from ctlabs.tasks.answers import task05 as by_hand
 from ctlabs.tasks.answers.task05 import LISTED
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import kalman_filter, settling, updates
 from ctlabs.labs.experiment import covariances
-from ctlabs.labs.portrait import agreement
-from ctlabs.reporting import plots
+from ctlabs.labs.portrait import agreement, rms
+from ctlabs.reporting.drawing import Curve, Drawing, Panel
 from ctlabs.reporting.report import EXACT
+from ctlabs.text import Uncertain
 
-STATES, UNITS = ("x", "v_x", "y", "v_y"), ("m", "m/s", "m", "m/s")
-STEP = "measurement number i"
-#: Measurements simulated at a changing geometry, fewer where the point would wander far.
-SIMULATED = 20
 #: A correlation coefficient of e_x and e_y below this is rounding of θ.
 ROUNDING = 1e-12
 
@@ -29,7 +27,7 @@ def correlation(R):
 def part_a(r, p):
     """First-order errors."""
     r.says("**Errors of the pseudo-measurements.** $z_x = D_m\\cos\\theta_m$, $z_y = D_m\\sin\\theta_m$ with $D_m = D + e_D$, $\\theta_m = \\theta + e_\\theta$. To first order in the small errors")
-    r.math(r"e_x = \cos\theta\,e_D - D\sin\theta\,e_\theta, \qquad e_y = \sin\theta\,e_D + D\cos\theta\,e_\theta")
+    r.math(r"e_x = \cos\theta\,e_D - D\sin\theta\,e_\theta, \qquad e_y = \sin\theta\,e_D + D\cos\theta\,e_\theta", "errors")
     r.says("The sheet calls $e_x$, $e_y$ independent. They are made of the same two errors and are not, except where $R_{12} = 0$ in (b); independent are $e_D$ and $e_\\theta$.")
     exact, linear, c, s = [], [], math.cos(p.theta), math.sin(p.theta)
     sizes = 0.1 * 0.5 ** np.arange(5)
@@ -38,15 +36,15 @@ def part_a(r, p):
         linear.append([c * e - s * e, s * e + c * e])
     r.order("what the first order leaves out is of the second", list(np.linalg.norm(np.subtract(exact, linear), axis=1)), 2.0, ("exact conversion", "first order"))
     bias, index = p.D * p.sigma_theta**2 / 2, p.D * p.sigma_theta**2 / 2 / p.sigma_D
-    r.says("The largest term left out shortens the radius by $D\\sigma_\\theta^2/2 = {bias}$ m on average, {index} of σ_D: the first order is {quality} here.",
+    r.says("The largest term left out shortens the radius by $D\\sigma_\\theta^2/2 = {bias}$ m on average, {index:2} of $\\sigma_D$: the first order is {quality} here.",
            bias=bias, index=index, quality="good" if index < 0.1 else "doubtful" if index < 0.5 else "not good enough")
 
 
 def part_b(r, p, answer, truth):
     """Covariance of the pseudo-measurements."""
     r.section("b", "Covariance of the pseudo-measurements")
-    r.math(r"R_{11} = \sigma_D^2\cos^2\theta + D^2\sigma_\theta^2\sin^2\theta, \qquad R_{22} = \sigma_D^2\sin^2\theta + D^2\sigma_\theta^2\cos^2\theta, \qquad R_{12} = \sin\theta\cos\theta\,(\sigma_D^2 - D^2\sigma_\theta^2)")
-    r.says("$R_{12} = 0$ on the axes and where the error across the radius, $D\\sigma_\\theta = {across}$ m, equals the one along it, $\\sigma_D = {along}$ m. (In the filter D and θ of the prediction are put in, for the true ones are not known.)", across=p.D * p.sigma_theta, along=p.sigma_D)
+    r.math(r"R_{11} = \sigma_D^2\cos^2\theta + D^2\sigma_\theta^2\sin^2\theta, \qquad R_{22} = \sigma_D^2\sin^2\theta + D^2\sigma_\theta^2\cos^2\theta, \qquad R_{12} = \sin\theta\cos\theta\,(\sigma_D^2 - D^2\sigma_\theta^2)", "covariance")
+    r.says("$R_{12} = 0$ on the axes and where the error across the radius, $D\\sigma_\\theta = {across}$ m, equals the one along it, $\\sigma_D = {along}$ m. The filter puts the predicted D and θ in, for the true ones are not known.", across=p.D * p.sigma_theta, along=p.sigma_D)
     size = float(np.trace(truth.R))
     routes = ("Jacobian of the conversion", "element by element")
     r.value("pseudo_measurement_covariance", truth.R, "m²")
@@ -59,14 +57,18 @@ def part_b(r, p, answer, truth):
     mean, exact = by_hand.moments(p.D, p.theta, p.sigma_D, p.sigma_theta)
     again = by_hand.moments_by_quadrature(p.D, p.theta, p.sigma_D, p.sigma_theta)
     r.check("exact covariance of the conversion", exact, again[1], ("closed form", "Gauss–Hermite quadrature"), scale=size)
-    r.table("moments", ["of (e_x, e_y)", "mean, m", "R11, m²", "R22, m²", "R12, m²"], [
-        ("first order", [0.0, 0.0], truth.R[0, 0], truth.R[1, 1], truth.R[0, 1]), ("exact", list(mean), exact[0, 0], exact[1, 1], exact[0, 1]),
+    r.table("moments", ["moments", "mean of $e_x$, m", "mean of $e_y$, m", "$R_{11}$, m²", "$R_{22}$, m²", "$R_{12}$, m²"], [
+        ("first order", 0.0, 0.0, truth.R[0, 0], truth.R[1, 1], truth.R[0, 1]), ("exact", *mean, exact[0, 0], exact[1, 1], exact[0, 1]),
     ], "Moments of the pseudo-measurement errors, to first order and exactly (Gaussian $e_D$, $e_\\theta$).")
     phi = np.linspace(0, 2 * math.pi, 361)
     sd, rho = np.sqrt(np.diag(truth.R)), correlation(truth.R)
-    ellipses = {"R": sd[1] * (rho * np.cos(phi) + math.sqrt(max(1 - rho**2, 0.0)) * np.sin(phi)), "diagonal of R (variant 1)": sd[1] * np.sin(phi)}
-    r.figure("ellipse", plots.lines(sd[0] * np.cos(phi), ellipses, xlabel="e_x, m", ylabel="e_y, m", straight={"radius": ([-sd[0] * math.cos(p.theta), sd[0] * math.cos(p.theta)], [-sd[0] * math.sin(p.theta), sd[0] * math.sin(p.theta)])}),
-             "One-σ ellipses of the pseudo-measurement errors: the true one, and what variant 1 believes. Dashed: direction of the radius (the axes have different scales).")
+    true, believed = sd[1] * (rho * np.cos(phi) + math.sqrt(max(1 - rho**2, 0.0)) * np.sin(phi)), sd[1] * np.sin(phi)
+    out = np.array([-1.0, 1.0]) * math.sqrt(size)
+    curves = (Curve("true, R", sd[0] * np.cos(phi), true), Curve("believed in by variant 1", sd[0] * np.cos(phi), believed, "orange"),
+              Curve("direction of the radius", out * math.cos(p.theta), out * math.sin(p.theta), "grey", "dash"))
+    r.figure("ellipse", Drawing("ellipse", "$e_x$, m", (Panel("$e_y$, m", curves),), square=True, height=5.0),
+             "One-σ ellipses of the errors of the pseudo-measurements, in one scale on both axes: the true one, and what variant 1 believes.")
+    r.says("{fig:ellipse} shows what this means: the true ellipse has its axes along and across the radius, with the half-axes {across:3} m across and {along:3} m along; without $R_{12}$ its axes would be those of x and y. {tab:moments} compares the first order with the exact moments.", across=p.D * p.sigma_theta, along=p.sigma_D)
 
 
 def shaped(theta, along, across):
@@ -78,8 +80,8 @@ def shaped(theta, along, across):
 
 def part_c(r, p, answer, truth, first, experiment, steps):
     """Variant 1."""
-    r.section("c", "Variant 1: the covariance of e_x and e_y neglected")
-    r.says("With $R_1 = \\mathrm{diag}(R_{11}, R_{22})$ and a diagonal P0 the filter falls apart into two filters of task 3, one for (x, v_x), one for (y, v_y). Each uses the right variance of its own measurement, so its own variances are *true*; what is false is the zero it believes in between x and y, and what it gives away is what the other measurement tells.")
+    r.section("c", "Variant 1: the covariance of the two errors neglected")
+    r.says("With $R_1 = \\mathrm{diag}(R_{11}, R_{22})$ and a diagonal P0 the filter falls apart into two filters of lab 3, one for x and $v_x$, one for y and $v_y$. Each uses the right variance of its own measurement, so its own variances are *true*; what is false is the zero it believes in between x and y, and what it gives away is what the other measurement tells.")
     actual, claimed = sensitivity.actual(truth, first, steps), covariances(first, steps)
     routes = ("recursion of truth and filter", "square-root arrays of one coordinate")
     listed = sensitivity.actual(truth, first, LISTED).P_plus
@@ -92,24 +94,26 @@ def part_c(r, p, answer, truth, first, experiment, steps):
     r.value("settling_step_variant1", settled, reason="not within 100 000 measurements", agrees=answer, routes=("recursion", "square-root arrays of one coordinate"), kind=EXACT)
     stats = experiment.statistics(truth, first, steps=steps)
     agreement(r, "variant 1", stats, actual.P_plus, consistent=False)
-    expected = float(np.trace(np.linalg.solve(claimed.P_plus[-1], actual.P_plus[-1])))
-    r.figure("variant1", plots.lines(range(steps + 1), {f"{name}": np.sqrt(actual.P_plus[:, j, j]) for j, name in enumerate(STATES)}, xlabel=STEP, ylabel="σ of the error (m, m/s)", steps=True, log="y",
-                                     points={"_" * j + "ensemble": (np.arange(steps + 1), stats.rms[:, j]) for j in range(4)}),
-             "Variant 1 at fixed geometry: σ of the errors in theory, RMS of {runs} runs.", runs=experiment.runs)
+    expected, nees = float(np.trace(np.linalg.solve(claimed.P_plus[-1], actual.P_plus[-1]))), Uncertain(float(stats.nees[-1]), math.sqrt(8 / stats.runs))
     coefficient = actual.P_plus[-1, 0, 2] / math.sqrt(actual.P_plus[-1, 0, 0] * actual.P_plus[-1, 2, 2])
-    r.says("It settles at measurement {settled} ({time} s).", settled=settled, time=None if settled is None else settled * p.tau)
-    if abs(correlation(truth.R)) > ROUNDING:
-        r.says("The errors of x and y have in truth the correlation coefficient {coefficient}, where the filter believes in 0. Its NEES is {nees} on average over the runs at the last measurement and {expected} in theory, as for a consistent filter: the average does not see the missing covariance, because each 2×2 block of P is right.",
-               coefficient=coefficient, nees=stats.nees[-1], expected=expected)
+    last = actual.P_plus[-1]
+    r.says("At the last of {steps} measurements the RMS errors of x and y are {x} and {y}, in theory {sd_x:4} and {sd_y:4} m.", steps=steps, x=rms(stats, unit="m"), y=rms(stats, state=2, unit="m"), sd_x=math.sqrt(last[0, 0]), sd_y=math.sqrt(last[2, 2]))
+    if settled is None:
+        r.says("The filter does not settle within 100 000 measurements.")
     else:
-        r.says("Here $R_{12} = 0$, so nothing is neglected: the filter is the optimal one, its NEES {nees} on average over the runs at the last measurement and {expected} in theory.", nees=stats.nees[-1], expected=expected)
+        r.says("It settles (all variances within 1 % of their limits) at measurement {settled}, after {time} s.", settled=settled, time=settled * p.tau)
+    if abs(correlation(truth.R)) > ROUNDING:
+        r.says("The errors of x and y have in truth the correlation coefficient {coefficient:3}, where the filter believes in 0. Its NEES is {nees} on average over the runs at the last measurement and {expected:3} in theory, as for a consistent filter: the average does not see the missing covariance, because each 2×2 block of P is right.",
+               coefficient=coefficient, nees=nees, expected=expected)
+    else:
+        r.says("Here $R_{12} = 0$, so nothing is neglected: the filter is the optimal one, its NEES {nees} on average over the runs at the last measurement and {expected:3} in theory.", nees=nees, expected=expected)
     r.says("While the coordinates themselves wander without bound (their variances grow like $\\sigma_w^2t^3/3$, those of the velocities like $\\sigma_w^2t$), the errors stay bounded: both coordinates are observed, and all noises reach them.")
 
 
 def part_d(r, answer, truth):
     """LDLᵀ."""
     r.section("d", "LDLᵀ of the covariance")
-    r.math(r"R = LDL^T, \qquad L = \begin{bmatrix} 1 & 0 \\ l_{21} & 1 \end{bmatrix}, \qquad l_{21} = \frac{R_{12}}{R_{11}}, \qquad d_1 = R_{11}, \qquad d_2 = R_{22} - \frac{R_{12}^2}{R_{11}} = \frac{\sigma_D^2D^2\sigma_\theta^2}{R_{11}}")
+    r.math(r"R = LDL^T, \qquad L = \begin{bmatrix} 1 & 0 \\ l_{21} & 1 \end{bmatrix}, \qquad l_{21} = \frac{R_{12}}{R_{11}}, \qquad d_1 = R_{11}, \qquad d_2 = R_{22} - \frac{R_{12}^2}{R_{11}} = \frac{\sigma_D^2D^2\sigma_\theta^2}{R_{11}}", "factors")
     r.says("since $\\det R = \\sigma_D^2D^2\\sigma_\\theta^2$ (a rotation does not change it). Both d are positive as long as both errors exist.")
     new = updates.decorrelate(truth.H, truth.R)
     size = math.sqrt(truth.R[1, 1] / truth.R[0, 0])
@@ -123,8 +127,8 @@ def part_d(r, answer, truth):
 def part_e(r, truth, experiment):
     """Decorrelated pseudo-measurements."""
     r.section("e", "Decorrelated pseudo-measurements")
-    r.math(r"z' = L^{-1}z = \begin{bmatrix} z_x \\ z_y - l_{21}z_x \end{bmatrix}, \qquad H' = L^{-1}H = \begin{bmatrix} 1 & 0 & 0 & 0 \\ -l_{21} & 0 & 1 & 0 \end{bmatrix}, \qquad E[e'e'^T] = L^{-1}RL^{-T} = \mathrm{diag}(d_1, d_2)")
-    r.says("The sheet speaks of z only; the matrix H must be multiplied too, as $z' = L^{-1}(Hx + e) = H'x + e'$. Now the measurements enter one after another by scalars: $S = h'Ph'^T + d$, without the inverse of a matrix. Nothing is lost: the updates are those of all elements at once.")
+    r.math(r"z' = L^{-1}z = \begin{bmatrix} z_x \\ z_y - l_{21}z_x \end{bmatrix}, \qquad H' = L^{-1}H = \begin{bmatrix} 1 & 0 & 0 & 0 \\ -l_{21} & 0 & 1 & 0 \end{bmatrix}, \qquad E[e'e'^T] = L^{-1}RL^{-T} = \mathrm{diag}(d_1, d_2)", "decorrelated")
+    r.says("The sheet speaks of z only; the matrix H must be multiplied too, as $z' = L^{-1}(Hx + e) = H'x + e'$. Now the measurements enter one after another by scalars: $S = h'Ph'^T + d$, without the inverse of a matrix {ref:maybeck, section 5.6}. Nothing is lost: the updates are those of all elements at once.")
     new, by = updates.decorrelated(truth)
     r.math(r"H' = {H}, \qquad d = {d}", H=new.H, d=by.d)
     some = experiment.histories(truth, steps=SIMULATED)
@@ -135,6 +139,6 @@ def part_e(r, truth, experiment):
     r.check("estimates of one record, relative to the largest", 1 + error / sizes, np.ones_like(error), ("z', one element after another", "z, both at once"))
     r.check("covariances of the same", apart.P_plus, some.P_plus, ("z', one element after another", "z, both at once"))
     if abs(correlation(truth.R)) > ROUNDING:
-        r.says("With the old H and the new z' the filter would be wrong by $-l_{21}x$ in the second element, {wrong} m at t0.", wrong=-by.L[1, 0] * truth.x0[0])
+        r.says("With the old H and the new z' the filter would be wrong by $-l_{21}x$ in the second element, {wrong:4} m at $t_0$.", wrong=-by.L[1, 0] * truth.x0[0])
     else:
         r.says("Here $R_{12} = 0$ and $l_{21} = 0$: there is nothing to decorrelate, $z' = z$.")

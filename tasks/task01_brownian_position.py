@@ -15,13 +15,14 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from ctlabs.tasks._task01_words import answers, conclusions, discussion, result
 from ctlabs.tasks.answers import task01 as by_hand
 from ctlabs.tasks.answers.task01 import AFTER
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import settling, settling_step, steady
 from ctlabs.labs.experiment import Experiment, covariances
-from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.portrait import agreement, portrait, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
@@ -38,6 +39,8 @@ META = {
 }
 
 STEP = "measurement number i"
+#: Measurements in a run, and by what factor every third one is worse where R is to vary.
+STEPS, WORSE = 40, 10
 FACTORS = (0.01, 0.1, 1.0, 10.0, 100.0)
 
 
@@ -49,7 +52,7 @@ class Parameters(LabParameters):
     R: VarianceOrVariances = given(1.0, unit="m²", meaning="variance of the measurement error, or a list over the measurements")
     x0_mean: Real = given(0.0, unit="m", meaning="mean of x(t0)")
     P0: Variance = given(10.0, unit="m²", meaning="variance of x(t0)")
-    steps: Count = given(10, unit="1", meaning="number of measurements (a list R sets it)")
+    steps: Count = given(10, unit="1", meaning="number of measurements (a list R sets it)", symbol="N")
 
 
 def model(p, R, sigma_w2=None):
@@ -65,14 +68,14 @@ def continuous(p, sigma_w2=None):
 
 
 def analysis(r, p, answer, R):
-    """Model, filter and closed forms."""
-    r.section("a", "Model and filter")
-    r.says("The constant $x_0$ and the Brownian motion are one state: $\\dot{x} = w$ with $x(t_0) = x_0$. Over one period the increments add $Q_d = \\sigma_w^2\\tau$ to the variance (σ_w² is a diffusion, m²/s, not a variance):")
+    """Model and filter."""
+    r.part = "a"
+    r.says("**Model.** The constant $x_0$ and the Brownian motion are one state: $\\dot{x} = w$ with $x(t_0) = x_0$. Over one period the increments add $Q_d = \\sigma_w^2\\tau$ to the variance, where $\\sigma_w^2$ is a diffusion in m²/s and not a variance {ref:maybeck, section 4.9}:")
     r.math(r"F = 0, \quad G = 1, \quad Q = \sigma_w^2, \quad \Phi = 1, \quad Q_d = \sigma_w^2\tau, \quad H = 1")
     r.model(model(p, R))
-    r.math(r"\hat x(t_i^-) = \hat x(t_{i-1}^+), \qquad P(t_i^-) = P(t_{i-1}^+) + Q_d")
-    r.math(r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R(t_i)}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = [1 - K(t_i)]P(t_i^-)")
-    r.says("The position itself never becomes stationary (its variance grows by $Q_d$ each period); its estimation error does.")
+    r.says("**Filter.** From $\\hat{x}(t_0^+) = \\bar x_0$ and $P(t_0^+) = P_0$ {ref:maybeck, section 5.3},")
+    r.math(r"\hat x(t_i^-) = \hat x(t_{i-1}^+), \qquad P(t_i^-) = P(t_{i-1}^+) + Q_d", "prediction")
+    r.math(r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R(t_i)}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = [1 - K(t_i)]P(t_i^-)", "update")
     at = [i * p.tau for i in range(1, len(by_hand.variances(p)) + 1)]
     system = model(p, by_hand.variances(p))
     schedule = covariances(system, len(at))
@@ -82,26 +85,37 @@ def analysis(r, p, answer, R):
     r.value("gain", schedule.K[1:, 0, 0], "1", at=at, agrees=answer, routes=routes)
     wrong = sensitivity.actual(replace(system, x0=[p.x0_mean + 1.0]), system, len(at))
     r.value("bias_factor", -wrong.bias_plus[1:, 0], "1", at=at, agrees=answer, routes=("joint recursion of the means", "product of 1 − K"))
-    r.says("A wrong initial mean leaves the bias $b_i = b_0\\prod_{j \\le i}(1 - K(t_j))$: after {n} measurements {left} of it is left.", n=len(at), left=answer["bias_factor"][-1])
+    r.says("**Bias.** The error $e = \\hat x - x$ obeys $e(t_i^+) = [1 - K(t_i)][e(t_{i-1}^+) - w_d(t_{i-1})] + K(t_i)v(t_i)$, in which both noises have the mean zero. If the filter starts at the right mean its estimates are therefore unbiased at every instant. If it starts at a mean that is wrong by $b_0$ the bias is")
+    r.math(r"b_i = b_0\prod_{j \le i}[1 - K(t_j)],", "bias")
+    r.says("so that after {n} measurements the share {left:3} of it is left.", n=len(at), left=answer["bias_factor"][-1])
+    steady_state(r, p, answer, R)
 
-    r.section("c", "The steady state depends on one ratio")
-    r.says("With $\\rho = \\sigma_w^2\\tau/R$ the steady variances and gain are")
-    r.math(r"\bar P^\mp = \tfrac12\left[\pm Q_d + \sqrt{Q_d^2 + 4Q_dR}\,\right], \qquad \bar K = \tfrac12\left[-\rho + \sqrt{\rho^2 + 4\rho}\,\right], \qquad \frac{\bar P^+}{R} = \bar K")
+
+def steady_state(r, p, answer, R):
+    """Closed forms of the limit, and when it is reached."""
+    r.part = "c"
+    r.says("**Steady state.** The position itself never becomes stationary where $\\sigma_w^2 > 0$, for its variance grows by $Q_d$ each period; its estimation error does, in the wide sense. With $P(t_i^+) = P(t_{i-1}^+) = \\bar P^+$ the equations of the filter become a quadratic, and with $\\rho = \\sigma_w^2\\tau/R$")
+    r.math(r"\bar P^\mp = \tfrac12\left[\pm Q_d + \sqrt{Q_d^2 + 4Q_dR}\,\right], \qquad \bar K = \tfrac12\left[-\rho + \sqrt{\rho^2 + 4\rho}\,\right], \qquad \frac{\bar P^+}{R} = \bar K", "steady")
+    r.says("Everything but the scale depends on ρ alone. That the filter tends to this limit from any $P_0$ is a theorem {ref:anderson_moore, section 4.4}. **Settling** is defined here by one per cent: the error is called stationary from the first measurement after which $P(t_i^+)$ stays within 1 % of $\\bar P^+$. That depends on $P_0$ as well as on ρ.")
     limited = math.isfinite(R)
     reason = "" if limited else "the last measurement is absent (R = ∞): the variance grows without limit"
     limit = steady.solve(model(p, R)) if limited else None
     routes = ("Riccati equation", "closed form")
-    r.value("prior_variance_steady", None if limit is None else limit.P_minus[0, 0], "m²", reason=reason, agrees=answer, routes=routes)
-    r.value("posterior_variance_steady", None if limit is None else limit.P_plus[0, 0], "m²", reason=reason, agrees=answer, routes=routes)
-    r.value("gain_steady", None if limit is None else limit.K[0, 0], "1", reason=reason, agrees=answer, routes=routes)
+    r.value("prior_variance_steady", None if limit is None else limit.P_minus[0, 0], "m²", symbol=r"\bar P^-", reason=reason, agrees=answer, routes=routes)
+    r.value("posterior_variance_steady", None if limit is None else limit.P_plus[0, 0], "m²", symbol=r"\bar P^+", reason=reason, agrees=answer, routes=routes)
+    r.value("gain_steady", None if limit is None else limit.K[0, 0], "1", symbol=r"\bar K", reason=reason, agrees=answer, routes=routes)
     settled = settling(model(p, R)) if limited else None
     listed = settled if np.ndim(p.R) == 0 or not limited else settled_after(p, R)
     if listed is not None:
         r.check("settling step", listed, answer["settling_step"], ("recursion", "information form"), EXACT)
     r.value("settling_step", answer["settling_step"] if listed is None else listed, "1",
             reason=reason or "the limit is 0, and a variance that decays to 0 never stays within 1 % of it")
-    if limited:
-        r.says("Here $\\rho = {ratio}$: the gain tends to {gain}, the error variance to {after} m² after and {before} m² before an update, and every step multiplies an old error by {factor}.",
+    if not limited:
+        r.says("Here the last measurement is absent, and it is taken to be absent for ever: there is no steady state, and the variance grows by $Q_d$ each period.")
+    elif limit.K[0, 0] == 0:
+        r.says("Here $\\sigma_w^2 = 0$: the state is a constant, the limit is $\\bar P^\\mp = 0$ with $\\bar K = 0$. It is approached like $R/i$, so that the variance never stays within one per cent of it: nothing settles.")
+    else:
+        r.says("Here $\\rho = {ratio}$: the gain tends to {gain}, the error variance to {after} m² after and {before} m² before an update, and every step multiplies an old error by $1 - \\bar K = {factor}$.",
                ratio=p.sigma_w2 * p.tau / R if R else math.inf, gain=limit.K[0, 0], after=limit.P_plus[0, 0], before=limit.P_minus[0, 0], factor=1 - limit.K[0, 0])
 
 
@@ -117,54 +131,112 @@ def settled_after(p, R):
 
 def plan(r, experiment):
     """Every number chosen."""
-    steps = 40
+    r.says("{tab:plan} lists what was chosen. One factor is changed at a time. The quality of the estimates is their bias, their accuracy (the RMS error) and the time until the error is stationary, as defined above.")
     r.table("plan", ["quantity", "value", "why"], [
-        ["measurements in a run", steps, "several settling times of the given parameters"],
-        ["factors of (a), (b), (c)", list(FACTORS), "two decades to each side of the given value"],
+        ["measurements in a run", STEPS, "several settling times where the given parameters have one"],
+        ["factors of (a), (b), (c)", "0.01, 0.1, 1, 10, 100", "two decades to each side of the given value"],
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "the same for every filter"],
-        ["steps after the anomaly", AFTER, "enough to see the recovery"],
+        ["measurements after the anomaly", AFTER, "enough to see the recovery"],
     ], "Plan of the experiment.")
-    return {"steps": steps}
+    return {"steps": STEPS}
 
 
-def sweep(r, build, experiment, steps, part, title, name, cases):
+def sweep(r, build, experiment, steps, part, name, symbol, cases, *, drawn=True):
     """Bias, accuracy and settling for several values of one factor, theory beside the ensemble."""
-    r.section(part, title)
-    rows, curves, symbol = [], {}, text(name).split(",")[0]
+    rows, curves, unit = [], {}, text(name).split(", ")[1]
     for shown, sigma_w2, R in cases:
         if not math.isfinite(R):
             continue
         system = build(R, sigma_w2)
         schedule, limit = covariances(system, steps), steady.solve(system)
         stats = experiment.statistics(system, steps=steps)
-        worst = agreement(r, f"{symbol} = {shown:g}", stats, schedule.P_plus)
+        agreement(r, f"{text(name).split(',')[0]} = {shown:g}", stats, schedule.P_plus)
         left = float(np.prod(1 - schedule.K[1:11, 0, 0]))
-        rows.append((shown, limit.K[0, 0], math.sqrt(limit.P_plus[0, 0]), stats.rms[-1, 0], left, settling(system), worst))
-        curves[f"{symbol} = {shown:g}"] = schedule.sd_plus[:, 0]
-    r.table(f"sweep_{part}", [name, "K̄", "steady σ, m", "RMS of the ensemble, m", "share of an initial bias left after 10 measurements", "settling step", "largest deviation, σ"], rows,
-            "Quality of the estimates: accuracy, bias and settling.")
-    if curves:
-        figure = plots.lines(range(steps + 1), curves, xlabel=STEP, ylabel="σ of the error after an update, m", ordered=True, log="y" if all(c.min() > 0 for c in curves.values()) else "", steps=True)
-        r.figure(f"sweep_{part}", figure, "Standard deviation of the error along the measurements.")
+        rows.append((shown, limit.K[0, 0], math.sqrt(limit.P_plus[0, 0]), schedule.sd_plus[-1, 0], rms(stats), left, settling(system) or "—"))
+        curves[f"${symbol} = {shown:g}$ {unit}"] = schedule.sd_plus[:, 0]
+    r.table(f"sweep_{part}", [f"${symbol}$, {unit}", "K̄", "steady σ, m", "σ at the end, m", "RMS at the end, m", "bias left after 10", "settles at"], rows,
+            "Quality of the estimates, by theory and by the ensemble at the last of {steps} measurements; the share of an initial bias that is left after ten; and the measurement at which the error has settled to 1 %.", steps=steps)
+    if drawn and len(curves) > 1:
+        figure = plots.lines(range(steps + 1), curves, xlabel=STEP, ylabel="σ of the error after an update, m", log="y" if all(c.min() > 0 for c in curves.values()) else "", steps=True)
+        r.figure(f"sweep_{part}", figure, "Standard deviation of the error along the measurements. Each curve comes from the same $P_0$ and ends on its own level.")
+    return len(curves)
 
 
 def part_a(r, p, build, experiment, steps, R):
     """The diffusion."""
-    sweep(r, build, experiment, steps, "a", "Influence of the diffusion", "diffusion σ_w², m²/s",
-          [(p.sigma_w2 * f, p.sigma_w2 * f, R) for f in FACTORS])
+    r.section("a", "Influence of the diffusion")
+    diffusions(r, p, build, experiment, steps, R)
+    found = portrayed(r, build, experiment, steps, R)
+    if found["sd"] is not None:
+        wrong_mean(r, p, build, experiment, steps, R)
+    return found
+
+
+def diffusions(r, p, build, experiment, steps, R):
+    """The sweep over the diffusion, and what one sees in it."""
+    factors = FACTORS if p.sigma_w2 else (1.0,)
+    drawn = sweep(r, build, experiment, steps, "a", "diffusion σ_w², m²/s", r"\sigma_w^2", [(p.sigma_w2 * f, p.sigma_w2 * f, R) for f in factors])
+    if drawn > 1:
+        r.says("{fig:sweep_a} and {tab:sweep_a}: all curves begin at $\\sqrt{P_0}$. A small diffusion lets the filter average many measurements: its σ goes on falling like $\\sqrt{R/i}$ for long and ends low. A large one stops it early and high. The bias is the faster forgotten the larger the diffusion.")
+    elif drawn:
+        r.says("No diffusion is given, and no factor changes that: {tab:sweep_a} has one row.")
+
+
+def portrayed(r, build, experiment, steps, R):
+    """The ensemble of the given system."""
+    if not (math.isfinite(R) and R > 0):
+        r.says("The last of the variances of measurement is {R} m², and no ensemble of the given system is shown.", R=R)
+        return {"measured": None, "sd": None}
+    limit = steady.solve(build(R))
+    stats = portrait(r, experiment, build(R), steps, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]), figures={
+        "ensemble": "The points scatter about theory; about one in twenty is expected outside the bands."})
+    sd = float(covariances(build(R), steps).sd_plus[-1, 0])
+    r.says("{fig:ensemble} shows the given system. The mean error stays within its band about zero: the filter is unbiased. The RMS error at the last measurement is {measured}, in theory {sd:4} m.", measured=rms(stats, unit="m"), sd=sd)
+    return {"measured": rms(stats, unit="m"), "sd": sd}
+
+
+def wrong_mean(r, p, build, experiment, steps, R):
+    """A filter that starts at a wrong mean."""
+    start = 3 * math.sqrt(p.P0) or 3 * math.sqrt(R)
+    believed = build(R)
+    truth = replace(believed, x0=believed.x0 + start)
+    actual, wrong = sensitivity.actual(truth, believed, steps), experiment.statistics(truth, believed, steps=steps, stream=2)
+    agreement(r, "wrong initial mean", wrong, actual.P_plus, actual.bias_plus, consistent=False)
+    i = np.arange(min(steps, 15) + 1)
+    figure = plots.lines(i, {"theory": -actual.bias_plus[i, 0]}, xlabel=STEP, ylabel="bias, truth − estimate, m", points={"ensemble": (i, -wrong.bias[i, 0])}, steps=True, marker=".")
+    r.figure("bias", figure, "Bias of a filter whose initial mean is wrong by {start:3} m: theory and the mean of the ensemble.", start=start)
+    r.says("**A wrong initial mean.** In {fig:bias} the filter starts {start:3} m too low. " + ("Its P does not know of that, and its gain is 0 from the start: the bias stays." if p.P0 == 0 and p.sigma_w2 == 0 else
+           "The bias falls by the factor $1 - K(t_i)$ at each measurement, as in {eq:bias}: at first by large steps, because P is large, then by those of the later gain."), start=start)
 
 
 def part_b(r, p, build, experiment, steps, R):
     """The measurements."""
-    sweep(r, build, experiment, steps, "b", "Influence of the measurement variance", "variance R, m²",
-          [(R * f, p.sigma_w2, R * f) for f in FACTORS])
+    r.section("b", "Influence of the measurement variance")
+    drawn = sweep(r, build, experiment, steps, "b", "variance R, m²", "R", [(R * f, p.sigma_w2, R * f) for f in (FACTORS if R else (1.0,))])
+    if drawn > 1:
+        r.says("R is varied, the diffusion is kept. In {fig:sweep_b} a larger R raises the whole curve: after one measurement σ is near $\\sqrt R$ where that is small beside $\\sqrt{P_0}$, and where it is not, the measurement hardly counts. {tab:sweep_b} shows that the settling step depends on more than ρ: where $P_0$ happens to be near the limit the error settles early.")
+    varying(r, p, build, experiment, R)
 
 
-def part_c(r, p, build, experiment, steps):
+def varying(r, p, build, experiment, R):
+    """A variance that changes from one measurement to the next."""
+    listed = list(p.R) if np.ndim(p.R) else [R, R, WORSE * R] * 8
+    system = build(listed)
+    stats, schedule = experiment.statistics(system, steps=len(listed), stream=3), covariances(system, len(listed))
+    agreement(r, "varying variance", stats, schedule.P_plus)
+    i = np.arange(1, len(listed) + 1)
+    variances = schedule.P_plus[1:, 0, 0]
+    figure = plots.lines(i, {"theory": variances}, xlabel=STEP, ylabel="error variance after an update, m²", steps=True, marker=".", points={"ensemble": (i, stats.rms[1:, 0] ** 2)})
+    r.figure("varying", figure, "Error variance where R(t_i) is not constant: theory and ensemble.")
+    r.says("**A variance that changes.** The equations hold for any known sequence $R(t_i)$. " + ("{fig:varying} shows the given list." if np.ndim(p.R) else
+           "In {fig:varying} every third measurement has {worse} times the variance R of the others. The filter knows it and gives that measurement a small gain; the variance rises there, and the next good measurement brings it down."), worse=WORSE)
+
+
+def part_c(r, p, build):
     """The ratio alone counts."""
-    r.section("c", "Influence of the ratio σ_w²τ/R")
-    rows, curves = [], {}
+    r.section("c", "Influence of the ratio of both")
+    rows = []
     for ratio in FACTORS:
         R = p.sigma_w2 * p.tau / ratio or 1.0
         Qd = ratio * R
@@ -173,22 +245,19 @@ def part_c(r, p, build, experiment, steps):
         r.check(text("K̄ at ρ = {ratio}, σ_w² and R seven times larger", ratio=ratio), other.K[0, 0], limit.K[0, 0], ("scaled system", "system"))
         r.check(text("K̄ at ρ = {ratio}", ratio=ratio), limit.K[0, 0], by_hand.gain_by_ratio(Qd, R), ("Riccati equation", "closed form"))
         rows.append((ratio, limit.K[0, 0], limit.P_plus[0, 0] / R, 1 - limit.K[0, 0], settling(build(R, Qd / p.tau))))
-    r.table("ratio", ["ρ", "K̄", "P̄⁺/R", "multiplier 1 − K̄", "settling step"], rows, "The gain and the relative variance depend on ρ alone; the settling step also on P0.")
+    r.table("ratio", ["ρ", "K̄", "P̄⁺/R", "multiplier 1 − K̄", "settles at"], rows, "The gain and the relative variance depend on ρ alone; the settling step on $P_0$ too.")
     ratios = np.logspace(-3, 3, 121)
-    curves = {"K̄ = P̄⁺/R": [by_hand.gain_by_ratio(x, 1.0) for x in ratios], "error multiplier 1 − K̄": [1 - by_hand.gain_by_ratio(x, 1.0) for x in ratios]}
+    curves = {"$\\bar K = \\bar P^+/R$": [by_hand.gain_by_ratio(x, 1.0) for x in ratios], "error multiplier $1 - \\bar K$": [1 - by_hand.gain_by_ratio(x, 1.0) for x in ratios]}
     figure = plots.lines(ratios, curves, xlabel="ratio $\\rho = \\sigma_w^2\\tau/R$", ylabel="steady gain, multiplier (ratio)", log="x",
                          points={"table": (FACTORS, [row[1] for row in rows])}, ylim=(0.0, 1.02))
-    r.figure("ratio", figure, "The steady gain: below ρ ≈ 0.1 the filter averages many measurements, above ρ ≈ 10 it follows the last one.")
-    R = by_hand.variances(p)[-1]
-    if math.isfinite(R) and R > 0:
-        limit = steady.solve(build(R))
-        portrait(r, experiment, build(R), steps, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]))
+    r.figure("ratio", figure, "The steady gain and what is left of an old error at each step. Below ρ ≈ 0.1 the filter averages many measurements, above ρ ≈ 10 it follows the last one.")
+    r.says("{fig:ratio} and {tab:ratio}: the gain rises from $\\sqrt\\rho$ at small ρ to 1. The curves cross at $\\bar K = \\tfrac12$, ρ = ½, where prediction and measurement have equal weights. A system with both variances seven times larger has the same gain, as computed beside each row.")
 
 
 def part_d(r, p, build, answer, experiment, R):
     """One anomalous measurement in the steady state."""
     r.section("d", "One anomalous measurement in the steady state")
-    r.says("At $t_*$ a measurement with $R \\to \\infty$ has $K = 0$: the prediction passes unchanged. One with $R = 0$ has $K = 1$: the estimate becomes the measurement and the error zero. Then the ordinary measurements bring the variance back to its limit, from above or from below.")
+    r.says("At $t_*$ a measurement with $R \\to \\infty$ has $K = 0$: the prediction passes unchanged. One with $R = 0$ has $K = 1$ wherever $P(t_*^-) > 0$: the estimate becomes the measurement and its error zero. Then the ordinary measurements bring the variance back to its limit, from above or from below.")
     reason = "without a last finite R there is no steady state"
     if answer["gain_steady"] is None:
         r.value("posterior_variance_missing", None, "m²", reason=reason, agrees=answer, routes=("recursion", "information form"))
@@ -210,36 +279,25 @@ def part_d(r, p, build, answer, experiment, R):
         curves[what] = schedule.P_plus[:, 0, 0]
         ensembles["_" * len(ensembles) + "ensembles"] = (x, stats.rms[:, 0] ** 2)
     r.check("a missing measurement leaves the prediction unchanged", curves["missing (R = ∞)"][settled + 1], limit.P_minus[0, 0], ("recursion", "Riccati equation"))
-    straight = {"limit P̄⁺": ([x[0], x[-1]], [limit.P_plus[0, 0]] * 2)}
-    figure = plots.lines(x, curves, xlabel="measurement number after t*", ylabel="error variance after the update, m²", straight=straight, points=ensembles, steps=True)
-    r.figure("anomaly", figure, "One missing and one perfect measurement in the steady state, and the recovery; the ensemble beside the theory.")
-    ratio = (1 - answer["gain_steady"]) ** 2
-    r.says("Near the limit the deviation shrinks by $(1-\\bar{K})^2 = {ratio}$ per measurement, whichever its cause.", ratio=ratio)
+    if not limit.P_minus[0, 0]:
+        r.says("Here the steady state is $\\bar P^\\mp = 0$: nothing is left to be learnt, and an anomaly changes nothing.")
+        return
+    straight = {"limit $\\bar P^+$": ([x[0], x[-1]], [limit.P_plus[0, 0]] * 2)}
+    figure = plots.lines(x, curves, xlabel="measurement number after $t_*$", ylabel="error variance after the update, m²", straight=straight, points=ensembles, steps=True, marker=".")
+    r.figure("anomaly", figure, "One missing and one perfect measurement in the steady state, and the recovery; the ensembles (black) beside the theory.")
+    r.says("{fig:anomaly} shows both: a missing measurement costs one prediction, a perfect one is soon spent, because the diffusion makes the state unknown again. Near the limit the deviation shrinks by $(1-\\bar{K})^2 = {ratio:3}$ per measurement, whichever its cause.", ratio=(1 - answer["gain_steady"]) ** 2)
 
 
-def conclusions(r, p, answer, R):
-    """What the numbers say."""
-    lines = []
-    gain = answer["gain_steady"]
-    if gain is None:
-        lines.append("The last measurement is absent for ever: the error variance grows without limit, like the Brownian motion.")
-    elif gain == 0:
-        lines.append("Without diffusion the state is a constant: the gain tends to 0 like 1/i and every measurement counts equally. The error variance tends to 0 and never settles.")
-    elif R == 0:
-        lines.append("Measurements without error make the gain 1: the estimate is the last measurement, its error zero until the next increment of the Brownian motion.")
-    else:
-        lines.append(text("At ρ = {ratio} the gain is {gain}: an estimate weighs about {memory} measurements. Larger σ_w² or smaller R raise the gain: the filter then forgets faster, settles sooner and is less accurate relative to R.",
-                          ratio=p.sigma_w2 * p.tau / R, gain=gain, memory=round(1 / gain, 2)))
-        lines.append(text("A missing measurement raises the variance from {limit} to {missing} m², a perfect one lowers it to 0; {steps} measurements later they are at {later} and {perfect} m².",
-                          limit=answer["posterior_variance_steady"], missing=answer["posterior_variance_missing"][0], steps=AFTER,
-                          later=answer["posterior_variance_missing"][-1], perfect=answer["posterior_variance_perfect"][-1]))
-    if gain and R:
-        lines.append("Only the ratio σ_w²τ/R shapes the filter; the scale of the variances is R.")
-    lines.append(largest(r))
-    r.items(lines)
-
-
-PARTS = Skeleton(analysis=(analysis,), plan=plan, experiment=(part_a, part_b, part_c, part_d), conclusions=conclusions)
+PARTS = Skeleton(
+    result=result,
+    key="ratio",
+    analysis=(analysis,),
+    plan=plan,
+    experiment=(part_a, part_b, part_c, part_d),
+    discussion=discussion,
+    answers=answers,
+    conclusions=conclusions,
+)
 
 
 def report(p, experiment: Experiment) -> Report:

@@ -10,18 +10,18 @@ the variance of U1 is 0.45607 before and 0.17456 after the first perfect measure
 """
 
 import math
-from dataclasses import replace
 
 import mpmath
 import numpy as np
+from ctlabs.tasks._task09_alarm import alarm
+from ctlabs.tasks._task09_words import answers, conclusions, discussion, result
 from ctlabs.tasks.answers import task09 as by_hand
 from ctlabs.tasks.answers.task09 import DIGITS, STRENGTH
-from scipy.special import ndtr
 
 from ctlabs.filtering import settling, steady
 from ctlabs.filtering.between import between
 from ctlabs.labs.experiment import Experiment, covariances
-from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.portrait import agreement, portrait, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel, shaping
 from ctlabs.models.discretisation import discretise
@@ -40,8 +40,6 @@ META = {
 
 #: Parts of an interval in the plot of P(t).
 POINTS = 60
-#: Margins of the alarm rule, and limits, in standard deviations of the error and of the voltage.
-FACTORS, LIMITS = (0, 1, 2, 3), (2, 3)
 TIME = "t, s"
 
 
@@ -53,8 +51,8 @@ class Parameters(LabParameters):
     C1: Positive = given(1.0, unit="F", meaning="first capacitor")
     C2: Positive = given(1.0, unit="F", meaning="second capacitor")
     dt: Positive = given(0.5, unit="s", meaning="period of the measurements")
-    steps: Count = given(4, unit="1", meaning="number of measurements")
-    R_over_b2: VarianceOrInf = given(0.2, unit="1", meaning="variance of the measurement noise in part (b), over b²")
+    steps: Count = given(4, unit="1", meaning="number of measurements", symbol="N")
+    R_over_b2: VarianceOrInf = given(0.2, unit="1", meaning="variance of the measurement noise in part (b), over b²", symbol="R/b^2")
 
 
 def system(p, kind="ladder"):
@@ -69,10 +67,11 @@ def system(p, kind="ladder"):
 def part_a(r, p, answer, perfect):
     """The model, and perfect measurements."""
     r.section("a", "Perfect measurements: the optimal estimate")
-    r.says("The sheet's figure is missing. The most plausible circuit with these parts and a voltage $U_1$ on $C_1$ is a ladder of two RC sections with the output $U_0$ on $C_2$; it is taken here. What two other circuits would give stands in part II.")
+    r.says("The sheet's figure is missing. The most plausible circuit with these parts and a voltage $U_1$ on $C_1$ is a ladder of two RC sections with the output $U_0$ on $C_2$; {fig:circuit} shows it, and it is taken here. What two other circuits would give is in {tab:circuits}.")
     r.figure("circuit", plots.ladder([("$R_1$", "$C_1$", "$U_1$"), ("$R_2$", "$C_2$", "")], source="$u$", output="$U_0$", enclosure="black box"), "The circuit assumed: only $u$ and $U_0$ lead out of the box.")
     r.says("The currents into the two nodes give")
     r.math(r"C_1\dot U_1 = \frac{u-U_1}{R_1} - \frac{U_1-U_0}{R_2}, \qquad C_2\dot U_0 = \frac{U_1-U_0}{R_2}")
+    r.says("With the state $x = (U_1, U_0)^T$ this is $\\dot x = Fx + Gu$, where")
     r.math(r"F = \begin{bmatrix} -\frac1{R_1C_1}-\frac1{R_2C_1} & \frac1{R_2C_1} \\ \frac1{R_2C_2} & -\frac1{R_2C_2} \end{bmatrix}, \quad G = \begin{bmatrix} \frac1{R_1C_1} \\ 0 \end{bmatrix}, \quad Q = 2b^2, \quad H = \begin{bmatrix} 0 & 1 \end{bmatrix}, \quad P_0 = 0")
     nodes = {
         "u": Node((0, 0), "$u$", "signal"), "1": Node((1.1, 0), "", "sum"), "a": Node((2.4, 0), r"$\frac{1/R_1C_1}{s+f_1}$"),
@@ -81,24 +80,25 @@ def part_a(r, p, answer, perfect):
     }
     arrows = [Arrow("u", "1"), Arrow("1", "a"), Arrow("a", "b", "$U_1$"), Arrow("b", "b2"), Arrow("b2", "s", "$U_0$"), Arrow("s", "2"), Arrow("v", "2"),
               Arrow("2", "z"), Arrow("b2", "k", turn="along"), Arrow("k", "1")]
-    r.figure("diagram", plots.block_diagram(nodes, arrows), "The same as a block diagram, with $f_1 = 1/R_1C_1 + 1/R_2C_1$ and $f_2 = 1/R_2C_2$. The second section loads the first, which is the feedback; v is zero in part (a).")
-    r.says("All variances below are in units of $b^2$ (V²), voltages in units of $b$. For the given parts, sampled every {dt} s:", dt=p.dt)
+    r.figure("diagram", plots.block_diagram(nodes, arrows), "The circuit as a block diagram, with $f_1 = 1/R_1C_1 + 1/R_2C_1$ and $f_2 = 1/R_2C_2$. The second section loads the first, which is the feedback; v is zero in part (a).")
+    r.says("{fig:diagram} shows what the loading does: the output voltage acts back on $U_1$. So $U_0$ is $U_1$ smoothed by a first-order lag with the time constant $R_2C_2$, and the filter has to undo that lag.")
+    r.says("The matrices of one period follow from $F$, $G$ and $Q$ as in {ref:maybeck, section 4.9}. All variances below are in units of $b^2$ (V²), voltages in units of $b$. For the given parts, sampled every {dt} s:", dt=p.dt)
     r.model(perfect)
     routes = ("doubling of the short interval", "divided differences and Lyapunov's equation")
     r.value("Phi", perfect.Phi, agrees=answer, routes=routes)
     r.value("Qd", perfect.Qd, "b²", agrees=answer, routes=routes)
-    r.says("**After a perfect measurement** $z = U_0$. With $h = H^T$ the update is $P^+ = P^- - P^-hh^TP^-/(h^TP^-h)$, so that $P^+h = 0$: $P^+$ has rank 1, and $U_0$ is known exactly. ∎ (The information form cannot hold it: $P^+$ has no inverse.) Written out, with $p_i = P_{11}(t_i^+)$ and $p_0 = 0$:")
+    r.says("**After a perfect measurement** $z = U_0$. With $h = H^T$ the update {ref:maybeck, section 5.3} is $P^+ = P^- - P^-hh^TP^-/(h^TP^-h)$, so that $P^+h = 0$: $P^+$ has rank 1, and $U_0$ is known exactly. ∎ The inverse covariance form {ref:maybeck, section 5.7} cannot be used here, as $P^+$ has no inverse. Written out, with $p_i = P_{11}(t_i^+)$ and $p_0 = 0$:")
     r.math(r"P_{11}^- = \Phi_{11}^2p_{i-1} + q_{11}, \quad P_{12}^- = \Phi_{11}\Phi_{21}p_{i-1} + q_{12}, \quad P_{22}^- = \Phi_{21}^2p_{i-1} + q_{22}, \qquad K = \begin{bmatrix} P_{12}^-/P_{22}^- \\ 1 \end{bmatrix}, \qquad P^+ = \begin{bmatrix} p_i & 0 \\ 0 & 0 \end{bmatrix}")
-    r.math(r"p_i = P_{11}^- - \frac{(P_{12}^-)^2}{P_{22}^-} = \frac{(q_{11}\Phi_{21}^2 + q_{22}\Phi_{11}^2 - 2q_{12}\Phi_{11}\Phi_{21})\,p_{i-1} + q_{11}q_{22} - q_{12}^2}{\Phi_{21}^2\,p_{i-1} + q_{22}}")
+    r.math(r"p_i = P_{11}^- - \frac{(P_{12}^-)^2}{P_{22}^-} = \frac{(q_{11}\Phi_{21}^2 + q_{22}\Phi_{11}^2 - 2q_{12}\Phi_{11}\Phi_{21})\,p_{i-1} + q_{11}q_{22} - q_{12}^2}{\Phi_{21}^2\,p_{i-1} + q_{22}}", "fraction")
     r.says("and the optimal estimate, which uses the last two measurements and the estimate before ($z_0 = 0$, $\\hat{U}_1(t_0) = 0$):")
-    r.math(r"\hat U_1(t_i^+) = \Phi_{11}\hat U_1(t_{i-1}^+) + \Phi_{12}z_{i-1} + \frac{P_{12}^-}{P_{22}^-}\left[z_i - \Phi_{21}\hat U_1(t_{i-1}^+) - \Phi_{22}z_{i-1}\right], \qquad \hat U_0(t_i^+) = z_i")
+    r.math(r"\hat U_1(t_i^+) = \Phi_{11}\hat U_1(t_{i-1}^+) + \Phi_{12}z_{i-1} + \frac{P_{12}^-}{P_{22}^-}\left[z_i - \Phi_{21}\hat U_1(t_{i-1}^+) - \Phi_{22}z_{i-1}\right], \qquad \hat U_0(t_i^+) = z_i", "estimate")
     schedule = covariances(perfect, p.steps)
     results(r, p, answer, schedule, "perfect")
     r.check("P11⁺ after perfect measurements", schedule.P_plus[1:, 0, 0], by_hand.perfect_powers(p), ("recursion", "power of the fraction's matrix"))
     r.check("P12⁺, P22⁺ after perfect measurements", schedule.P_plus[1:, 1, :], np.zeros((p.steps, 2)), ("recursion", "proof of rank 1"), EXACT, scale=float(schedule.P_minus[1:].max()))
     limit = steady.solve(perfect)
-    r.value("posterior_steady_perfect", limit.P_plus[0, 0], "b²", agrees=answer, routes=("Riccati equation", "fixed point of the fraction"))
-    r.says("The limit is the fixed point of the fraction, $p = {limit}\\,b^2$: knowing $U_0$ exactly at the samples does not tell $U_1$ exactly, because the input between them is unknown.", limit=limit.P_plus[0, 0])
+    r.value("posterior_steady_perfect", limit.P_plus[0, 0], "b²", symbol=r"\bar p", agrees=answer, routes=("Riccati equation", "fixed point of the fraction"))
+    r.says("The limit is the positive fixed point of {eq:fraction}, $\\bar p = {limit}\\,b^2$. Knowing $U_0$ exactly at the samples does not tell $U_1$ exactly, because the input between the samples is unknown: $q_{11}q_{22} - q_{12}^2 > 0$, so even $p_{i-1} = 0$ gives $p_i > 0$.", limit=limit.P_plus[0, 0])
 
 
 def results(r, p, answer, schedule, name):
@@ -118,8 +118,9 @@ def part_b(r, p, answer, noisy):
     r.math(r"P_{11}^- = \Phi_{11}^2P_{11}^+ + 2\Phi_{11}\Phi_{12}P_{12}^+ + \Phi_{12}^2P_{22}^+ + q_{11}, \qquad P_{22}^- = \Phi_{21}^2P_{11}^+ + 2\Phi_{21}\Phi_{22}P_{12}^+ + \Phi_{22}^2P_{22}^+ + q_{22}")
     r.math(r"P_{12}^- = \Phi_{11}\Phi_{21}P_{11}^+ + (\Phi_{11}\Phi_{22}+\Phi_{12}\Phi_{21})P_{12}^+ + \Phi_{12}\Phi_{22}P_{22}^+ + q_{12}, \qquad K = \begin{bmatrix} P_{12}^-/S \\ P_{22}^-/S \end{bmatrix}")
     r.math(r"P_{11}^+ = P_{11}^- - \frac{(P_{12}^-)^2}S, \qquad P_{12}^+ = \frac RS P_{12}^-, \qquad P_{22}^+ = \frac RS P_{22}^-")
-    r.math(r"\hat U_1^- = \Phi_{11}\hat U_1^+ + \Phi_{12}\hat U_0^+, \quad \hat U_0^- = \Phi_{21}\hat U_1^+ + \Phi_{22}\hat U_0^+, \qquad \hat U_1^+ = \hat U_1^- + \frac{P_{12}^-}S(z-\hat U_0^-), \quad \hat U_0^+ = \hat U_0^- + \frac{P_{22}^-}S(z-\hat U_0^-)")
-    r.says("With $R = 0$ these are the equations of part (a).")
+    r.says("A superscript + on the right of a prediction means the last instant, a superscript − in an update the same instant. The estimate follows the same pattern:")
+    r.math(r"\hat U_1^- = \Phi_{11}\hat U_1^+ + \Phi_{12}\hat U_0^+, \quad \hat U_0^- = \Phi_{21}\hat U_1^+ + \Phi_{22}\hat U_0^+, \qquad \hat U_1^+ = \hat U_1^- + \frac{P_{12}^-}S(z-\hat U_0^-), \quad \hat U_0^+ = \hat U_0^- + \frac{P_{22}^-}S(z-\hat U_0^-)", "noisy")
+    r.says("With $R = 0$ these are the equations of part (a). For $R > 0$ the correction of $U_1$ is smaller by the factor $P_{22}^-/(P_{22}^- + R)$, so what counts is R beside $P_{22}^-$, the variance with which $U_0$ is predicted.")
     if p.R_over_b2 == 0:
         r.says("Here $R = 0$ is given, so part (b) repeats part (a).")
     elif math.isinf(p.R_over_b2):
@@ -131,31 +132,34 @@ def plan(r, p, experiment, filters):
     """Every number chosen."""
     settled = max(settling(filters[name]) or 1 for name in ("perfect", "noisy"))
     steps = max(p.steps, min(100, 2 * settled))
+    r.says("{tab:plan} lists what was chosen. The curves of the error variance need no random numbers; the simulation tests them, and counts the moments that an alarm misses.")
     r.table("plan", ["quantity", "value", "why"], [
         ["measurements in the plot", p.steps, text("{seconds} s, one every {dt} s", seconds=p.steps * p.dt, dt=p.dt)],
         ["points of P(t) in an interval", POINTS, "a smooth curve"],
         ["measurements simulated", steps, text("at least twice the settling time ({settled} measurements), up to 100", settled=settled)],
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "the same circuit and input for both filters"],
-        ["start", 0, "discharged capacitors, both known to be 0"],
-    ], "Plan of the experiment. b = 1 V is chosen for the simulation; all results scale with b.")
+        ["start", 0, "discharged capacitors, both voltages known to be 0"],
+    ], "Plan of the experiment. The strength b = 1 V is chosen for the simulation; all results scale with b.")
     return {"steps": steps}
 
 
 def plot(r, p, answer, box, filters):
     """The plot of the sheet."""
+    r.part = "b"  # what follows is about both parts
     schedules = {name: covariances(model, p.steps) for name, model in filters.items()}
     curves = {name: between(box, schedule, POINTS) for name, schedule in schedules.items()}
     labels = {"unmeasured": "no measurements", "noisy": text("(b) R = {R} b²", R=p.R_over_b2), "perfect": "(a) R = 0"}
     figure = plots.transient(curves["perfect"].t, {label: curves[name].P[:, 0, 0] for name, label in labels.items()}, ylabel="error variance of $U_1$, b²")
-    r.figure("variance", figure, "Variance of the error of $\\hat{U}_1$ over time, in units of b². Between measurements it returns towards the variance without measurements; each measurement lowers it at once.")
+    r.figure("variance", figure, "Variance of the error of $\\hat{U}_1$, in units of b². Each measurement lowers it at once; between measurements it returns towards the curve without measurements.")
+    r.says("{fig:variance} is the plot that both parts ask for, {tab:variance} has its numbers. Up to the first measurement all three curves are one. Then each measurement lowers the variance at once, the perfect one more than the noisy one, and in between the unknown input raises it again.")
     r.value("U1_variance_unmeasured", schedules["unmeasured"].P_minus[1:, 0, 0], "b²", at=schedules["noisy"].t[1:], agrees=answer, routes=("recursion", "closed form"))
     for name in ("perfect", "noisy"):
         half = curves[name].P[:-1, 0, 0].reshape(p.steps, POINTS + 1)[:, POINTS // 2]
         r.check(text("variance of U1 in the middle of the intervals, {name}", name=name), half, answer[f"middle_{name}"], ("doubling of the short interval", "closed form"))
     rows = [(schedules["noisy"].t[i], schedules["unmeasured"].P_minus[i, 0, 0], *(x for name in ("perfect", "noisy") for s in [schedules[name]] for x in (s.P_minus[i, 0, 0], s.P_plus[i, 0, 0], s.K[i, 0, 0]))) for i in range(1, p.steps + 1)]
-    r.table("variance", [TIME, "no measurements", "(a) before", "(a) after", "(a) K1", "(b) before", "(b) after", "(b) K1"], rows,
-            "Error variance of U1 at the measurements, in units of b², and the gain for it.")
+    r.table("variance", [TIME, "no measurements", "(a) before", "(a) after", "(a) K₁", "(b) before", "(b) after", "(b) K₁"], rows,
+            "Error variance of $U_1$ before and after each measurement, in units of b², and its gain.")
     r.holds("a noisy measurement is worth less than a perfect one, and more than none",
             np.minimum(schedules["noisy"].P_plus - schedules["perfect"].P_plus, schedules["unmeasured"].P_plus - schedules["noisy"].P_plus)[:, 0, 0],
             ("recursion with R", "recursions with R = 0 and R = ∞"), size=float(schedules["unmeasured"].P_minus[-1, 0, 0]))
@@ -163,8 +167,9 @@ def plot(r, p, answer, box, filters):
 
 def other_circuits(r, p):
     """What two other readings of the missing figure would give."""
-    r.says("**Other circuits.** If an amplifier of unit gain stood between the sections (a buffered cascade), $F = [[-1/R_1C_1, 0], [1/R_2C_2, -1/R_2C_2]]$; if the output were taken across $R_2$, $H = [1, -1]$ with the ladder's $F$.")
-    names = {"ladder": "ladder (assumed)", "buffered": "buffered cascade", "across": "ladder, output across R2"}
+    r.says("**Other circuits.** The figure of the sheet being lost, {tab:circuits} gives two other readings. If an amplifier of unit gain stood between the sections (a buffered cascade), the second would not load the first; if the output were taken across $R_2$, the difference of the voltages would be measured. Their matrices are")
+    r.math(r"F = \begin{bmatrix} -\frac1{R_1C_1} & 0 \\ \frac1{R_2C_2} & -\frac1{R_2C_2} \end{bmatrix} \;\text{(buffered)}, \qquad H = \begin{bmatrix} 1 & -1 \end{bmatrix} \;\text{(output across } R_2\text{)}.")
+    names = {"ladder": "ladder (assumed)", "buffered": "buffered cascade", "across": "ladder, output across R₂"}
     rows, found, wanted = [], [], []
     for kind, label in names.items():
         box = system(p, kind)
@@ -174,9 +179,8 @@ def other_circuits(r, p):
         rows += [(label, part, s.P_minus[1, 0, 0], s.P_plus[1, 0, 0], s.P_minus[-1, 0, 0], s.P_plus[-1, 0, 0]) for part, s in zip("ab", own, strict=True)]
         found += [(s.P_minus[1:, 0, 0], s.P_plus[1:, 0, 0]) for s in own]
         wanted += [(s["U1_variance_prior"], s["U1_variance_posterior"]) for s in exact]
-    r.figure("buffered", plots.ladder([("$R_1$", "$C_1$", "$U_1$"), ("$R_2$", "$C_2$", "")], source="$u$", output="$U_0$", enclosure="black box", followers=True), "The buffered cascade: the second section does not load the first.")
-    r.table("circuits", ["circuit", "part", "before t1", "after t1", "before the last", "after the last"], rows,
-            "Error variance of U1, in units of b², at the first and the last of {steps} measurements.", steps=p.steps)
+    r.table("circuits", ["circuit", "part", "before t₁", "after t₁", "before the last", "after the last"], rows,
+            "Error variance of $U_1$, in units of b², at the first and the last of {steps} measurements.", steps=p.steps)
     r.check("variances of U1 in all circuits", found, wanted, ("recursion of matrices", "scalar equations"))
 
 
@@ -185,86 +189,45 @@ def noises(r, p, box):
     levels = sorted({0.0, 0.02, 0.2, 2.0, math.inf, p.R_over_b2})
     limits = [steady.solve(discretise(box, p.dt, R=[[R]])) for R in levels]
     before, after = ([getattr(s, name)[0, 0] for s in limits] for name in ("P_minus", "P_plus"))
+    r.says("**The noise of the voltmeter.** {tab:noises} shows how the steady variance goes from that of part (a) to that of no measurements, $R = \\infty$. Before a measurement it is bounded from below by its value at $R = 0$, which only a shorter period could lower.")
     r.table("noises", ["R, b²", "before, b²", "after, b²"], zip(levels, before, after, strict=True),
-            "Steady error variance of U1 before and after a measurement, against the variance of the measurement noise.")
+            "Steady error variance of $U_1$ before and after a measurement, against the variance of the measurement noise.")
     r.holds("the steady variance grows with R", np.diff(after), ("Riccati equation with R", "with a larger R"), size=after[-1])
     r.check("steady variance for R = ∞", after[-1], shaping.stationary_covariance(box)[0, 0], ("limit of the filter", "Lyapunov equation of the circuit"), SOLVER)
 
 
 def ensembles(r, experiment, filters, steps):
     """Ensemble against theory, for both filters."""
-    r.says("**Simulation** of part (b), and after it of part (a). What is measured is $U_0$, which follows $U_1$ with a delay.")
+    r.says("**Simulation.** {fig:records} shows one run of the circuit and the errors that both filters make in it. About two errors in three are to lie between the dashed lines, those of part (a) between its own, which are never wider than those of part (b).")
+    shown = {"(a)": "perfect", "(b)": "noisy"}
+    some = {name: experiment.histories(filters[name], steps=steps) for name in shown.values()}
+    curves = {text("{part} error", part=part): some[name].error("plus")[:, 0, 0] for part, name in shown.items()}
+    bands = {text("{part} ±σ", part=part): some[name].sd_plus[:, 0] for part, name in shown.items()}
+    mirrored = {f"_{name}": -sd for name, sd in bands.items()}
+    t = some["noisy"].t
+    r.figure("records", plots.lines(t, {"$U_1$": some["noisy"].truth[:, 0, 0], **curves}, xlabel=TIME, ylabel="voltage and errors, b", marker=".",
+                                    straight={name: (t, sd) for name, sd in (bands | mirrored).items()}),
+             "One run: the voltage and the errors $\\hat{U}_1 - U_1$ of both filters after each measurement, with the standard deviations of theory (dashed).")
     limit = steady.solve(filters["noisy"])
-    portrait(r, experiment, filters["noisy"], steps, prefix="noisy_", xlabel=TIME, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]))
-    some = experiment.histories(filters["perfect"], steps=steps)
-    r.figure("perfect_record", plots.record(some, xlabel=TIME, ylabel="$U_1$, b"), "One run of part (a): $U_1$, its estimate, and the measurements, which are exact values of $U_0$.")
-    agreement(r, "perfect", experiment.statistics(filters["perfect"], steps=steps), covariances(filters["perfect"], steps).P_plus)
-
-
-def alarm(r, p, experiment, filters, steps):
-    """The alarm rule: what a margin promises, of all moments and of the dangerous ones."""
-    r.says("**Alarm rule.** $C_1$ breaks down when $U_1$ exceeds a limit $U_{max}$. With a margin of $k$ standard deviations,")
-    r.math(r"\text{alarm when} \quad \hat U_1(t) + k\,\sigma(t) \ge U_{max}, \qquad \sigma^2(t) = P_{11}(t),")
-    r.says("the voltage can be above the limit without an alarm only if the error is below $-k\\sigma$, so in at most the share $N(-k)$ of all moments (one in 740 for $k = 3$). Since σ(t) is known beforehand, so is the margin; between measurements it grows, and it is largest just before a measurement.")
-    r.says("That is not the share of the *dangerous* moments that are missed. The error of an optimal estimate is orthogonal to the estimate and not to the voltage: with $V = \\mathrm{Var}\\,U_1$ the mean of $\\hat{U}_1$ at a voltage u is $(1 - \\sigma^2/V)u$, drawn towards 0, just where the voltage is large. With $\\hat{U}_1 \\sim N(0, V - \\sigma^2)$ and $U_1 \\sim N(\\hat{U}_1, \\sigma^2)$ given the estimate,")
-    r.math(r"P(\text{dangerous, no alarm}) = \int_{U_{max}}^\infty p(u)\,N\!\left(\frac{U_{max} - k\sigma - (1-\sigma^2/V)u}{\sigma\sqrt{1-\sigma^2/V}}\right)du = \int_{-\infty}^{U_{max}-k\sigma} p(\hat u)\,N\!\left(\frac{\hat u - U_{max}}\sigma\right)d\hat u")
-    V = covariances(filters["unmeasured"], p.steps).P_plus[-1, 0, 0]
-    left = {name: covariances(filters[name], p.steps).P_plus[-1, 0, 0] / V for name in ("perfect", "noisy")}
-    cases = [(name, limit, k) for name in left for limit in LIMITS for k in FACTORS]
-    joint = [by_hand.unannounced(left[name], limit, k) for name, limit, k in cases]
-    again = [by_hand.by_estimate(left[name], limit, k) for name, limit, k in cases]
-    shape = (len(left), len(LIMITS), len(FACTORS))
-    missed = [x / ndtr(-limit) for x, (_name, limit, _k) in zip(joint, cases, strict=True)]
-    r.value("alarm_joint", np.reshape(joint, shape).tolist())
-    r.value("alarm_missed_of_dangerous", np.reshape(missed, shape).tolist())
-    r.check("dangerous and unannounced", joint, again, ("integral over the voltage", "integral over the estimate"), SOLVER, scale=np.maximum(again, 1e-12))
-    seen = {name: simulated(experiment, filters[name], steps) for name in left}
-    rows = []
-    for (name, limit, k), x, share in zip(cases, joint, missed, strict=True):
-        if k == FACTORS[0]:
-            needed = by_hand.margin(left[name], limit)
-        counted = f"{seen[name][k][0]} / {seen[name][k][1]}" if limit == LIMITS[0] else "—"
-        rows.append(("(a)" if name == "perfect" else "(b)", limit, k, x, share, counted, needed if k == FACTORS[-1] else "—"))
-    columns = ["filter", "limit, σ of U1", "margin k", "dangerous and unannounced", "share of the dangerous moments missed", "simulated", "k for a share of 1 %"]
-    r.table("alarm", columns, rows, "The alarm rule after the last measurement of the plot, U1 having the standard deviation {sd} b. Simulated: moments missed of those dangerous, all runs and measurements together; the standard deviations are those of each moment.", sd=math.sqrt(V))
-
-
-def simulated(experiment, system, steps):
-    """Moments missed and dangerous moments of all runs, at the limit of LIMITS[0] standard deviations of each moment, by k."""
-    some = experiment.histories(system, steps=steps, runs=experiment.runs)
-    sd = np.sqrt(np.diagonal(covariances(replace(system, R=[[math.inf]]), steps).P_plus, axis1=1, axis2=2))[1:, :1]
-    dangerous = some.truth[1:, 0] >= LIMITS[0] * sd
-    own = some.sd_plus[1:, :1]
-    return {k: (int((dangerous & (some.x_plus[1:, 0] + k * own < LIMITS[0] * sd)).sum()), int(dangerous.sum())) for k in FACTORS}
-
-
-def conclusions(r, p, filters):
-    """What the numbers say."""
-    last = {name: covariances(model, p.steps) for name, model in filters.items()}
-    open_, perfect, noisy = (last[name].P_plus[-1, 0, 0] for name in ("unmeasured", "perfect", "noisy"))
-    lines = [text("At t = {t} s the variance of U1 is {open} b² without measurements; perfect measurements of U0 leave {perfect} b² after the last one, {percent} % of it.",
-                  t=p.steps * p.dt, open=open_, perfect=perfect, percent=round(100 * perfect / open_, 1))]
-    if p.R_over_b2 == 0:
-        lines.append("The measurements of part (b) are given without noise, so it is part (a) again.")
-    elif math.isinf(p.R_over_b2):
-        lines.append("In part (b) nothing is measured: its variance is that without measurements.")
-    else:
-        lines.append(text("Noise of variance {R} b² raises this to {noisy} b², {factor} times as much.", R=p.R_over_b2, noisy=noisy, factor=noisy / perfect))
-    before = last["perfect"].P_minus[-1, 0, 0]
-    if before >= noisy:
-        lines.append(text("However exact the voltmeter, the variance returns from {after} to {before} b² before the next measurement: the margin of an alarm is set by the period, {dt} s, more than by the voltmeter.", after=perfect, before=before, dt=p.dt))
-    elif not math.isinf(p.R_over_b2):
-        lines.append(text("The noise of the voltmeter costs more than the wait between measurements: between two perfect ones the variance rises from {after} to {before} b² only.", after=perfect, before=before))
-    most = max(limit[-1] for limit in r.values["alarm_missed_of_dangerous"].value[1])
-    lines.append(text("With three standard deviations as a margin the voltage is dangerous and unannounced in at most one moment in 740. Of the dangerous moments themselves part (b) misses up to {percent} %: an estimate is drawn towards 0 just where the voltage is large.", percent=round(100 * most, 2)))
-    lines.append(largest(r))
-    r.items(lines)
+    own = portrait(r, experiment, filters["noisy"], steps, prefix="noisy_", xlabel=TIME, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]), figures={
+        "ensemble": "Part (b): the points lie about the curves of theory; about one in twenty is expected outside the bands."})
+    stats = experiment.statistics(filters["perfect"], steps=steps)
+    agreement(r, "perfect", stats, covariances(filters["perfect"], steps).P_plus)
+    measured = {"perfect": rms(stats, unit="b"), "noisy": rms(own, unit="b")}
+    theory = {name: float(covariances(filters[name], steps).sd_plus[-1, 0]) for name in measured}
+    r.says("{fig:noisy_ensemble} compares the errors of all {runs} runs with theory. After the last measurement the RMS error of $\\hat{U}_1$ is {a} in part (a), where theory has {sd_a:4} b, and {b} in part (b), where theory has {sd_b:4} b.",
+           runs=experiment.runs, a=measured["perfect"], b=measured["noisy"], sd_a=theory["perfect"], sd_b=theory["noisy"])
+    return {"measured": measured}
 
 
 PARTS = Skeleton(
+    result=result,
+    key="variance",
     analysis=(part_a, part_b),
     plan=plan,
     experiment=(plot, other_circuits, noises, ensembles, alarm),
+    discussion=discussion,
+    answers=answers,
     conclusions=conclusions,
 )
 

@@ -88,7 +88,7 @@ LABS = {
     "task02": lambda m, p: [m.model(p, p.R)],
     "task03": lambda m, p: [m._kinematics.continuous(p), m._kinematics.sampled(p)],
     "task04": lambda m, p: [m._kinematics.continuous(p), m._kinematics.sampled(p)],
-    "task05": lambda m, p: [m.continuous(p), m.system(p)],
+    "task05": lambda m, p: [m.continuous(p), m.variants(p)[0]],
     "task06": lambda m, p: [m.model(p.P0, p.R)],
     "task07": lambda m, p: [m.model(p.Phi, p.Q, p.R, p.P0)],
     "task08": lambda m, p: [m.truth_system(p.a, p.T, p.sigma_y2), m.models(p.a, p.T, p.dt, p.R, p.sigma_y2)[0]],

@@ -147,4 +147,6 @@ def margin(left, limit, share=0.01):
         return 0.0
     if left >= 1:
         return limit
+    if unannounced(left, limit, 0.0) <= share * ndtr(-limit):
+        return 0.0
     return optimize.brentq(lambda k: unannounced(left, limit, k) - share * ndtr(-limit), 0.0, 10 + limit / math.sqrt(left))
