@@ -2,11 +2,10 @@
 
 import math
 
-import control
 import numpy as np
 import sympy
 from ctlabs.tasks.answers import task13 as by_hand
-from ctlabs.tasks.answers.task13 import A0, A1, B0, B1, TIMES
+from ctlabs.tasks.answers.task13 import TIMES
 
 from ctlabs.filtering import bucy
 from ctlabs.models import ContinuousModel, observability, symbolic
@@ -24,62 +23,51 @@ def scalar(r):
     equations = symbolic.scalar_equations(symbolic.SymbolicModel([[-a1, 1, b1], [-a0, 0, b0], [0, 0, 0]],
                                                   [[b1], [b0], [0]], [[N_c]], [[1, 0, 0]], [[N_m]],
                                                   states=("h", "x_2", "h_c0"))).latex()
-    r.says("**The estimate** in scalar form (z is the measured altitude $h_m$):")
-    for line in equations["estimate"]:
-        r.math(line)
+    r.says("**The estimate** by the filter of Kalman and Bucy ({ref:kalman_bucy}; {ref:maybeck, section 5.11}), in scalar form, where $z$ is the measured altitude $h_m$:")
+    for line, name in zip(equations["estimate"], ("estimate", "", ""), strict=True):
+        r.math(line, name)
     r.says("**The gains** and the **six scalar Riccati equations** of their covariance:")
     r.math(r", \qquad ".join(equations["gain"]))
-    for line in equations["riccati"]:
-        r.math(line)
+    for line, name in zip(equations["riccati"], ("riccati", *5 * [""]), strict=True):
+        r.math(line, name)
 
 
-def coefficients(r, p, answer, two, three):
+def coefficients(r, answer, two, three):
     """Why the gains come from integration, and what they tend to."""
-    r.says("**The coefficients.** $a$, $b$ come from the transfer function. The gains need P(t), and P(t) needs $N_c$, $N_m$ and $P_0$, but no measurement: the six equations are integrated beforehand, from $P_0$, and $K_i(t) = P_{1i}(t)/N_m$. It is tempting to take the constant gains of the algebraic Riccati equation instead. It does not give them:")
+    r.says("**The coefficients.** The numbers $a_i$, $b_i$ come from the transfer function. The gains need $P(t)$, and $P(t)$ needs $N_c$, $N_m$ and $P_0$, but no measurement: the six equations that begin with {eq:riccati} are integrated beforehand, from $P_0$, and $K_i(t) = P_{1i}(t)/N_m$. It is tempting to take the constant gains of the algebraic Riccati equation instead. It does not give them, since the theorem that it has one stabilising solution ({ref:kwakernaak_sivan, chapter 4}) asks that noise drives every mode that does not decay:")
     dual = ContinuousModel(
         F=three.F.T, G=np.eye(3), Q=np.zeros((3, 3)), H=(three.G @ three.Q).T, P0=np.zeros((3, 3)), states=three.states
     )
     undriven = observability.analyse(dual).undetectable_modes
     limit = bucy.steady(three)
     r.items([
-        "No noise drives the mode with the {mode}: it neither decays nor is disturbed.",
+        "No noise drives $h_{c0}$: this mode of the eigenvalue 0 neither decays nor is disturbed.",
         "So the Hamiltonian matrix of the equation has {zeros} eigenvalues on the imaginary axis (at 0) where a stabilising solution needs none.",
-        "The covariance does have a limit, $P_{33} \\to 0$ and with it $K_3 \\to 0$, but with the limit gains the filter has the poles {poles} 1/s: the one at 0 means that an error of $\\hat{h}_{c0}$ would never be corrected. The constant gain is optimal only when nothing is left to estimate.",
-    ], mode=undriven[0], zeros=2 * len(undriven), poles=", ".join(latex_number(float(z.real)) if not z.imag else f"{latex_number(float(z.real))} ± {latex_number(abs(float(z.imag)))}i" for z in limit.poles if z.imag >= 0))
+        "The covariance does have a limit, $P_{33} \\to 0$ and with it $K_3 \\to 0$, but with the limit gains the filter has the poles ${poles}$ 1/s: the one at 0 means that an error of $\\hat{h}_{c0}$ would never be corrected. The constant gain is optimal only when nothing is left to estimate.",
+    ], zeros=2 * len(undriven), poles=", ".join(latex_number(float(z.real)) if not z.imag else f"{latex_number(float(z.real))} ± {latex_number(abs(float(z.imag)))}i" for z in limit.poles if z.imag >= 0))
     stabilising = bool((limit.poles.real < -observability.MARGIN * np.abs(limit.poles).max()).all())
     r.value("verdict_a", stabilising)
-    r.says("(The value `verdict_a` says whether the algebraic equation of the three states has a stabilising solution; the criterion is that every pole of the filter with the limit gains has a negative real part.)")
     r.check("eigenvalues at 0 of the Hamiltonian matrix", 2 * len(undriven), by_hand.zero_roots(),
             ("undriven modes that do not decay, twice", "characteristic polynomial by sympy"), EXACT)
-    two_state_limit(r, p, answer, two, limit)
+    two_state_limit(r, answer, two, limit)
 
 
-def two_state_limit(r, p, answer, two, limit):
+def two_state_limit(r, answer, two, limit):
     """The limit that the two driven states have, and its filter."""
     r.says("**The limit** is that of the two states which the noise drives, with a command that is known. Its Riccati equation has a stabilising solution; by hand it comes from spectral factorisation, where $d(s) = s^2 + d_1s + d_0$ is the polynomial of the filter:")
-    r.math(r"d(s)d(-s) = a(s)a(-s) + \frac{N_c}{N_m}b(s)b(-s) \;\Rightarrow\; d_0 = \sqrt{a_0^2 + \frac{N_c}{N_m}b_0^2}, \quad d_1 = \sqrt{a_1^2 - 2a_0 + \frac{N_c}{N_m}b_1^2 + 2d_0}")
-    r.math(r"K_1 = d_1 - a_1, \qquad K_2 = d_0 - a_0, \qquad P_{11} = N_mK_1")
+    r.math(r"d(s)d(-s) = a(s)a(-s) + \frac{N_c}{N_m}b(s)b(-s) \;\Rightarrow\; d_0 = \sqrt{a_0^2 + \frac{N_c}{N_m}b_0^2}, \quad d_1 = \sqrt{a_1^2 - 2a_0 + \frac{N_c}{N_m}b_1^2 + 2d_0}", "factor")
+    r.math(r"K_1 = d_1 - a_1, \qquad K_2 = d_0 - a_0, \qquad P_{11} = N_mK_1", "limit")
     found, routes = bucy.steady(two), ("Riccati equation", "spectral factorisation")
-    r.value("altitude_variance_steady_continuous", found.P[0, 0], "m²", agrees=answer, routes=routes)
-    r.value("altitude_gain_steady_continuous", found.K[0, 0], "1/s", agrees=answer, routes=routes)
+    r.value("altitude_variance_steady_continuous", found.P[0, 0], "m²", symbol=r"P_{11}(\infty)", agrees=answer, routes=routes)
+    r.value("altitude_gain_steady_continuous", found.K[0, 0], "1/s", symbol=r"K_1(\infty)", agrees=answer, routes=routes)
     r.value("filter_polynomial", bucy.transfer_function(two)[1], "1", agrees=answer, routes=routes)
     poles = [[float(z.real), float(z.imag)] for z in np.sort_complex(found.poles)]
     r.value("filter_poles_continuous", poles, "1/s", agrees=answer, routes=routes)
     r.check("limit of the three-state covariance", limit.P[:2, :2], answer["steady_covariance"],
             ("Riccati equation without the undriven mode", "spectral factorisation"))
     r.check("limit of P33", limit.P[2, 2], 0.0, ("Riccati equation without the undriven mode", "proved"), EXACT)
-    r.says("Here $P_{11} \\to {P}$ m², $K_1 \\to {K1}$ 1/s, $K_2 \\to {K2}$ 1/s², and the filter has {poles}.",
+    r.says("Matching the powers of $s$ gives {eq:factor}, and the difference of the polynomials of the filter and the plant gives the gains. Here $P_{11} \\to {P}$ m², $K_1 \\to {K1}$ 1/s, $K_2 \\to {K2}$ 1/s², and the filter has {poles}.",
            P=found.P[0, 0], K1=found.K[0, 0], K2=found.K[1, 0], poles=constants(answer))
-    omega = np.geomspace(1e-4, 10 * max(1.0, float(np.abs(found.poles).max())), 500)
-    own = control.tf([B1, B0], [1, A1, A0])
-    if p.N_c:
-        figure = plots.bode({"filter, $\\hat{h}/h_m$": bucy.transfer_function(two), "autopilot, $h/h_c$": own}, omega)
-        r.figure("bode", figure,
-                 "Bode plot of the steady filter from the measured to the estimated altitude, and of the autopilot from the commanded altitude to the altitude.")
-    else:
-        r.says("Without noise in the command the altitude becomes known from the model alone: the steady filter is zero, and there is nothing to plot.")
-    figure = plots.poles({"filter": found.poles, "autopilot": own})
-    r.figure("poles", figure, "Poles of the steady filter, and the lightly damped poles and the zero of the autopilot.")
 
 
 def constants(answer):
@@ -104,13 +92,13 @@ def transient(r, p, answer, three):
             ("Riccati equation, integrated", "scalar equations by LSODA"))
     origin = None
     if p.var_hc0:
-        r.says("**The command.** If $h_{c0}$ were known, two states would be left, whose filter starts from P = 0 and settles. An error of $h_{c0}$ by 1 m shifts its innovations by S(t), which tends to $a_0/d_0$. So the measurements inform on $h_{c0}$ at the rate $S^2/N_m$:")
-        r.math(r"\frac1{P_{33}(t)} = \frac1{\mathrm{var}(h_{c0})} + \int_0^t\frac{S^2(\tau)}{N_m}d\tau, \qquad \frac{S^2}{N_m} \to \frac{a_0^2}{d_0^2N_m} = \frac1{N_c + N_m}")
-        r.says("(here $b_0 = a_0$: the autopilot holds a constant command without error.) A constant can be told from slow noise only through noise of both kinds, $N_c + N_m$, and its variance falls like one over time, from an origin t* that the beginning decides:")
-        r.math(r"P_{33} \to \frac{N_c + N_m}{t - t^*}, \qquad P_{11} \to P_{11}(\infty) + \frac{N_m}{t - t^*}, \qquad K_3 \to \frac{\sqrt{1 + N_c/N_m}}{t - t^*} \to 0")
-        r.says("The second follows since the altitude's error is that with the command known plus S times that of the command. ∎")
+        r.says("**The command.** If $h_{c0}$ were known, two states would be left, whose filter starts from $P = 0$ and settles. An error of $h_{c0}$ by 1 m shifts its innovations by $S(t)$, which tends to $a_0/d_0$. The innovations of that filter are white with the strength $N_m$, so they inform on $h_{c0}$ at the rate $S^2/N_m$:")
+        r.math(r"\frac1{P_{33}(t)} = \frac1{\mathrm{var}(h_{c0})} + \int_0^t\frac{S^2(\tau)}{N_m}d\tau, \qquad \frac{S^2}{N_m} \to \frac{a_0^2}{d_0^2N_m} = \frac1{N_c + N_m}", "information")
+        r.says("The last step uses $b_0 = a_0$: the autopilot holds a constant command without error. A constant can be told from slow noise only through noise of both kinds, $N_c + N_m$, and its variance falls like one over time, from an origin $t^*$ that the beginning decides:")
+        r.math(r"P_{33} \to \frac{N_c + N_m}{t - t^*}, \qquad P_{11} \to P_{11}(\infty) + \frac{N_m}{t - t^*}, \qquad K_3 \to \frac{\sqrt{1 + N_c/N_m}}{t - t^*} \to 0", "asymptotes")
+        r.says("The second follows since the error of the altitude is that with the command known plus an independent part, which is the error of the command times $b_0/d_0 = \\sqrt{N_m/(N_c + N_m)}$ in the limit; the third is $P_{13}/N_m$ of that part. ∎")
         origin, far = answer["far"] - (p.N_c + p.N_m) / P[4, 2, 2], answer["far"]
-        r.value("command_time_origin", origin, "s")
+        r.value("command_time_origin", origin, "s", symbol="t^*")
         # t* is what is left of the late time t when (N_c + N_m)/P33 is taken from it.
         r.check("command time origin", origin, answer["command_time_origin"], routes, SOLVER, scale=far + abs(origin))
         late = far - origin
@@ -133,13 +121,23 @@ def transient_table(r, p, answer, three, found, P, origin):
         (t, C[0, 0], a, C[2, 2], s, *K[:, 0])
         for t, C, a, s, K in zip(found.t, P, above, asymptote, found.K, strict=True)
     ]
-    r.table("transient", ["t, s", "P11, m²", "above its limit, %", "P33, m²", "(N_c + N_m)/(t − t*), m²", "K1, 1/s", "K2, 1/s²", "K3, 1/s"], rows,
+    r.table("transient", ["t, s", "$P_{11}$, m²", "above its limit, %", "$P_{33}$, m²", "$(N_c + N_m)/(t - t^*)$, m²", "$K_1$, 1/s", "$K_2$, 1/s²", "$K_3$, 1/s"], rows,
             "Variances and gains of the continuous filter; the last row is at 30 times its longest time constant.")
     if P[2, 0, 0] > P[1, 0, 0] and p.var_hc0:
-        r.says("P11 need not fall all the time: it is the sum of the variance with the command known, which rises from 0 to the limit, and of $S^2P_{33}$, which falls. Here it rises from {early} m² at 10 s to {late} m² at 60 s.",
+        r.says("In {tab:transient} $P_{11}$ does not fall all the time: it is the sum of the variance with the command known, which rises from 0 to the limit, and of the part of the command, which falls. Here it rises from {early:4} m² at 10 s to {late:4} m² at 60 s.",
                early=P[1, 0, 0], late=P[2, 0, 0])
     settled(r, p, answer, above[3], origin)
     figures(r, p, answer, three, origin)
+
+
+def said(r, p, origin):
+    """What the figure of the variances shows."""
+    if origin is None:
+        r.says("In {fig:variances} the variance of the altitude rises from 0, as the flight is known at the start, to its limit (dashed).")
+    elif p.N_c:
+        r.says("In {fig:variances} both variances are the same at first, since one unknown number is all that is uncertain, and fall as the measurements are averaged. When the noise of the command has been at work for as long as the filter remembers, they part: the altitude turns towards its own limit (dashed), while the command falls on and joins its asymptote $(N_c + N_m)/(t - t^*)$.")
+    else:
+        r.says("In {fig:variances} both variances fall without end: no noise drives the flight, and one constant is all there is to learn.")
 
 
 def settled(r, p, answer, above, origin):
@@ -153,18 +151,18 @@ def settled(r, p, answer, above, origin):
     r.check("excess of P11 at 300 s", above, hand, ("Riccati equation, integrated", "closed form, 60 digits"), SOLVER,
             scale=100.0)
     if abs(above) <= 1:
-        r.says("At 300 s $P_{11}$ is {above} % from its limit: by the 1 % criterion the altitude has settled, while $P_{33}$ goes on falling.",
+        r.says("At 300 s $P_{11}$ is {above:2} % from its limit: by the 1 % criterion the altitude has settled, while $P_{33}$ goes on falling.",
                above=above)
     else:
         words = (
             text(
-                "By the asymptote the 1 % band is reached at about {t} s.",
+                "By {eq:asymptotes} it reaches the 1 % band at about {t:2} s.",
                 t=origin + 100 * p.N_m / answer["altitude_variance_steady_continuous"],
             )
             if origin is not None
             else ""
         )
-        r.says("At 300 s $P_{11}$ is still {above} % from its limit: by the 1 % criterion it has **not settled**, for what is left of the command's error is in it. {words}",
+        r.says("At 300 s $P_{11}$ is still {above:2} % from its limit: by the 1 % criterion it has **not settled**, for what is left of the error of the command is in it. {words}",
                above=above, words=words)
 
 
@@ -182,6 +180,7 @@ def figures(r, p, answer, three, origin):
         figure = plots.transient(t, shown, xlabel=TIME, ylabel="variance, m²", log="xy",
                                  limits={name: value for name, value in limits.items() if name in shown})
         r.figure("variances", figure,
-                 "Variances of the continuous filter: the altitude tends to a limit, the command falls for ever along its asymptote.")
+                 "Variances of the continuous filter. The altitude tends to a limit; the command falls for ever along its asymptote." if limits and origin is not None else "Variances of the continuous filter.")
+        said(r, p, origin)
     else:
         r.says("All variances are zero: nothing is unknown, and there is nothing to plot.")

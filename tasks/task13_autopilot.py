@@ -18,20 +18,20 @@ from dataclasses import replace
 import control
 import mpmath
 import numpy as np
-from ctlabs.tasks._task13_coefficients import TIME, coefficients, constants, scalar, transient
+from ctlabs.tasks._task13_coefficients import TIME, coefficients, scalar, transient
 from ctlabs.tasks._task13_experiment import ensembles, plan
+from ctlabs.tasks._task13_words import answers, conclusions, discussion, explanation, result
 from ctlabs.tasks.answers import task13 as by_hand
 from ctlabs.tasks.answers.task13 import A0, A1, B0, B1
 
 from ctlabs.filtering import bucy, steady
 from ctlabs.labs.experiment import Experiment, covariances
-from ctlabs.labs.portrait import largest
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import interop, observability, shaping
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import Count, LabParameters, Positive, Real, Variance, given
-from ctlabs.reporting.report import EXACT, SOLVER, Report
+from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import latex_number, text
 
 META = {
@@ -51,10 +51,10 @@ class Parameters(LabParameters):
 
     N_c: Variance = given(1296.0, unit="m²·s", meaning="strength of the noise of the command")
     N_m: Positive = given(6561.0, unit="m²·s", meaning="strength of the noise of the measured altitude")
-    var_hc0: Variance = given(506250000.0, unit="m²", meaning="variance of the commanded constant")
-    mean_hc0: Real = given(3000.0, unit="m", meaning="mean of the commanded constant")
+    var_hc0: Variance = given(506250000.0, unit="m²", meaning="variance of the commanded constant", symbol=r"\mathrm{var}\,h_{c0}")
+    mean_hc0: Real = given(3000.0, unit="m", meaning="mean of the commanded constant", symbol=r"\bar h_{c0}")
     dt: Positive = given(1.0, unit="s", meaning="period of the sampled measurements")
-    steps: Count = given(300, unit="1", meaning="sampled measurements in the experiment")
+    steps: Count = given(300, unit="1", meaning="sampled measurements in the experiment", symbol="N")
 
 
 def plant(N_c, N_m):
@@ -75,21 +75,21 @@ def part_a(r, p, answer, two, three):
     """The equations, and how their coefficients are found."""
     r.section("a", "Continuous measurements: the equations of the estimate and their coefficients")
     r.says("**The model.** The transfer function becomes a state space in observable form, whose first state is the altitude itself:")
-    r.math(r"\dot h = -a_1h + x_2 + b_1h_c, \quad \dot x_2 = -a_0h + b_0h_c, \qquad \frac{h(s)}{h_c(s)} = \frac{b_1s + b_0}{s^2 + a_1s + a_0}")
+    r.math(r"\dot h = -a_1h + x_2 + b_1h_c, \quad \dot x_2 = -a_0h + b_0h_c, \qquad \frac{h(s)}{h_c(s)} = \frac{b_1s + b_0}{s^2 + a_1s + a_0}", "plant")
     r.says("with $b_1 = {b1}$, $b_0 = {b0}$, $a_1 = {a1}$, $a_0 = {a0}$. The transfer function is strictly proper, so the noise of the command enters the states and not the output, and the results for the altitude do not depend on the choice of states. The command $h_c = h_{c0} + \\delta h_c$ adds a third state, $\\dot{h}_{c0} = 0$:",
            b1=B1, b0=B0, a1=A1, a0=A0)
     r.model(three)
-    r.says("(The second column of G belongs to the constant, which nothing drives.) The sheet gives no statistics of h and $x_2$ at t = 0. Settled flight at the commanded altitude is assumed: $(h, x_2, h_{c0}) = q\\,h_{c0}$ with the equilibrium $q = (1, {q2}, 1)$, hence $P_0 = \\mathrm{var}(h_{c0})\\,qq^T$, a singular matrix, and the mean $\\bar{h}_{c0}\\,q$.",
+    r.says("The second column of $G$ belongs to the constant, which nothing drives. The sheet gives no statistics of $h$ and $x_2$ at $t = 0$. Settled flight at the commanded altitude is assumed: $(h, x_2, h_{c0}) = q\\,h_{c0}$ with the equilibrium $q = (1, {q2}, 1)$, hence $P_0 = \\mathrm{var}(h_{c0})\\,qq^T$, a singular matrix, and the mean $\\bar{h}_{c0}\\,q$.",
            q2=float(three.P0[1, 2] / three.P0[2, 2]) if p.var_hc0 else A1 - B1)
     scalar(r)
-    coefficients(r, p, answer, two, three)
+    coefficients(r, answer, two, three)
     transient(r, p, answer, three)
 
 
 def part_b(r, p, answer, pair, sampled):
     """Sampled measurements."""
     r.section("b", "Measurements once per period")
-    r.says('A measurement with the white noise of strength $N_m$ once per dt is taken as one with the variance $R_d = N_m/dt = {R}$ m² (the sheet\'s "intensity", at dt = 1 s the same number). The states are those of (a); over a period',
+    r.says("A measurement with the white noise of strength $N_m$ once per $dt$ is taken as one with the variance $R_d = N_m/dt = {R}$ m², which carries the same information per second; at $dt = 1$ s it is the same number as the sheet's intensity. The states are those of (a); over a period they move by",
            R=float(sampled.R[0, 0]))
     r.model(sampled)
     f, c = sampled.Phi, sampled.offset
@@ -100,10 +100,10 @@ def part_b(r, p, answer, pair, sampled):
             for j, other in enumerate((r"\hat h", r"\hat x_2", r"\hat h_{c0}"))
             if f[i, j]
         ).lstrip("+ ")
-        r.math(f"{name}^-(t_{{k+1}}) = " + terms)
-    r.says("**Update** with the innovation $\\nu = h_m - \\hat{h}^-$, and the covariance in six scalars, $i \\le j$, with $\\Phi$ and $Q_d$ of above:")
-    r.math(r"\hat h^+ = \hat h^- + K_1\nu, \quad \hat x_2^+ = \hat x_2^- + K_2\nu, \quad \hat h_{c0}^+ = \hat h_{c0}^- + K_3\nu, \qquad K_i = \frac{P_{1i}^-}{P_{11}^- + R_d}")
-    r.math(r"P_{ij}^-(t_{k+1}) = \sum_{l,m}\varphi_{il}\varphi_{jm}P_{lm}^+(t_k) + q_{ij}, \qquad P_{ij}^+ = P_{ij}^- - K_iP_{1j}^-")
+        r.math(f"{name}^-(t_{{k+1}}) = " + terms, "" if i else "prediction")
+    r.says("**Update** with the innovation $\\nu = h_m - \\hat{h}^-$ ({ref:maybeck, section 5.3}), and the covariance in six scalars, $i \\le j$, with the elements $\\varphi_{ij}$ of $\\Phi$ and $q_{ij}$ of $Q_d$:")
+    r.math(r"\hat h^+ = \hat h^- + K_1\nu, \quad \hat x_2^+ = \hat x_2^- + K_2\nu, \quad \hat h_{c0}^+ = \hat h_{c0}^- + K_3\nu, \qquad K_i = \frac{P_{1i}^-}{P_{11}^- + R_d}", "update")
+    r.math(r"P_{ij}^-(t_{k+1}) = \sum_{l,m}\varphi_{il}\varphi_{jm}P_{lm}^+(t_k) + q_{ij}, \qquad P_{ij}^+ = P_{ij}^- - K_iP_{1j}^-", "recursion")
     r.says("The gains come from this recursion, run beforehand from $P_0$. For the same reason as in (a) the three-state equation has no stabilising solution, and the limits are those of the two driven states.")
     if c is not None:
         r.math(r"c = {c}", c=c)
@@ -113,9 +113,9 @@ def part_b(r, p, answer, pair, sampled):
 def sampled_limit(r, p, answer, pair, sampled):
     """The limit of the sampled filter, and its way there."""
     limit, routes = steady.solve(pair), ("Riccati equation", "spectral factorisation")
-    r.value("altitude_variance_prior_steady", limit.P_minus[0, 0], "m²", agrees=answer, routes=routes)
-    r.value("altitude_variance_posterior_steady", limit.P_plus[0, 0], "m²", agrees=answer, routes=routes)
-    r.value("altitude_gain_steady", limit.K[0, 0], "1", agrees=answer, routes=routes)
+    r.value("altitude_variance_prior_steady", limit.P_minus[0, 0], "m²", symbol=r"\bar P_{11}^-", agrees=answer, routes=routes)
+    r.value("altitude_variance_posterior_steady", limit.P_plus[0, 0], "m²", symbol=r"\bar P_{11}^+", agrees=answer, routes=routes)
+    r.value("altitude_gain_steady", limit.K[0, 0], "1", symbol=r"\bar K_1", agrees=answer, routes=routes)
     whole = steady.solve(sampled)
     r.check("limit of the three-state filter", whole.P_plus[:2, :2], limit.P_plus,
             ("three states without the undriven mode", "two states"))
@@ -147,9 +147,10 @@ def signed(value):
 
 def data_sets(r, p):
     """The data as printed, and without the squares, beside the given ones."""
-    r.says('**The data.** The sheet prints 22500², 36² and 81². They are taken as they stand, yet such numbers are more likely units that lost their letter, "22500 m²" and so on; both readings are computed:')
+    r.says("**The data.** The sheet prints $22500^2$, $36^2$ and $81^2$. They are taken as they stand, yet such numbers are more likely units that lost their letter: 22500 m², 36 m²·s, 81 m²·s. Read literally, the standard deviation of the commanded altitude is 22.5 km about a mean of 3 km; in plain units it is 150 m. {tab:data} has both readings. The ratio $N_c/N_m$, on which the gains depend, is {printed:2} in the one and {plain:2} in the other, so the filters are of one kind; the lengths differ by a factor of some ten.",
+           printed=PRINTED[0] / PRINTED[1], plain=UNITS[0] / UNITS[1])
     own = (p.N_c, p.N_m, p.var_hc0)
-    sets = {"as printed": PRINTED, "without the squares": UNITS}
+    sets = {"as printed": PRINTED, "in plain units": UNITS}
     if own not in sets.values():
         sets = {"given parameters": own} | sets
     rows = []
@@ -167,9 +168,9 @@ def data_sets(r, p):
                 ("Riccati equation", "spectral factorisation"))
         rows.append((text("{name} (the given ones)" if mark else "{name}", name=name), N_c, N_m, var, limit.P[0, 0], limit.K[0, 0],
                      discrete.P_minus[0, 0], discrete.P_plus[0, 0], discrete.K[0, 0], last[0, 0],
-                     100 * (last[0, 0] / limit.P[0, 0] - 1) if N_c else None, last[2, 2]))
-    r.table("data", ["data", "N_c", "N_m", "var h_c0, m²", "P11(∞), m²", "K1(∞), 1/s", "P⁻(∞), m²", "P⁺(∞), m²", "K(∞)", "P11(300 s), m²", "above its limit, %", "P33(300 s), m²"], rows,
-            "Two readings of the data.")
+                     100 * (last[0, 0] / limit.P[0, 0] - 1) if N_c else None, math.sqrt(last[2, 2])))
+    r.table("data", ["data", "$N_c$, m²·s", "$N_m$, m²·s", "var $h_{c0}$, m²", "$P_{11}(\\infty)$, m²", "$K_1(\\infty)$, 1/s", "$\\bar P_{11}^-$, m²", "$\\bar P_{11}^+$, m²", "$\\bar K_1$", "$P_{11}$(300 s), m²", "above its limit, %", "σ of $h_{c0}$ at 300 s, m"], rows,
+            "Two readings of the data: the limits of both filters, and what is reached at 300 s.")
 
 
 def part_c(r, p, answer, three, sampled):
@@ -184,24 +185,21 @@ def part_c(r, p, answer, three, sampled):
     top = max(plan_b.P_minus[-1, 0, 0], continuous.P[-1, 0, 0])
     label = text("dt = {dt} s", dt=p.dt)
     if top > 0:
-        figure = plots.sampled({label: plan_b}, t, continuous.P[:, 0, 0], xlabel=TIME, ylabel="$P_{11}$, m²", log="xy")
-        r.figure("sawtooth", figure,
-                 "Variance of the altitude from the start, both axes logarithmic: the continuous P(t) and the sawtooth of the sampled filter.")
         figure = plots.sampled({label: plan_b}, t, continuous.P[:, 0, 0], xlabel=TIME, ylabel="$P_{11}$, m²",
                                limit=answer["altitude_variance_steady_continuous"], ylim=(0.0, 2 * top))
-        r.figure(
-            "sawtooth_late",
-            figure,
-            "The same on a linear scale: P(t) runs between the teeth, both towards limits that they have not reached while the command is still being learnt."
-            if p.var_hc0
-            else "The same on a linear scale: P(t) runs between the teeth.",
-        )
+        r.figure("teeth", figure, "Variance of the altitude: $P_{11}(t)$ of the continuous filter, and that of the sampled filter before and after each measurement. The start is above the picture." if p.var_hc0 else "Variance of the altitude: $P_{11}(t)$ of the continuous filter, and that of the sampled filter before and after each measurement.")
+        r.says("In {fig:teeth} the continuous variance runs between the teeth of the sampled one: a measurement lowers the variance at once, and until the next one it grows by what the altitude does meanwhile.",
+               " Both are still on their way to their limits, as the command is still being learnt." if p.var_hc0 and p.N_c else "")
+    else:
+        r.says("The altitude is known without error from the start, so that there is no variance to draw.")
     shown = continuous.P[:, 0, 0] > 0
     log = "xy" if shown.any() and p.var_hc0 else "x"
     figure = plots.gains(t, continuous.K, plan_b,
                          names=["|$K_1$|", "|$K_2$|", "|$K_3$|"] if log == "xy" else ["$K_1$", "$K_2$", "$K_3$"],
                          units=["1/s", "1/s²", "1/s"], xlabel=TIME, log=log)
-    r.figure("gains", figure, "Gains of the continuous filter, and those of the sampled filter divided by its period.")
+    r.figure("gains", figure, "Gains of the continuous filter (lines), and those of the sampled filter divided by its period (points).")
+    r.says("{fig:gains} has the gains. $K_1$ is proportional to $P_{11}$. A measurement of the sampled filter does in one step what the continuous filter does within a period, so its gain over the period is close to the continuous one and the points lie on the lines or, while much is corrected in one period, below them.",
+           " $K_3$ falls to 0 with the variance of the command: the filter stops learning the constant, and later drifts of the command would not be followed." if p.var_hc0 else "")
     compared(r, p, three, plan_b)
 
 
@@ -218,8 +216,9 @@ def compared(r, p, three, plan_b):
         )
         for k in sorted({1, math.ceil(p.steps / 30), math.ceil(p.steps / 5), p.steps})
     ]
-    r.table("compare", ["measurement", "t, s", "P11⁻, m²", "P11⁺, m²", "P11(t), m²", "√P33⁺, m"], rows,
+    r.table("compare", ["measurement", "t, s", "$P_{11}^-$, m²", "$P_{11}^+$, m²", "$P_{11}(t)$, m²", "$\\sqrt{P_{33}^+}$, m"], rows,
             "Both filters at the same times.")
+    r.says("{tab:compare} has the numbers at some of the measurements.")
     span = 1 / float(np.abs(bucy.steady(plant(p.N_c, p.N_m)).poles).max())
     target, counts = float(bucy.transient(three, [span]).P[0, 0, 0]), (40, 80, 160)
     ends = [float(covariances(discretise(three, span / n), n).P_plus[-1, 0, 0]) for n in counts]
@@ -228,71 +227,14 @@ def compared(r, p, three, plan_b):
                 ("recursion", "Riccati equation, integrated"))
 
 
-def explanation(r, p, answer):
-    """Why sampling costs what it does."""
-    prior, posterior, limit = (
-        answer[f"altitude_variance_{name}"] for name in ("prior_steady", "posterior_steady", "steady_continuous")
-    )
-    if not limit:
-        r.says("**Explanation.** Without noise in the command both filters learn the flight exactly, and the period makes no difference to the limit.")
-        return
-    found = [
-        r.values[f"altitude_variance_{name}"].value
-        for name in ("prior_steady", "posterior_steady", "steady_continuous")
-    ]
-    cost = 100 * (0.5 * (found[0] + found[1]) / found[2] - 1)
-    r.value("sampling_cost", cost, "%")
-    r.check("cost of sampling", cost, 100 * (0.5 * (prior + posterior) / limit - 1),
-            ("Riccati equations", "spectral factorisation"), SOLVER, scale=100.0)
-    r.says("**Explanation.** The steady filter has {constants}, the period is {dt} s. {words} Over a period the variance swings between {posterior} and {prior} m², and the mean of the two, {mean} m², is {cost} % above the continuous limit {limit} m². What the sampled filter loses is only what the altitude does between two measurements; their information is the same, for $R_d\\,dt = N_m$.",
-           constants=constants(answer), dt=p.dt, posterior=posterior, prior=prior, mean=0.5 * (prior + posterior),
-           cost=round(cost, 4), limit=limit, words=slowness(p, answer))
-
-
-def slowness(p, answer):
-    """Whether the filter is slow beside the period."""
-    shortest = min(1 / math.hypot(*pole) for pole in answer["filter_poles_continuous"])
-    if p.dt <= 0.2 * shortest:
-        return text("It averages over some {n} measurements, so it matters little when exactly they come.",
-                    n=round(shortest / p.dt))
-    if p.dt <= shortest:
-        return "It averages over a few measurements only, and sampling is felt."
-    return "The period is longer than the filter's memory: each measurement stands almost alone, and sampling is felt strongly."
-
-
-def conclusions(r, p, answer):
-    """What the numbers say."""
-    limit, lines = answer["altitude_variance_steady_continuous"], []
-    if limit:
-        lines.append(text("The continuous filter estimates the altitude with a variance that tends to {P} m² (σ = {sd} m) and the gain {K} 1/s; it has {constants}.",
-                          P=limit, sd=math.sqrt(limit), K=answer["altitude_gain_steady_continuous"], constants=constants(answer)))
-    else:
-        lines.append("Without noise in the command the variance of the altitude tends to 0, like that of the command: in the end the model alone tells the altitude.")
-    lines.append("The gains cannot be had from an algebraic Riccati equation of the three states, since nothing drives the constant command; they are integrated from P0.")
-    if p.var_hc0:
-        lines.append(text("The commanded constant becomes known like (N_c + N_m)/(t − t*), t* = {origin} s: σ = {sd} m at 300 s. Its gain K3 tends to 0.",
-                          origin=answer["command_time_origin"], sd=math.sqrt(answer["command_variance_continuous"][3])))
-    else:
-        lines.append("The command is known from the start, and only the noise of the command and of the measurements counts.")
-    above = r.values["altitude_excess_300s"].value
-    if above is not None and abs(above) > 1:
-        lines.append(text("At 300 s the variance of the altitude is {above} % above its limit: the filter has not settled by the 1 % criterion.",
-                          above=above))
-    elif above is not None:
-        lines.append(text("At 300 s the variance of the altitude is within 1 % of its limit ({above} %).", above=above))
-    if limit:
-        cost = r.values["sampling_cost"].value
-        word = "nearly as good as" if cost < 5 else "worse than"
-        lines.append(text("Measurements every {dt} s are {word} continuous ones: the variance swings between {posterior} and {prior} m², on average {cost} % above the continuous limit.",
-                          dt=p.dt, word=word, posterior=answer["altitude_variance_posterior_steady"], prior=answer["altitude_variance_prior_steady"], cost=round(cost, 4)))
-    lines.append(largest(r))
-    r.items(lines)
-
-
 PARTS = Skeleton(
+    result=result,
+    key="variances",
     analysis=(part_a, part_b, data_sets),
     plan=plan,
     experiment=(part_c, ensembles, explanation),
+    discussion=discussion,
+    answers=answers,
     conclusions=conclusions,
 )
 
@@ -300,7 +242,11 @@ PARTS = Skeleton(
 def report(p, experiment: Experiment) -> Report:
     """Answer the sheet, item by item."""
     two, three = plant(p.N_c, p.N_m), model(p.N_c, p.N_m, p.var_hc0, p.mean_hc0)
-    return PARTS.report(META, p, experiment, answer=by_hand.analytic(p), two=two, three=three,
+    own = (p.N_c, p.N_m, p.var_hc0)
+    names = ("in plain units", "as printed") if own == UNITS else ("as printed" if own == PRINTED else "as given", "in plain units")
+    other = PRINTED if own == UNITS else UNITS
+    second = (plant(*other[:2]), model(*other, p.mean_hc0))
+    return PARTS.report(META, p, experiment, names=names, second=second, answer=by_hand.analytic(p), two=two, three=three,
                         pair=discretise(two, p.dt), sampled=discretise(three, p.dt))
 
 

@@ -120,7 +120,8 @@ def test_every_sentence_of_a_lab_can_be_translated(name, marked):
     """What a reader sees in words begins with a text of the sources: none is glued from what no translator has seen."""
     lab = LABS[name]
     report = labs.run(lab, labs.parameters([lab], {})[name], Experiment(25, 1, workers=1))
-    found = list(pieces(report))
+    sheet = (ROOT / "tasks" / "sheets" / f"{name}.md").read_text(encoding="utf-8")  # translated as a file
+    found = [piece for piece in pieces(report) if piece not in sheet]
     assert sum("«" in piece for piece in found) > 50
     assert [piece for piece in found if "«" not in piece and WORDS.search(piece)] == []
 

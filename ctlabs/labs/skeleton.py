@@ -15,7 +15,7 @@ from ctlabs.labs.catalogue import catalogue
 from ctlabs.labs.sheets import Sheet, bibliography, listing, sheet
 from ctlabs.reporting.cells import cell, grid
 from ctlabs.reporting.report import Block, Copy, Equation, Heading, Picture, Report, Table, Text, Value
-from ctlabs.text import _, fill, prose, translated
+from ctlabs.text import fill, prose, translated
 
 if TYPE_CHECKING:
     from ctlabs.labs.experiment import Experiment
@@ -89,7 +89,7 @@ class Skeleton:
         if self.result is not None:
             sentences = [translated(each) for each in called(self.result, known)]
             r.more["result"] = sentences[0]
-            found: list[Block] = [Heading(_("Result"), 2, name="result"), Text(" ".join(sentences))]
+            found: list[Block] = [Heading(translated("Result"), 2, name="result"), Text(" ".join(sentences))]
             r.blocks[first:first] = found + ([Copy(self.key)] if self.key else [])
         r.blocks = numbered(r.blocks)
         return r
@@ -133,8 +133,8 @@ def _statement(r: Report, asked: Sheet) -> None:
         ]
         for name, unit, meaning in r.parameters.described()
     ]
-    r.blocks.append(Text(_("In this report:")))
-    r.blocks.append(Text(grid([_("symbol"), _("value"), _("unit"), _("meaning")], rows)))
+    r.blocks.append(Text(translated("In this report:")))
+    r.blocks.append(Text(grid([translated("symbol"), translated("value"), translated("unit"), translated("meaning")], rows)))
     if asked.aim:
         r.heading("Aim", "aim")
         r.blocks.append(Text(translated(asked.aim)))
@@ -170,7 +170,7 @@ def shown_value(value: Value) -> str:
 
 def _questions(r: Report, asked: Sheet) -> None:
     r.heading("Control questions", "questions")
-    said = _("{question} *Answer: {place}.*")
+    said = translated("{question} *Answer: {place}.*")
     lines = [
         f"{i}. " + fill(said, question=translated(question), place=place.rstrip("."))
         for i, (question, place) in enumerate(asked.questions, 1)
