@@ -18,7 +18,7 @@ from ctlabs.tasks.answers.task19 import TIMES, WITHIN
 
 from ctlabs.filtering import bucy, steady
 from ctlabs.labs.experiment import Experiment, covariances
-from ctlabs.labs.portrait import portrait, rms
+from ctlabs.labs.portrait import TOGETHER, portrait, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
@@ -198,7 +198,7 @@ def ensemble(r, p, experiment, sampled, steps):
         r.says("Within one period x grows by a factor of e to the power {power:3}. Its rounding would hide the error of the estimate, so nothing is simulated; the covariances above stand.", power=-p.beta * p.dt)
         return {"measured": None, "sd": None, "when": None}
     r.says("**Simulated records.** {fig:errors} shows 25 runs, {fig:ensemble} the statistics of all {runs}.", runs=experiment.runs)
-    stats = portrait(r, experiment, sampled, steps, xlabel=TIME, figures={
+    stats = portrait(r, experiment, sampled, steps, xlabel=TIME, together_steps=TOGETHER if p.beta >= 0 else min(TOGETHER, int(GROWTH / (-p.beta * p.dt))), figures={
         "errors": "The innovations are wider than the prediction errors by the noise of a measurement; the errors " + ("shrink with x." if p.beta > 0 else "shrink as more measurements are averaged." if p.beta == 0 else "keep the width at which growth and measurements balance.")})
     theory = covariances(sampled, steps)
     r.figure("ensemble", plots.ensemble_log(stats, theory.P_plus, xlabel=TIME, units=["m"], names=["x"]),
