@@ -87,7 +87,7 @@ def comparison(r, p, answer, system, box, best):
     r.holds("the optimum is the least", min(boxed, constant, half) - optimal, ("by hand", "optimality"), size=scale)
     worse = bool(boxed > constant)
     r.value("verdict_b", worse)
-    r.says("{tab:errors} compares them. " + ("The box is worse even than the best constant gain, {box} against {constant} V²: its dynamics do harm." if worse else "The box is not worse than the best constant gain, {box} against {constant} V²."), box=boxed, constant=constant)
+    r.says("{tab:errors} compares them. ", "The box is worse even than the best constant gain, {box} against {constant} V²: its dynamics do harm." if worse else "The box is not worse than the best constant gain, {box} against {constant} V².", box=boxed, constant=constant)
     criticism(r, p, optimal, boxed)
     diagram(r)
     tests(r, p, answer, box, best)

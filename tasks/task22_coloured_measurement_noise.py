@@ -268,7 +268,7 @@ def table(r, p):
         r.check(text("discrete limit, {name}", name=name), sampled_, by_hand.discrete_limit(q.a, q.dt, q.Q1, q.Q2), ("Riccati equation", "root of the quadratic"))
         rows.append((name, start, end, sampled_, math.sqrt(q.Q1 / (q.Q1 + q.Q2)), when, settling(discrete, WITHIN, first=0)))
     if p.a:
-        r.says("{tab:sets} has the bounds and the settling times of all sets, {fig:sets} the curves. " + ("Each curve goes from its $P(0^+)$ to its limit at the rate $2ac_1$, so a faster noise (larger a) and a livelier object (larger $Q_1$) shorten the transient, while a stronger noise (larger $Q_2$) raises the limit." if p.Q1 and p.Q2 else "The variance tends to zero wherever the object stands still or the noise is not driven."))
+        r.says("{tab:sets} has the bounds and the settling times of all sets, {fig:sets} the curves. ", "Each curve goes from its $P(0^+)$ to its limit at the rate $2ac_1$, so a faster noise (larger a) and a livelier object (larger $Q_1$) shorten the transient, while a stronger noise (larger $Q_2$) raises the limit." if p.Q1 and p.Q2 else "The variance tends to zero wherever the object stands still or the noise is not driven.")
         r.table("sets", ["set", "P(0⁺), m²", "P∞, m²", "p∞ sampled, m²", "c₁", "settled, s", "settled at i"], rows,
                 "Bounds of the error variance of x₁ and settling within 1 %; no settling where the limit is 0.")
     else:
