@@ -37,15 +37,15 @@ def with_boxes(system, boxes):
 def part_b(r, p, answer, system, small, box):
     """The optimum by two routes, and the comparison."""
     r.section("b", "The optimal filter, its test, and a criticism of the box")
-    r.math(r"S_s = \frac{\sigma}{\omega^2+a^2}, \quad S_n = \frac{\nu}{\omega^2+b^2}, \qquad S_s + S_n = q\,\frac{\omega^2+c^2}{(\omega^2+a^2)(\omega^2+b^2)}, \quad q = \sigma + \nu, \quad c^2 = \frac{\sigma b^2+\nu a^2}{q}")
-    r.says("with $a = {a}$, $b = {b}$, $\\sigma = {power}$, $\\nu = {noise}$. **Route 1, Wiener.** With the factor $\\Psi = \\sqrt{q}\\,(s+c)/((s+a)(s+b))$",
+    r.says("Signal and noise have the spectra")
+    r.math(r"S_s = \frac{\sigma}{\omega^2+a^2}, \quad S_n = \frac{\nu}{\omega^2+b^2}, \qquad S_s + S_n = q\,\frac{\omega^2+c^2}{(\omega^2+a^2)(\omega^2+b^2)}, \quad q = \sigma + \nu, \quad c^2 = \frac{\sigma b^2+\nu a^2}{q}", "spectra")
+    r.says("with $a = {a}$, $b = {b}$, $\\sigma = {power}$, $\\nu = {noise}$. **Route 1, Wiener** ({ref:wiener}; {ref:maybeck, section 5.12}). With the stable factor $\\Psi = \\sqrt{q}\\,(s+c)/[(s+a)(s+b)]$ of the sum,",
            a=p.signal_pole, b=p.noise_pole, power=p.signal_power, noise=p.noise_power)
     r.math(r"\frac{S_s}{\Psi(-s)} = \frac{\sigma\,(b-s)}{\sqrt q\,(s+a)(c-s)}, \qquad \left[\cdot\right]_+ = \frac{\sigma(a+b)}{\sqrt q\,(a+c)}\,\frac1{s+a} \quad (\text{the residue at } -a)")
-    r.math(r"H_{opt} = \frac1\Psi\left[\frac{S_s}{\Psi(-s)}\right]_+ = g\,\frac{s+b}{s+c}, \qquad g = \frac{\sigma}{q}\,\frac{a+b}{a+c}")
-    r.says("**Route 2, state space.** Both processes are first-order states, $\\dot{s} = -as + w_1$, $\\dot{n} = -bn + w_2$, and $z = s + n$ is a perfect measurement. Its derivative gives one with white noise, correlated with $w_1$:")
-    r.math(r"\dot z + bz = (b-a)\,s + (w_1+w_2), \qquad \dot{\hat s} = -a\hat s + k\,[\dot z + bz - (b-a)\hat s], \qquad k = \frac{(b-a)P+\sigma}{q}, \qquad \dot P = -2aP + \sigma - k^2q")
+    r.math(r"H_{opt} = \frac1\Psi\left[\frac{S_s}{\Psi(-s)}\right]_+ = g\,\frac{s+b}{s+c}, \qquad g = \frac{\sigma}{q}\,\frac{a+b}{a+c}", "optimum")
+    r.says("**Route 2, state space.** Both processes are first-order states, $\\dot{s} = -as + w_1$, $\\dot{n} = -bn + w_2$, and $z = s + n$ is a perfect measurement. Its derivative gives one with white noise, correlated with $w_1$ (as in lab 22; {ref:bryson_johansen}):")
+    r.math(r"\dot z + bz = (b-a)\,s + (w_1+w_2), \qquad \dot{\hat s} = -a\hat s + k\,[\dot z + bz - (b-a)\hat s], \qquad k = \frac{(b-a)P+\sigma}{q}, \qquad \dot P = -2aP + \sigma - k^2q", "state")
     r.says("The steady $k$ is $g$ of route 1, the pole is $a + (b-a)g = c$, and $\\hat{s} = \\xi + gz$ needs no derivative: $\\dot{\\xi} = -c\\,\\xi + g(b-c)z$. ∎")
-    r.model(small.model)
     found = spectra.wiener(spectra.Spectrum([p.signal_power], [1, p.signal_pole**2]), spectra.Spectrum([p.noise_power], [1, p.noise_pole**2]))
     num, den = reduced.transfer_function(small)
     r.value("optimal_transfer_function", [num, den], agrees=answer, routes=("state space", "by hand"))
@@ -54,7 +54,7 @@ def part_b(r, p, answer, system, small, box):
     for name, pick in (("real part", np.real), ("imaginary part", np.imag)):
         r.check(text("Wiener and Kalman filter, {name}", name=name), pick(wiener_), pick(space), ("spectral factorisation", "state space"), scale=1.0)
     P = float(reduced.steady(small).P[0, 0])
-    r.value("optimal_variance", P, "V²")
+    r.value("optimal_variance", P, "V²", symbol=r"\overline{e^2}\;\text{of the optimum}")
     scale = max(P, float(system.P0.max()) * 1e-3)  # a much smaller error is the difference of larger numbers
     r.check("optimal variance", P, answer["optimal_variance"], ("Riccati equation", "by hand"), scale=scale)
     r.check("mean square error of the Wiener filter", found.mse, P, ("integral over the spectra", "Riccati equation"), scale=scale)
@@ -64,12 +64,12 @@ def part_b(r, p, answer, system, small, box):
 def comparison(r, p, answer, system, box, best):
     """The box, the optimum and a constant gain: in the problem, and in the test."""
     signal, noise = spectra.Spectrum([p.signal_power], [1, p.signal_pole**2]), spectra.Spectrum([p.noise_power], [1, p.noise_pole**2])
-    r.says("**Mean square errors.** For any stable filter $\\overline{e^2} = \\frac{1}{2\\pi}\\int(|1-H|^2S_s + |H|^2S_n)\\,d\\omega$. With $1 - H = s/(2(s+2))$ the box has")
-    r.math(r"\overline{e^2} = \frac{\sigma}{8(a+2)} + \frac{\nu\,(b+8)}{8b(b+2)}, \qquad \text{constant gain } \frac{\sigma_s^2}{\sigma_s^2+\sigma_n^2}: \; \overline{e^2} = \frac{\sigma_s^2\sigma_n^2}{\sigma_s^2+\sigma_n^2}, \quad \sigma_s^2 = \frac{\sigma}{2a}, \; \sigma_n^2 = \frac{\nu}{2b}")
+    r.says("**Mean square errors.** For any stable filter $\\overline{e^2} = \\frac{1}{2\\pi}\\int(|1-H|^2S_s + |H|^2S_n)\\,d\\omega$. With $1 - H = s/[2(s+2)]$ the box and the best constant gain have")
+    r.math(r"\overline{e^2} = \frac{\sigma}{8(a+2)} + \frac{\nu\,(b+8)}{8b(b+2)}, \qquad \text{constant gain } \frac{\sigma_s^2}{\sigma_s^2+\sigma_n^2}: \; \overline{e^2} = \frac{\sigma_s^2\sigma_n^2}{\sigma_s^2+\sigma_n^2}, \quad \sigma_s^2 = \frac{\sigma}{2a}, \; \sigma_n^2 = \frac{\nu}{2b}", "errors")
     routes = ("Lyapunov equation", "by hand")
-    r.value("black_box_variance", spectra.mean_square_error(*box, signal, noise), "V²", agrees=answer, routes=routes)
+    r.value("black_box_variance", spectra.mean_square_error(*box, signal, noise), "V²", symbol=r"\text{of the box}", agrees=answer, routes=routes)
     gain = system.P0[0, 0] / np.trace(system.P0)
-    r.value("constant_gain_variance", spectra.mean_square_error([gain], [1.0], signal, noise), "V²", agrees=answer, routes=routes)
+    r.value("constant_gain_variance", spectra.mean_square_error([gain], [1.0], signal, noise), "V²", symbol=r"\text{of the best constant gain}", agrees=answer, routes=routes)
     joint, rows = with_boxes(system, [box, best])
     scale = float(joint.P0[0, 0] + joint.P0[1, 1])
     mean_squares = np.einsum("ij,jk,ik->i", rows, joint.P0, rows)
@@ -83,11 +83,11 @@ def comparison(r, p, answer, system, box, best):
             ("optimal", text("({g} s + {gb})/(s + {c})", g=best[0][0], gb=best[0][1], c=best[1][1]), optimal),
             ("box", "(0.5 s + 2)/(s + 2)", boxed), ("best constant gain", text("{g}", g=float(gain)), constant), ("constant gain ½", "0.5", half),
         )
-    ], "The box against the optimum and against no dynamics at all.")
+    ], "Mean square errors of the box, of the optimum, and of filters without dynamics.")
     r.holds("the optimum is the least", min(boxed, constant, half) - optimal, ("by hand", "optimality"), size=scale)
     worse = bool(boxed > constant)
     r.value("verdict_b", worse)
-    r.says("Criterion of `verdict_b`: whether the box is worse than the best constant gain. It {is_}: {box} against {constant} V².", is_="is" if worse else "is not", box=boxed, constant=constant)
+    r.says("{tab:errors} compares them. ", "The box is worse even than the best constant gain, {box} against {constant} V²: its dynamics do harm." if worse else "The box is not worse than the best constant gain, {box} against {constant} V².", box=boxed, constant=constant)
     criticism(r, p, optimal, boxed)
     diagram(r)
     tests(r, p, answer, box, best)
@@ -115,7 +115,8 @@ def diagram(r):
     }
     arrows = [Arrow("z", "B"), Arrow("B", "+", "", "+"), Arrow("+", "K"), Arrow("K", "*", "", "+"), Arrow("*", "I"), Arrow("I", "o"), Arrow("o", "s"), Arrow("o", "o2"), Arrow("o2", "a"),
               Arrow("a", "*", "", "−"), Arrow("o2", "f", turn="along"), Arrow("f", "+", "", "−")]
-    r.figure("diagram", plots.block_diagram(nodes, arrows), "The optimal filter as derived. The loop through b − a feeds the innovation back; for the printed spectra the box is the same without this loop.")
+    r.says("{fig:diagram} shows the optimal filter as it was derived. The loop through b − a feeds the innovation back; without this loop it is, for the printed spectra, the box.")
+    r.figure("diagram", plots.block_diagram(nodes, arrows), "The optimal filter of {eq:state} with its steady gain, and the feedback of the innovation.")
 
 
 def tests(r, p, answer, box, best):
@@ -125,17 +126,17 @@ def tests(r, p, answer, box, best):
     routes = ("Lyapunov equation", "by hand")
     powers = [S.power for S in outputs.values()]
     r.says("**The test.** With the input $2pN/(\\omega^2+p^2)$, $p = {p}$, of power N, the outputs have the power", p=p.test_pole)
-    r.math(r"\frac{\overline{y^2}}{N} = g^2\left[1 + \frac{b^2-c^2}{c\,(c+p)}\right] \text{ (optimum)}, \qquad \frac14\left[1 + \frac{12}{2\,(2+p)}\right] \text{ (box)}")
-    r.value("optimal_test_output_power", powers[1], agrees=answer, routes=routes)
-    r.value("black_box_test_output_power", powers[0], agrees=answer, routes=routes)
+    r.math(r"\frac{\overline{y^2}}{N} = g^2\left[1 + \frac{b^2-c^2}{c\,(c+p)}\right] \text{ (optimum)}, \qquad \frac14\left[1 + \frac{12}{2\,(2+p)}\right] \text{ (box)}.", "test")
+    r.value("optimal_test_output_power", powers[1], symbol=r"\overline{y^2}/N\;\text{of the optimum}", agrees=answer, routes=routes)
+    r.value("black_box_test_output_power", powers[0], symbol=r"\text{of the box}", agrees=answer, routes=routes)
     slow = best[0][1] / best[1][1]
-    r.says("The box lets {box} of the test noise through, the optimum {optimum}: {compared}, at low frequency by the factor {ratio} in the density. At high frequency the densities have the ratio {fast}.",
-           box=powers[0], optimum=powers[1], compared="the box more" if powers[0] > powers[1] * (1 + 1e-9) else "the box no more",
-           ratio=1 / slow**2 if slow else math.inf, fast=(box[0][0] / best[0][0]) ** 2 if best[0][0] else math.inf)
+    parts = ["The box lets {box} of the test noise through, the optimum {optimum}. In {fig:tests} this is seen frequency by frequency"]
+    if slow and best[0][0]:
+        parts.append(": for slow changes the density behind the box is {ratio:3} times that behind the optimum, for fast ones {fast:3} times.")
+    else:
+        parts.append(".")
+    r.says(*parts, box=powers[0], optimum=powers[1], ratio=1 / slow**2 if slow else 0.0, fast=(box[0][0] / best[0][0]) ** 2 if best[0][0] else 0.0)
     w = np.geomspace(0.05, 200, 300)
     curves = {"test input": test(w), **{text("output of the {name}", name=name): S(w) for name, S in outputs.items() if S.num.any()}}
     figure = plots.lines(w, curves, xlabel=FREQUENCY, ylabel="density for N = 1, V²·s", log="xy")
-    r.figure("tests", figure, "The test of both filters: spectra of input and outputs.")
-    if best[0][0]:
-        figure = plots.bode({"box": box, "optimum": best}, w)
-        r.figure("bode", figure, "Box and optimum: they agree for fast changes if their gains do, and differ for slow ones.")
+    r.figure("tests", figure, "The test of both filters: spectral densities of the input and of the two outputs, for N = 1.")

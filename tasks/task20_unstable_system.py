@@ -14,6 +14,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from ctlabs.tasks._task20_words import answers, conclusions, discussion, label, result
 from ctlabs.tasks.answers import task20 as by_hand
 from ctlabs.tasks.answers.task20 import MOMENT, TIMES
 from pydantic import model_validator
@@ -21,7 +22,7 @@ from pydantic import model_validator
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import bucy, steady
 from ctlabs.labs.experiment import Experiment, covariances
-from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.portrait import TOGETHER, agreement, mean_error, portrait, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
@@ -50,7 +51,7 @@ class Parameters(LabParameters):
     """What may be changed."""
 
     Q: Variance = given(1.0, unit="m²/s", meaning="strength of the process noise w")
-    R_values: Positives = given((1.0, 2.0, 4.0), unit="m²·s", meaning="strengths of the measurement noise v")
+    R_values: Positives = given((1.0, 2.0, 4.0), unit="m²·s", meaning="strengths of the measurement noise v", symbol="R")
     P0: Variance = given(1.0, unit="m²", meaning="variance of x(0)")
     dt: Positive = given(0.1, unit="s", meaning="period of the discrete measurements")
 
@@ -71,52 +72,48 @@ def model(p, R):
                            measurements=["z"], units=["m"])
 
 
-def label(R):
-    """The name of a curve."""
-    return text("R = {R} m²·s", R=R)
-
-
 def part_a(r, p, answer, systems):
     """P(t) and its limit."""
     r.section("a", "The error variance and its limit")
+    r.says("The system and its measurement, for $R = {R}$ m²·s, are", R=p.R_values[0])
     r.model(systems[0])
-    r.says("(shown for $R = {R}$ m²·s). The filter, with $\\hat{x}(0) = E[x(0)]$ and $P(0) = P_0$:", R=p.R_values[0])
-    r.math(r"\dot{\hat x} = \hat x + K\,(z - \hat x), \qquad K(t) = \frac{P(t)}{R}, \qquad \dot P = 2P + Q - \frac{P^2}{R}")
-    r.says("**Solution.** With $\\kappa = \\sqrt{1 + Q/R}$ and $\\pi = P - R$ the square is completed, $\\dot\\pi = (R^2\\kappa^2 - \\pi^2)/R$, which is the equation of a Wiener process in white noise with the limit $R\\kappa$ and the rate κ:")
-    r.math(r"\pi(t) = R\kappa\,\frac{\pi_0 + R\kappa\tanh\kappa t}{R\kappa + \pi_0\tanh\kappa t} \qquad\Longrightarrow\qquad P(t) = \frac{P_0(\kappa + \tanh\kappa t) + Q\tanh\kappa t}{\kappa - \tanh\kappa t + (P_0/R)\tanh\kappa t}")
+    r.says("Its Kalman–Bucy filter {ref:maybeck, section 5.11}, started at $\\hat{x}(0) = E[x(0)]$ and $P(0) = P_0$, is")
+    r.math(r"\dot{\hat x} = \hat x + K\,(z - \hat x), \qquad K(t) = \frac{P(t)}{R}, \qquad \dot P = 2P + Q - \frac{P^2}{R}", "riccati")
+    r.says("**Solution.** With $\\kappa = \\sqrt{1 + Q/R}$ and $\\pi = P - R$ the square is completed, $\\dot\\pi = (R^2\\kappa^2 - \\pi^2)/R$, which is the Riccati equation of a Wiener process in white noise, with the limit $R\\kappa$ and the rate κ (lab 16). Hence")
+    r.math(r"\pi(t) = R\kappa\,\frac{\pi_0 + R\kappa\tanh\kappa t}{R\kappa + \pi_0\tanh\kappa t} \qquad\Longrightarrow\qquad P(t) = \frac{P_0(\kappa + \tanh\kappa t) + Q\tanh\kappa t}{\kappa - \tanh\kappa t + (P_0/R)\tanh\kappa t}", "variance")
     r.says("**Limit.** The roots of $\\dot P = 0$ are $R(1 \\pm \\kappa)$. The ratio $(\\pi - R\\kappa)/(\\pi + R\\kappa)$ decays like $e^{-2\\kappa t}$ unless $P_0$ is the lower root, which is negative (or 0, if $Q = 0 = P_0$, which is excluded). So for every $P_0$")
-    r.math(r"P(t) \to P_\infty = R\Bigl(1 + \sqrt{1 + \tfrac QR}\Bigr), \qquad K \to 1 + \kappa, \qquad 1 - K \to -\kappa \qquad\blacksquare")
+    r.math(r"P(t) \to P_\infty = R\Bigl(1 + \sqrt{1 + \tfrac QR}\Bigr), \qquad K \to 1 + \kappa, \qquad 1 - K \to -\kappa \qquad\blacksquare", "limit")
     if not p.Q:
         r.says("Without process noise this is $P_\\infty = 2R$, not 0: an unstable state is never known exactly, since what is left of the initial error grows as fast as it is measured away.")
     limits, routes = [bucy.steady(system) for system in systems], ("Riccati equation", "closed form")
-    r.value("variance_steady_continuous", [limit.P[0, 0] for limit in limits], "m²", agrees=answer, routes=routes)
-    r.value("gain_steady_continuous", [limit.K[0, 0] for limit in limits], "1/s", agrees=answer, routes=routes)
+    r.value("variance_steady_continuous", [limit.P[0, 0] for limit in limits], "m²", symbol=r"P_\infty", agrees=answer, routes=routes)
+    r.value("gain_steady_continuous", [limit.K[0, 0] for limit in limits], "1/s", symbol=r"K_\infty", agrees=answer, routes=routes)
     curves = [bucy.transient(system, TIMES).P[:, 0, 0] for system in systems]
     r.value("variance_continuous", curves, "m²", at=TIMES, agrees=answer, routes=("Riccati equation, integrated", "closed form"))
     r.table("variance", ["R, m²·s", *(text("P({t} s), m²", t=t) for t in TIMES), "P∞, m²", "K∞, 1/s"],
-            [(R, *curve, limit.P[0, 0], limit.K[0, 0]) for R, curve, limit in zip(p.R_values, curves, limits, strict=True)], "The error variance and its limit.")
+            [(R, *curve, limit.P[0, 0], limit.K[0, 0]) for R, curve, limit in zip(p.R_values, curves, limits, strict=True)], "The error variance at four times, its limit, and the gain in the limit.")
     t = np.linspace(0.0, HORIZON, 241)
     lines = {label(R): bucy.transient(system, t).P[:, 0, 0] for R, system in zip(p.R_values, systems, strict=True)}
     ends = dict(zip(lines, [limit.P[0, 0] for limit in limits], strict=False)) if len(lines) == len(limits) else None
-    r.figure("variance", plots.transient(t, lines, limits=ends, xlabel=TIME, ylabel="error variance, m²"), "P(t) for each R, and its limit (dashed).")
+    r.says("{fig:variance} and {tab:variance}: each curve goes monotonically from $P_0$ to its limit. A noisier measurement has the higher limit and is slower in reaching it, for the rate κ is the smaller, the larger R is; $P_\\infty$ itself never falls below 2R, however small Q may be.")
+    r.figure("variance", plots.transient(t, lines, limits=ends, xlabel=TIME, ylabel="error variance, m²"), "P(t) of {eq:variance} for each R, and its limit (dashed).")
 
 
 def part_b(r, p, answer, systems):
     """Stability by Lyapunov's function."""
     r.section("b", "Stability of the filter by a Lyapunov function")
-    r.says("**Proof.** For $V(y,t) = y^2/P(t)$ along $\\dot y = (1 - P/R)y$")
-    r.math(r"\dot V = \frac{2y\dot y}{P} - \frac{y^2\dot P}{P^2} = y^2\Bigl[\frac2P - \frac2R - \frac2P - \frac Q{P^2} + \frac1R\Bigr] = -y^2\Bigl(\frac1R + \frac Q{P^2}\Bigr) = -\Bigl(\frac PR + \frac QP\Bigr)V")
-    r.says("$P(t)$ runs monotonically from $P_0$ to $P_\\infty$, so from some $t_0$ on (0 if $P_0 > 0$, any $t_0 > 0$ otherwise) $0 < P_{\\min} \\le P \\le P_{\\max} < \\infty$ with the smaller and the larger of $P(t_0)$, $P_\\infty$. Hence $y^2/P_{\\max} \\le V \\le y^2/P_{\\min}$ and $\\dot V \\le -\\gamma V$ with $\\gamma = \\min(P/R + Q/P) > 0$ over that range:")
-    r.math(r"y^2(t) \le \frac{P_{\max}}{P_{\min}}\,e^{-\gamma(t-t_1)}\,y^2(t_1), \qquad t \ge t_1 \ge t_0")
-    r.says("The bound contains $t - t_1$ alone: the filter is uniformly and exponentially stable, not only asymptotically. Both bounds on P are needed. Without the upper one V would not control y, without the lower one V could fall while y does not. ∎")
+    r.says("**Proof.** By {eq:riccati}, for $V(y,t) = y^2/P(t)$ along $\\dot y = (1 - P/R)y$,")
+    r.math(r"\dot V = \frac{2y\dot y}{P} - \frac{y^2\dot P}{P^2} = y^2\Bigl[\frac2P - \frac2R - \frac2P - \frac Q{P^2} + \frac1R\Bigr] = -y^2\Bigl(\frac1R + \frac Q{P^2}\Bigr) = -\Bigl(\frac PR + \frac QP\Bigr)V", "lyapunov")
+    r.says("$P(t)$ runs monotonically from $P_0$ to $P_\\infty$, so from some $t_0$ on (0 if $P_0 > 0$, any $t_0 > 0$ otherwise) $0 < P_{\\min} \\le P \\le P_{\\max} < \\infty$ with the smaller and the larger of $P(t_0)$, $P_\\infty$. Hence $y^2/P_{\\max} \\le V \\le y^2/P_{\\min}$ and $\\dot V \\le -\\gamma V$ with $\\gamma = \\min(P/R + Q/P) > 0$ over that range, so that")
+    r.math(r"y^2(t) \le \frac{P_{\max}}{P_{\min}}\,e^{-\gamma(t-t_1)}\,y^2(t_1), \qquad t \ge t_1 \ge t_0", "bound")
+    r.says("The bound of {eq:bound} contains $t - t_1$ alone: the filter is uniformly and exponentially stable, not only asymptotically. Both bounds on P are needed. Without the upper one V would not control y; without the lower one V could fall while y does not. ∎ For vectors the same function proves stability where the system is uniformly observable and controllable ({ref:kalman_bucy}; {ref:jazwinski, chapter 7}).")
     r.says("In closed form, from $1 - P/R = -\\pi/R$,")
-    r.math(r"\frac{y(t)}{y(0)} = \frac{\kappa}{\kappa\cosh\kappa t + (P_0/R - 1)\sinh\kappa t} \sim e^{-\kappa t}, \qquad \text{pole of the steady filter } -\kappa = -\sqrt{1 + Q/R}")
+    r.math(r"\frac{y(t)}{y(0)} = \frac{\kappa}{\kappa\cosh\kappa t + (P_0/R - 1)\sinh\kappa t} \sim e^{-\kappa t}, \qquad \text{pole of the steady filter } -\kappa = -\sqrt{1 + Q/R}", "closed")
     limits = [bucy.steady(system) for system in systems]
-    r.value("filter_pole", [limit.poles[0].real for limit in limits], "1/s", agrees=answer, routes=("Riccati equation", "closed form"))
+    r.value("filter_pole", [limit.poles[0].real for limit in limits], "1/s", symbol=r"-\kappa", agrees=answer, routes=("Riccati equation", "closed form"))
     now = [float(bucy.transient(system, [MOMENT]).P[0, 0, 0]) for system in systems]
     slopes = [2 * (1 - P / R) / P - (2 * P + p.Q - P**2 / R) / P**2 for P, R in zip(now, p.R_values, strict=True)]
-    r.value("lyapunov_derivative", slopes, "1/(m²·s)", agrees=answer, routes=("derivative of y²/P with P integrated", "−(1/R + Q/P²), closed form"))
-    r.says("(V̇/y² at t = {t} s.)", t=MOMENT)
+    r.value("lyapunov_derivative", slopes, "1/(m²·s)", symbol=r"\dot V/y^2\;(t = 1\,\text{s})", agrees=answer, routes=("derivative of y²/P with P integrated", "−(1/R + Q/P²), closed form"))
     t0 = 0.0 if p.P0 else HORIZON / 100
     t, rows, ys, Vs = np.linspace(t0, HORIZON, 200), [], {}, {}
     for R, system, limit in zip(p.R_values, systems, limits, strict=True):
@@ -135,58 +132,56 @@ def part_b(r, p, answer, systems):
         r.check(text("the filter reproduces exp(t), {name}", name=label(R)), np.polyval(num, 1.0) / np.polyval(den, 1.0), 1.0, ("transfer function at s = 1", "unbiased estimate"))
         rows.append((R, low, high, rate, limit.poles[0].real))
         ys[label(R)], Vs[label(R)] = np.abs(y), V / V[0]
-    stability_says(r, p, systems, t0, t, rows, ys, Vs)
+    stability_says(r, p, t0, t, rows, ys, Vs)
 
 
-def stability_says(r, p, systems, t0, t, rows, ys, Vs):
+def stability_says(r, p, t0, t, rows, ys, Vs):
     """The constants of the proof, and its figures."""
     r.value("verdict_b", bool(all(row[3] > 0 and row[4] < 0 for row in rows)))
-    r.table("stability", ["R, m²·s", "P min, m²", "P max, m²", "γ, 1/s", "pole of the filter, 1/s"], rows, text("The constants of the proof, from t0 = {t0} s on. The plant's own pole is +1 1/s.", t0=t0))
+    r.table("stability", ["R, m²·s", "least P, m²", "greatest P, m²", "γ, 1/s", "pole of the filter, 1/s"], rows, text("The constants of {eq:bound}, from {t0} s on. The plant's own pole is at +1 1/s.", t0=t0))
     curves = {f"|y|, {name}": ys[name] for name in list(ys)[:SHOWN]} | {f"V, {name}": Vs[name] for name in list(ys)[:SHOWN]}
-    r.figure("lyapunov", plots.lines(t, curves, xlabel=TIME, ylabel="ratio to the initial value", log="y", straight={"plant, exp(t)": (t, np.exp(t))}), "Solutions y of the filter without input and Lyapunov's function V (both relative to their initial values), against the plant without filter.")
-    if p.P0 < min(p.R_values):
-        r.says("While $P < R$ the bracket $1 - P/R$ is positive and y grows for a moment: the gain is still too small to hold the plant. V falls all the same; that is why V, and not $y^2$, proves stability.")
-    elif p.P0 < max(p.R_values):
-        r.says("For those R that exceed $P_0$, y grows while $P < R$: the gain is still too small to hold the plant. V falls all the same; that is why V, and not $y^2$, proves stability.")
-    r.says("**What it means.** The error $e = \\hat{x} - x$ obeys the same equation, driven by noise: $\\dot e = (1 - P/R)e - w + Kv$. So a wrong $\\hat{x}(0)$ and every rounding error are forgotten like $e^{-\\kappa t}$, and the variance stays bounded, although x itself grows like $e^t$. The steady gain may replace $K(t)$. What is not forgiven is an error of the model, see (c).")
-    if len(systems) <= SHOWN:
-        systems_by_name = {label(R): bucy.filter_system(system) for R, system in zip(p.R_values, systems, strict=True)}
-        r.figure("bode", plots.bode(systems_by_name, np.geomspace(0.05, 50 * math.sqrt(1 + p.Q / min(p.R_values)), 300)),
-                 "Bode plot of the steady filters (1+κ)/(s+κ). At low frequencies the gain is above 1: a constant z is not what this plant produces; for z = exp(t), at s = 1, it is 1.")
+    r.says("{tab:stability} has the constants, {fig:lyapunov} the solutions y and the function V on a logarithmic axis. Without the filter an error would grow along the dashed line; with it every y ends on a straight line that falls at the rate κ, and every V falls from the beginning, as {eq:lyapunov} says.")
+    r.figure("lyapunov", plots.lines(t, curves, xlabel=TIME, ylabel="ratio to the initial value", log="y", straight={"$e^t$, plant alone": (t, np.exp(t))}), "Solutions y of the filter without input and Lyapunov's function V, both relative to their initial values, against the plant without a filter.")
+    if p.P0 < max(p.R_values):
+        which = "While $P < R$ the bracket $1 - P/R$ is positive and y grows for a moment" if p.P0 < min(p.R_values) else "For those R that exceed $P_0$, y grows while $P < R$"
+        r.says(which, ": the gain is still too small to hold the plant. V falls all the same; that is why V, and not $y^2$, proves stability.")
+    r.says("**What it means.** The error $e = \\hat{x} - x$ obeys the same equation, driven by noise: $\\dot e = (1 - P/R)e - w + Kv$. So a wrong $\\hat{x}(0)$ and every rounding error are forgotten like $e^{-\\kappa t}$, and the variance stays bounded, although x itself grows like $e^t$. The steady gain may replace $K(t)$. An error of the model, however, is not forgiven: see {part:c}.")
 
 
 def part_c(r, p, answer, sampled):
     """The discrete filter, and why Φ is not 1 + dt."""
     r.section("c", "The discrete filter")
-    r.says("Between measurements $x(t_{i+1}) = e^{dt}x(t_i) + \\int e^{t_{i+1}-s}w\\,ds$; the average of v over a period has the variance R/dt:")
-    r.math(r"\Phi = e^{dt}, \qquad Q_d = Q\int_0^{dt}e^{2s}ds = \frac Q2\bigl(e^{2dt} - 1\bigr), \qquad R_d = \frac R{dt}")
+    r.says("Between measurements $x(t_{i+1}) = e^{\\Delta t}x(t_i) + \\int e^{t_{i+1}-s}w\\,\\mathrm{d}s$; the average of v over a period has the variance R/Δt. Hence (with Δt in units of the plant's time constant, 1 s)")
+    r.math(r"\Phi = e^{\Delta t}, \qquad Q_d = Q\int_0^{\Delta t}e^{2s}\,\mathrm{d}s = \frac Q2\bigl(e^{2\Delta t} - 1\bigr), \qquad R_d = \frac R{\Delta t}", "sampled")
     r.model(sampled[0])
     r.check("Φ", [m.Phi[0, 0] for m in sampled], [math.exp(p.dt)] * len(sampled), ("matrix exponential", "by hand"), EXACT)
     r.check("Q_d", [m.Qd[0, 0] for m in sampled], [0.5 * p.Q * math.expm1(2 * p.dt)] * len(sampled), ("integral of ΦGQGᵀΦᵀ", "by hand"), EXACT)
     r.check("R_d", [m.R[0, 0] for m in sampled], [R / p.dt for R in p.R_values], ("model", "by hand"), EXACT)
-    r.math(r"\hat x(t_i^-) = e^{dt}\hat x(t_{i-1}^+), \quad P(t_i^-) = e^{2dt}P(t_{i-1}^+) + Q_d, \quad K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R_d}")
-    r.math(r"\hat x(t_i^+) = \hat x(t_i^-) + K(t_i)[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = K(t_i)R_d, \qquad \hat x(t_0^+) = E[x(0)], \quad P(t_0^+) = P_0")
-    r.says("The steady state is the positive root of $(P^-)^2 - [(e^{2dt}-1)R_d + Q_d]P^- - Q_dR_d = 0$. As dt → 0")
-    r.math(r"P^\mp = P_\infty \pm \frac{P_\infty^2}{2R}\,dt + O(dt^2)")
+    r.says("and the discrete filter is")
+    r.math(r"\hat x(t_i^-) = e^{\Delta t}\hat x(t_{i-1}^+), \quad P(t_i^-) = e^{2\Delta t}P(t_{i-1}^+) + Q_d, \quad K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R_d}", "prediction")
+    r.math(r"\hat x(t_i^+) = \hat x(t_i^-) + K(t_i)[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = K(t_i)R_d, \qquad \hat x(t_0^+) = E[x(0)], \quad P(t_0^+) = P_0", "update")
+    r.says("The steady state is the positive root of $(P^-)^2 - [(e^{2\\Delta t}-1)R_d + Q_d]P^- - Q_dR_d = 0$, which follows when {eq:prediction} and {eq:update} are put into one. As Δt → 0")
+    r.math(r"P^\mp = P_\infty \pm \frac{P_\infty^2}{2R}\,\Delta t + O(\Delta t^2)", "expansion")
     r.says("so the bounds approach $P_\\infty$ at first order, their mean at second.")
     limits, routes = [steady.solve(m) for m in sampled], ("Riccati equation", "closed form")
-    r.value("prior_variance_steady", [limit.P_minus[0, 0] for limit in limits], "m²", agrees=answer, routes=routes)
-    r.value("posterior_variance_steady", [limit.P_plus[0, 0] for limit in limits], "m²", agrees=answer, routes=routes)
+    r.value("prior_variance_steady", [limit.P_minus[0, 0] for limit in limits], "m²", symbol=r"\bar P^-", agrees=answer, routes=routes)
+    r.value("posterior_variance_steady", [limit.P_plus[0, 0] for limit in limits], "m²", symbol=r"\bar P^+", agrees=answer, routes=routes)
     poles = [limit.poles[0].real for limit in limits]
     r.check("pole of the discrete filter", poles, [math.exp(p.dt) * plus / minus for minus, plus in zip(answer["prior_variance_steady"], answer["posterior_variance_steady"], strict=True)], ("Riccati equation", "e^dt P⁺/P⁻, closed form"), scale=math.exp(p.dt))
-    r.table("discrete", ["R, m²·s", "P⁻, m²", "P⁺, m²", "K", "pole (1−K)exp(dt)", "P∞ of continuous time, m²"],
+    r.table("discrete", ["R, m²·s", "P⁻, m²", "P⁺, m²", "K", "pole (1−K)e^Δt", "P∞ of continuous time, m²"],
             [(R, limit.P_minus[0, 0], limit.P_plus[0, 0], limit.K[0, 0], pole, end) for R, limit, pole, end in zip(p.R_values, limits, poles, answer["variance_steady_continuous"], strict=True)],
-            text("Steady state of the discrete filters, dt = {dt} s.", dt=p.dt))
+            text("Steady state of the discrete filters, Δt = {dt} s, beside that of continuous time.", dt=p.dt))
+    r.says("{tab:discrete}: the limits of the continuous filter lie between those of P⁻ and P⁺, and all poles inside the unit circle.")
     not_euler(r, p, answer, sampled)
 
 
 def not_euler(r, p, answer, sampled):
     """What 1 + dt costs."""
-    r.says("**Φ is $e^{dt}$, not 1 + dt.** Let a filter use $\\Phi_d = 1 + dt$, $Q_d = Q\\,dt$. It is stable itself, but its error obeys")
-    r.math(r"e_i^+ = (1-K)\bigl[(1+dt)\,e_{i-1}^+ - (e^{dt} - 1 - dt)\,x_{i-1} - w_d\bigr] + Kv_d")
-    r.says("and is driven by x, which grows. In the end the error is a fixed multiple of x,")
-    r.math(r"e \to c\,x, \qquad c = -\frac{(1-K)(e^{dt} - 1 - dt)}{e^{dt} - (1-K)(1+dt)} \approx -\frac{dt}{2(1+\kappa)} \quad (dt \to 0)")
-    r.says("of first order in dt, and without bound in metres. Its own variance says nothing of this. Covariances of truth and filter together (no random numbers) give:")
+    r.says("**Φ is $e^{\\Delta t}$, not 1 + Δt.** Let a filter use $\\Phi_d = 1 + \\Delta t$, $Q_d = Q\\,\\Delta t$. It is stable itself, but its error obeys")
+    r.math(r"e_i^+ = (1-K)\bigl[(1+\Delta t)\,e_{i-1}^+ - (e^{\Delta t} - 1 - \Delta t)\,x_{i-1} - w_d\bigr] + Kv_d", "wrong")
+    r.says("and is driven by x, which grows: the innovations cannot average out an error that has always the same sign. In the end the error is a fixed multiple of x,")
+    r.math(r"e \to c\,x, \qquad c = -\frac{(1-K)(e^{\Delta t} - 1 - \Delta t)}{e^{\Delta t} - (1-K)(1+\Delta t)} \approx -\frac{\Delta t}{2(1+\kappa)} \quad (\Delta t \to 0)", "multiple")
+    r.says("of first order in Δt, and without bound in metres. The variance that the filter computes says nothing of this. {tab:approximation} and {fig:approximation} have the true errors, from the covariance of truth and filter together (no random numbers).")
     steps = max(1, min(max(math.ceil(20 / p.dt), 40), 2000, math.floor(300 / p.dt)))
     shown = max(1, min(steps, round(HORIZON / p.dt)))
     rows, first = [], None
@@ -206,16 +201,19 @@ def not_euler(r, p, answer, sampled):
         right = covariances(truth, steps)
         rows.append((R, right.sd_plus[shown, 0], found.claimed.sd_plus[shown, 0], math.sqrt(true[shown]), math.sqrt(states[shown]), c))
         first = first or (right, found, np.sqrt(true))
-    r.table("approximation", ["R, m²·s", "σ with exp(dt), m", "σ claimed with 1+dt, m", "true RMS with 1+dt, m", "RMS of x, m", "c"], rows,
-            text("After {shown} measurements, at t = {t} s; c is the final error as a multiple of x.", shown=shown, t=shown * p.dt))
+    r.table("approximation", ["R, m²·s", "σ with e^Δt, m", "σ claimed with 1 + Δt, m", "true RMS with 1 + Δt, m", "RMS of x, m", "c"], rows,
+            text("After {shown} measurements, at t = {t} s; c of {eq:multiple} is the final error as a multiple of x.", shown=shown, t=shown * p.dt))
     right, found, true = first
     stop = max(2, min(len(right.t), math.ceil(3 * HORIZON / p.dt)))
-    curves = {"filter with exp(dt)": right.sd_plus[:stop, 0], "with 1+dt, claimed": found.claimed.sd_plus[:stop, 0], "with 1+dt, true RMS": true[:stop]}
+    curves = {"with $e^{\\Delta t}$: true, as claimed": right.sd_plus[:stop, 0], "with $1 + \\Delta t$: true": true[:stop]}
     t = right.t[:stop]
     growth = np.sqrt(p.P0 * np.exp(2 * t) + 0.5 * p.Q * np.expm1(2 * t))
-    keep = growth > 0
-    r.figure("approximation", plots.lines(t[keep], {k: v[keep] for k, v in curves.items()}, xlabel=TIME, ylabel="RMS error, m", log="y", straight={"RMS of x": (t[keep], growth[keep])}),
-             "The filter with 1+dt for {name}: what it claims, and what is true.", name=label(p.R_values[0]))
+    keep, skip = growth > 0, max(1, stop // 20)
+    claimed = {"with $1 + \\Delta t$: claimed": (t[keep], found.claimed.sd_plus[:stop, 0][keep])}
+    r.figure("approximation", plots.lines(t[keep], {k: v[keep] for k, v in curves.items()}, xlabel=TIME, ylabel="RMS error, m", log="y", straight=claimed, points={"RMS of x": (t[keep][::skip], growth[keep][::skip])}),
+             "Errors of the right filter and of that with 1 + Δt, {name}; dots: the size of x.", name=label(p.R_values[0]))
+    grown = true[:stop][-1] > 2 * right.sd_plus[:stop, 0][-1]
+    r.says("In the figure the two filters claim nearly the same (dashed line), ", "but the true error of the second leaves its claim and then grows in parallel with x." if grown else "and at this period the second is true to its claim over the time shown; its error will leave it only when x has become large enough.")
 
 
 def plan(r, p, experiment, answer):
@@ -224,22 +222,23 @@ def plan(r, p, experiment, answer):
     longest = min(LONGEST, math.log(1e11 * smallest))
     steps = min(max(math.ceil(HORIZON / p.dt), 10), 400, math.floor(longest / p.dt * (1 + 1e-12)))
     steps = max(steps, 0)
+    r.says("{tab:plan} lists what was chosen. The variances of (c) need no random numbers and are laid over P(t); the filter then runs on simulated records, as long as rounding permits.")
     r.table("plan", ["quantity", "value", "why"], [
-        ["period dt, s", p.dt, "given"],
-        ["horizon at most, s", longest, "x grows like exp(t); beyond this its rounding errors come near to the error of the estimate"],
+        ["period Δt, s", p.dt, "given"],
+        ["horizon at most, s", longest, "x grows exponentially; beyond this its rounding errors come near to the error of the estimate"],
         ["measurements", steps, text("{horizon} s, but 10 at least and 400 at most, within that horizon", horizon=HORIZON)],
-        ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
+        ["runs", experiment.runs, text("a standard error of the variance of {percent:2} %", percent=100 * math.sqrt(2 / experiment.runs))],
         ["seed", experiment.seed, "another stream of random numbers for each R"],
     ], "Plan of the experiment.")
-    return {"steps": steps}
+    return {"steps": steps, "together": min(TOGETHER, math.floor(longest / p.dt * (1 + 1e-12)))}
 
 
-def part_d(r, p, answer, experiment, systems, sampled, steps):
+def part_d(r, p, answer, experiment, systems, sampled, steps, together):
     """P⁻ and P⁺ over P(t), and the ensembles."""
     r.section("d", "The variances of prediction and filtering over P(t)")
-    r.says("**P(t) lies between them.** Over an interval h the gain alone is $g(P) = aP + q$, $a = e^{2h} > 1$, the loss alone (for an interval h') $l(P) = P/(1 + bP)$, $b = h'/R$; both increase with P. Loss first ends no lower than gain first:")
-    r.math(r"l(g(P)) = \frac{aP}{1 + b(aP+q)} + \frac{q}{1 + b(aP+q)} \le \frac{aP}{1 + bP} + q = g(l(P))")
-    r.says("Continuous time is the limit of many short gains and losses in turn. Moving all gains to the front lowers the result, which is the discrete filter from $t_{i-1}^+$ to $t_i^+$; moving all losses to the front raises it, from $t_{i-1}^-$ to $t_i^-$. By induction $P(t_i^+) \\le P(t_i) \\le P(t_i^-)$. ∎")
+    r.says("**P(t) lies between them.** Over an interval h the gain alone is $g(P) = aP + q$, $a = e^{2h} > 1$, the loss alone (for an interval h') $l(P) = P/(1 + bP)$, $b = h'/R$; both increase with P. Loss first ends no lower than gain first, since")
+    r.math(r"l(g(P)) = \frac{aP}{1 + b(aP+q)} + \frac{q}{1 + b(aP+q)} \le \frac{aP}{1 + bP} + q = g(l(P))", "order")
+    r.says("Here $l(g(P))$ is what gain first gives. Continuous time is the limit of many short gains and losses in turn. Moving all gains to the front lowers the result, which is the discrete filter from $t_{i-1}^+$ to $t_i^+$; moving all losses to the front raises it, from $t_{i-1}^-$ to $t_i^-$. By induction $P(t_i^+) \\le P(t_i) \\le P(t_i^-)$. ∎")
     count = min(max(math.ceil(HORIZON / p.dt), 8), 400)
     t, panels = np.linspace(0.0, count * p.dt, 401), {}
     for R, system, m in zip(p.R_values, systems, sampled, strict=True):
@@ -252,26 +251,35 @@ def part_d(r, p, answer, experiment, systems, sampled, steps):
         closed = by_hand.posterior_variances(p.Q, R, p.P0, p.dt, count)
         r.check(text("P⁺ along the measurements, {name}", name=name), shown.P_plus[:, 0, 0], closed, routes)
         r.check(text("gain along the measurements, {name}", name=name), shown.K[1:, 0, 0], closed[1:] * p.dt / R, routes)
-        panels[name] = (shown, bucy.transient(system, t).P[:, 0, 0], answer["variance_steady_continuous"][p.R_values.index(R)])
-    for i, (name, (shown, P, limit)) in enumerate(list(panels.items())[:SHOWN], start=1):
-        figure = plots.sampled({name: shown}, t, P, xlabel=TIME, ylabel="variance, m²", limit=limit)
-        r.figure(f"sawtooth{i}", figure, "The discrete filter over the continuous one, {name}.", name=name)
-    first = next(iter(panels.values()))[0]
-    r.figure("gains", plots.gains(t[1:], bucy.transient(systems[0], t[1:]).K, first, names=["gain K, or K/dt"], units=["1/s"], xlabel=TIME),
-             "The continuous gain, and that of the discrete filter divided by its period, {name}.", name=label(p.R_values[0]))
+        panels[name] = (shown, bucy.transient(system, t).P[:, 0, 0], answer["variance_steady_continuous"][p.R_values.index(R)], between)
+    sawteeth(r, t, panels)
     convergence(r, p, systems)
     if not steps:
-        r.says("No path is simulated: within one period x would grow so much that its rounding errors reach the error of the estimate. The variances above need no path.")
-        return
-    portrait(r, experiment, sampled[0], steps, prefix="discrete_", xlabel=TIME, limits=(answer["prior_variance_steady"][0], answer["posterior_variance_steady"][0]))
-    r.says("The figures show {name}. All R:", name=label(p.R_values[0]))
+        r.says("No record is simulated: within one period x would grow so much that its rounding errors reach the error of the estimate. The variances above need none.")
+        return {"measured": None, "sd": None, "when": None}
+    r.says("**Simulated records.** {fig:errors} shows 25 runs for {name}, {fig:ensemble} the statistics of {runs} runs; {tab:ensemble} has all R.", name=label(p.R_values[0]), runs=experiment.runs)
+    own = portrait(r, experiment, sampled[0], steps, xlabel=TIME, together_steps=together, figures={
+        "errors": "x itself grows beyond every axis; the errors stay within bands that soon have a constant width.",
+        "ensemble": "The RMS follows theory to its limit; neighbouring points lie on one side for a while, as successive errors are correlated."})
     rows = []
     for stream, (R, m) in enumerate(zip(p.R_values, sampled, strict=True), start=1):
         stats, theory = experiment.statistics(m, steps=steps, stream=stream), covariances(m, steps)
-        worst = agreement(r, label(R), stats, theory.P_plus)
+        agreement(r, label(R), stats, theory.P_plus)
         size = math.sqrt(p.P0 * math.exp(2 * theory.t[-1]) + 0.5 * p.Q * math.expm1(2 * theory.t[-1]))
-        rows.append((R, theory.t[-1], size, theory.sd_plus[-1, 0], stats.rms[-1, 0], stats.bias[-1, 0], worst))
-    r.table("ensemble", ["R, m²·s", "at t, s", "RMS of x, m", "σ of theory, m", "RMS error, m", "mean error, m", "largest deviation, σ"], rows, "The ensembles at the last instant; the last column is over all instants and tests.")
+        rows.append((R, theory.t[-1], size, theory.sd_plus[-1, 0], rms(stats), mean_error(stats)))
+    r.table("ensemble", ["R, m²·s", "at t, s", "RMS of x, m", "σ of theory, m", "RMS error, m", "mean error, m"], rows, "Ensembles of their own at the last instant.")
+    return {"measured": rms(own, unit="m"), "sd": float(covariances(sampled[0], steps).sd_plus[-1, 0]), "when": steps * p.dt}
+
+
+def sawteeth(r, t, panels):
+    """The discrete filters over the continuous ones."""
+    name, (shown, P, limit, _between) = next(iter(panels.items()))
+    r.says("{fig:sawtooth} shows this for {name}: a prediction takes the variance above the curve, a measurement below it, and the curve passes through every tooth. ", "For the other R the picture is the same. " if len(panels) > 1 else "", "{fig:gap} shows how far P⁻ and P⁺ are from P(t) in per cent, for every R: in the limit about $\\pm P_\\infty\\Delta t/(2R)$, by {eq:expansion}, where the period is short.", name=name)
+    r.figure("sawtooth", plots.sampled({name: shown}, t, P, xlabel=TIME, ylabel="variance, m²", limit=limit), "Variances of the discrete filter before and after each measurement over P(t), {name}.", name=name)
+    when, gaps = next(iter(panels.values()))[0].t[1:], {}
+    for name, (shown, _P, _limit, between) in list(panels.items())[:SHOWN]:
+        gaps |= {f"$P^-$, {name}": 100 * (shown.P_minus[1:, 0, 0] / between[1:] - 1), f"$P^+$, {name}": 100 * (shown.P_plus[1:, 0, 0] / between[1:] - 1)}
+    r.figure("gap", plots.lines(when, gaps, xlabel=TIME, ylabel="difference from P(t), %", marker=".", straight={"P(t)": (when[[0, -1]], [0, 0])}), "How far the variances of the discrete filters are from P(t), above before a measurement and below after it.")
 
 
 def convergence(r, p, systems):
@@ -286,32 +294,18 @@ def convergence(r, p, systems):
         for name, (values, order) in errors.items():
             r.order(text("order of {name}, {R}", name=name, R=label(R)), np.abs(values), order, ("discrete filter", "continuous filter"))
         rows += [(R, dt, *(float(values[i]) for values, _order in errors.values())) for i, dt in enumerate(periods)]
-    r.table("convergence", ["R, m²·s", "dt, s", "P⁻ − P∞, m²", "P∞ − P⁺, m²", "mean − P∞, m²"], rows, "As the period is halved the bounds come nearer by half, their mean by three quarters.")
-
-
-def conclusions(r, p, answer, steps):
-    """What the numbers say."""
-    lines = []
-    for i, R in enumerate(p.R_values):
-        end, prior, posterior = (answer[name][i] for name in ("variance_steady_continuous", "prior_variance_steady", "posterior_variance_steady"))
-        words = "is constant" if math.isclose(p.P0, end, rel_tol=1e-12) else "rises" if p.P0 < end else "falls"
-        lines.append(text("{name}: from P0 = {P0} m² the variance {words} (limit {end} m²), the filter's pole is {pole} 1/s. The discrete filter swings between {prior} and {posterior} m².",
-                          name=label(R), P0=p.P0, words=words, end=end, pole=answer["filter_pole"][i], prior=prior, posterior=posterior))
-    lines.append("The plant is unstable with the pole +1 1/s, its filter uniformly and exponentially stable with a pole at −1 1/s or beyond: measurements hold the error, not the state.")
-    share = max(abs(c) for c in answer["error_of_the_approximation"])
-    lines.append(text("An unstable plant does not forgive an error of the model: with 1 + dt in place of exp(dt) the error tends to {percent} % of x (the largest over R) and grows with it.", percent=100 * share))
-    spread = max(a / b for a, b in zip(answer["prior_variance_steady"], answer["posterior_variance_steady"], strict=True))
-    lines.append("At this period the discrete filters are nearly the continuous ones." if spread < 1.2 else
-                 text("At this period P⁻ is up to {spread} times P⁺, so sampling is felt.", spread=spread) if spread < 4 else
-                 text("At this period P⁻ is up to {spread} times P⁺: the filter relies almost on the last measurement alone.", spread=spread))
-    lines.append(largest(r) if steps else "No ensemble was run, for the period is too long for the growth of x.")
-    r.items(lines)
+    r.says("**A shorter period.** {tab:convergence}: as the period is halved the bounds come nearer by half, their mean by three quarters. The sampled filter agrees with the continuous one.")
+    r.table("convergence", ["R, m²·s", "Δt, s", "P⁻ − P∞, m²", "P∞ − P⁺, m²", "mean − P∞, m²"], rows, "Steady variances of the discrete filter as the period is halved, from the limit of P(t).")
 
 
 PARTS = Skeleton(
+    result=result,
+    key="lyapunov",
     analysis=(part_a, part_b, part_c),
     plan=plan,
     experiment=(part_d,),
+    discussion=discussion,
+    answers=answers,
     conclusions=conclusions,
 )
 

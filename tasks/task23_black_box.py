@@ -14,13 +14,14 @@ import math
 
 import numpy as np
 from ctlabs.tasks._task23_box import TIME, part_b, with_boxes
+from ctlabs.tasks._task23_words import answers, conclusions, discussion, result
 from ctlabs.tasks.answers import task23 as by_hand
 from pydantic import model_validator
 
 from ctlabs.filtering import reduced, settling, steady
 from ctlabs.labs.comparison import same_as_whole, same_estimates, taken_for_white
 from ctlabs.labs.experiment import Experiment, covariances
-from ctlabs.labs.portrait import largest, portrait
+from ctlabs.labs.portrait import portrait, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel, DiscreteModel, spectra
 from ctlabs.models.discretisation import discretise
@@ -28,7 +29,7 @@ from ctlabs.montecarlo import chance
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import Count, LabParameters, Positive, Variance, given
 from ctlabs.reporting.report import EXACT, Report
-from ctlabs.text import text
+from ctlabs.text import Uncertain, text
 
 META = {
     "name": "task23",
@@ -44,13 +45,13 @@ TEST_INPUT, TEST_OUTPUT = "10/(w^2+25)", "5/2*(w^2+16)/((w^2+4)*(w^2+25))"
 class Parameters(LabParameters):
     """What may be changed; the box itself is fixed by the printed spectra."""
 
-    signal_power: Variance = given(5 / 12, unit="V²/s", meaning="numerator of S_s = signal_power/(ω² + signal_pole²)")
-    signal_pole: Positive = given(2.0, unit="1/s", meaning="pole of the signal's spectrum")
-    noise_power: Variance = given(7 / 12, unit="V²/s", meaning="numerator of S_n = noise_power/(ω² + noise_pole²)")
-    noise_pole: Positive = given(4.0, unit="1/s", meaning="pole of the noise's spectrum")
-    test_pole: Positive = given(5.0, unit="1/s", meaning="p of the test input 2pN/(ω² + p²) in part (b)")
+    signal_power: Variance = given(5 / 12, unit="V²/s", meaning="numerator of the signal's spectrum σ/(ω² + a²)", symbol=r"\sigma")
+    signal_pole: Positive = given(2.0, unit="1/s", meaning="pole of the signal's spectrum", symbol="a")
+    noise_power: Variance = given(7 / 12, unit="V²/s", meaning="numerator of the noise's spectrum ν/(ω² + b²)", symbol=r"\nu")
+    noise_pole: Positive = given(4.0, unit="1/s", meaning="pole of the noise's spectrum", symbol="b")
+    test_pole: Positive = given(5.0, unit="1/s", meaning="pole of the test input 2pN/(ω² + p²) in part (b)", symbol="p")
     dt: Positive = given(0.1, unit="s", meaning="period of the discrete measurements")
-    steps: Count = given(20, unit="1", meaning="measurements after t0 in the list")
+    steps: Count = given(20, unit="1", meaning="measurements after t0 in the list", symbol="N")
 
     @model_validator(mode="after")
     def _present(self):
@@ -71,17 +72,17 @@ def model(p):
 def part_a(r, answer):
     """What the test says."""
     r.section("a", "What the test of the box says")
-    r.says("The spectrum of the test input is the Fourier transform of its autocorrelation; what the box does with it is the ratio of the spectra:")
-    r.math(r"\Psi_{nn}(\omega) = \int Ne^{-5|\tau|}e^{-j\omega\tau}d\tau = \frac{10N}{\omega^2+25}, \qquad |H(j\omega)|^2 = \frac{\Psi_{yy}}{\Psi_{nn}} = \frac{\omega^2+16}{4(\omega^2+4)}")
+    r.says("The spectrum of the test input is the Fourier transform of its autocorrelation; the squared magnitude of the box is the ratio of the spectra of output and input,")
+    r.math(r"\Psi_{nn}(\omega) = \int Ne^{-5|\tau|}e^{-j\omega\tau}d\tau = \frac{10N}{\omega^2+25}, \qquad |H(j\omega)|^2 = \frac{\Psi_{yy}}{\Psi_{nn}} = \frac{\omega^2+16}{4(\omega^2+4)}", "ratio")
     given_, ask = spectra.exponentials([(1.0, 5.0)]), spectra.parse(TEST_INPUT)
     w = np.array([0.0, 1.0, 2.0, 4.0, 10.0, 100.0])
     r.check("spectrum of the test input", given_(w), ask(w), ("transform of the autocorrelation", "by hand"), EXACT)
     ratio = spectra.parse(f"({TEST_OUTPUT})/({TEST_INPUT})")
     num, den = spectra.factor(ratio)
-    r.says("**Factorisation.** In s, with $\\omega^2 = -s^2$, $|H|^2$ becomes $H(s)H(-s)$ with zeros at ±4 and poles at ±2. Four functions have this product:")
-    r.math(r"\frac{s\pm4}{2(s\pm2)}, \qquad \text{stable: } \frac{s+4}{2(s+2)} \text{ and } \frac{s-4}{2(s+2)}")
-    r.says("A box that works is stable, so its pole is −2. Its zero is not identified: the two stable ones differ by the all-pass $(s-4)/(s+4)$, which no power spectrum shows (the cross-spectrum of input and output would), and each by its sign. The minimum-phase one is the only candidate for an optimal filter, which passes slow signals without reversing them:")
-    r.math(r"H(s) = \frac{s+4}{2(s+2)}")
+    r.says("**Factorisation.** In s, with $\\omega^2 = -s^2$, $|H|^2$ becomes $H(s)H(-s)$ with zeros at ±4 and poles at ±2. Four functions have this product {ref:maybeck, chapter 4}, two of them stable:")
+    r.math(r"\frac{s\pm4}{2(s\pm2)}, \qquad \text{stable: } \frac{s+4}{2(s+2)} \text{ and } \frac{s-4}{2(s+2)}", "candidates")
+    r.says("A box that works is stable, so its pole is −2. Its zero is not identified ({fig:candidates}): the two stable ones of {eq:candidates} differ by the all-pass $(s-4)/(s+4)$, which no power spectrum shows (the cross-spectrum of input and output would), and each by its sign. The minimum-phase one is the only candidate for an optimal filter, which passes slow signals without reversing them,")
+    r.math(r"H(s) = \frac{s+4}{2(s+2)}.", "box")
     r.value("black_box_transfer_function", [num, den], agrees=answer, routes=("spectral factorisation", "by hand"))
     printed, found = spectra.parse(TEST_OUTPUT), ask.through(num, den)
     r.check("output of the box in the test", found(w), printed(w), ("|H|² times the input's spectrum", "printed spectrum"))
@@ -89,36 +90,39 @@ def part_a(r, answer):
     r.check("the zero at +4 gives the same output", mirrored(w), printed(w), ("|H|² times the input's spectrum", "printed spectrum"))
     direct = float(num[0]) if len(num) == len(den) else 0.0
     r.value("verdict_a", direct == 0)
-    r.says("**Competence.** Nothing in the test speaks against the engineer: the box is stable, causal and time-invariant. But it is not what one expects under the name: $H(\\infty) = {direct}$, so half of the fastest noise appears in the output. A Kalman filter for measurements with white noise is strictly proper, $H(s) = C(sI - F + KH)^{-1}K \\to 0$: with a direct term it would let infinite power through. The box may be a Kalman filter only if the measurement has no white noise at all. (Criterion of `verdict_a`, whether it can be one for measurements with white noise: $H(\\infty) = 0$.)", direct=direct)
+    r.says("**Competence.** Nothing in the test speaks against the engineer: the box is stable, causal and time-invariant. But it is not what one expects under the name: $H(\\infty) = {direct}$, so half of the fastest noise appears in the output. A Kalman filter for measurements with white noise is strictly proper, $H(s) = C(sI - F + KH)^{-1}K \\to 0$: with a direct term it would let infinite power through. The box may be a Kalman filter only if the measurement has no white noise at all.", direct=direct)
     figure = plots.bode({"zero at −4": (num, den), "zero at +4": ([0.5, -2.0], [1, 2])}, np.geomspace(0.05, 200, 300))
-    r.figure("candidates", figure, "The two stable candidates: equal magnitude, different phase. The test measures the magnitude only.")
+    r.figure("candidates", figure, "The two stable candidates of {eq:candidates}. Their magnitudes are one curve and their phases are not: the test, which measures the magnitude only, cannot tell them apart.")
     return {"box": (num, den)}
 
 
 def part_c(r, p, answer, discrete):
     """The discrete problem."""
     r.section("c", "The equivalent discrete problem and its reduced filter")
-    r.math(r"x(t_{i+1}) = \begin{bmatrix} \alpha & 0 \\ 0 & \beta \end{bmatrix}x(t_i) + w_d(t_i), \quad z = \begin{bmatrix} 1 & 1 \end{bmatrix}x, \qquad \alpha = e^{-a\Delta t}, \; \beta = e^{-b\Delta t}, \quad q_1 = \sigma_s^2(1-\alpha^2), \; q_2 = \sigma_n^2(1-\beta^2)")
+    r.says("Sampled exactly, with the period Δt, signal and noise are")
+    r.math(r"x(t_{i+1}) = \begin{bmatrix} \alpha & 0 \\ 0 & \beta \end{bmatrix}x(t_i) + w_d(t_i), \quad z = \begin{bmatrix} 1 & 1 \end{bmatrix}x, \qquad \alpha = e^{-a\Delta t}, \; \beta = e^{-b\Delta t}, \quad q_1 = \sigma_s^2(1-\alpha^2), \; q_2 = \sigma_n^2(1-\beta^2)", "sampled")
     r.model(discrete)
     _a, _b, _apart, q1, q2 = by_hand.sampled(p)
     r.check("Q_d", discrete.Qd, np.diag([q1, q2]), ("doubling of the short interval", "by hand"))
-    r.says("Both processes are stationary from the beginning, and $z(t_0)$ is processed. After an update $\\hat{s} + \\hat{n} = z$, so $P^+ = p_i[[1, -1], [-1, 1]]$; in the basis $(z, s)$ it is diag(0, p), and the filter shrinks to one state:")
-    r.math(r"\hat s_i = \alpha\hat s_{i-1} + K_i\,[z_i - \beta z_{i-1} - (\alpha-\beta)\,\hat s_{i-1}], \qquad \hat n_i = z_i - \hat s_i, \qquad \hat s_0 = \frac{\sigma_s^2}{\sigma_s^2+\sigma_n^2}z_0")
-    r.math(r"K_i = \frac{\alpha(\alpha-\beta)\,p_{i-1} + q_1}{(\alpha-\beta)^2p_{i-1} + q_1 + q_2}, \qquad p_i = \frac{(\alpha^2q_2 + \beta^2q_1)\,p_{i-1} + q_1q_2}{(\alpha-\beta)^2p_{i-1} + q_1 + q_2}, \qquad p_0 = \frac{\sigma_s^2\sigma_n^2}{\sigma_s^2+\sigma_n^2}")
+    r.says("Both processes are stationary from the beginning, and $z(t_0)$ is processed. After an update $\\hat{s} + \\hat{n} = z$, so the covariance after an update has one free element. In the basis $(z, s)$ it stands alone,")
+    r.math(r"P^+ = p_i\begin{bmatrix} 1 & -1 \\ -1 & 1 \end{bmatrix}, \qquad P^{*+} = \begin{bmatrix} 0 & 0 \\ 0 & p_i \end{bmatrix} \quad \text{for} \quad x^* = \begin{bmatrix} z \\ s \end{bmatrix},", "basis")
+    r.says("and the filter shrinks to one state, as in lab 22:")
+    r.math(r"\hat s_i = \alpha\hat s_{i-1} + K_i\,[z_i - \beta z_{i-1} - (\alpha-\beta)\,\hat s_{i-1}], \qquad \hat n_i = z_i - \hat s_i, \qquad \hat s_0 = \frac{\sigma_s^2}{\sigma_s^2+\sigma_n^2}z_0", "reduced")
+    r.math(r"K_i = \frac{\alpha(\alpha-\beta)\,p_{i-1} + q_1}{(\alpha-\beta)^2p_{i-1} + q_1 + q_2}, \qquad p_i = \frac{(\alpha^2q_2 + \beta^2q_1)\,p_{i-1} + q_1q_2}{(\alpha-\beta)^2p_{i-1} + q_1 + q_2}, \qquad p_0 = \frac{\sigma_s^2\sigma_n^2}{\sigma_s^2+\sigma_n^2}", "variance")
     shown, small = covariances(discrete, p.steps, first=0), reduced.discrete(discrete, keep=["s"], first=0)
     r.value("posterior_variance", shown.P_plus[:, 0, 0], "V²", at=shown.t, agrees=answer, routes=("recursion of matrices", "power of the fraction's matrix"))
     same_as_whole(r, small, discrete, p.steps, answer["posterior_variance"])
-    r.says("**Steady state**: $p_\\infty$ is the positive root of $(\\alpha-\\beta)^2p^2 + [q_1(1-\\beta^2) + q_2(1-\\alpha^2)]p - q_1q_2 = 0$; the pole is $\\alpha - (\\alpha-\\beta)K$.")
+    r.says("**Steady state.** $p_\\infty$ is the positive root of $(\\alpha-\\beta)^2p^2 + [q_1(1-\\beta^2) + q_2(1-\\alpha^2)]p - q_1q_2 = 0$; the pole is $\\alpha - (\\alpha-\\beta)K$.")
     limit, routes = steady.solve(discrete), ("Riccati equation", "root of the quadratic")
-    r.value("posterior_variance_steady", limit.P_plus[0, 0], "V²", agrees=answer, routes=routes)
-    r.value("gain_steady", limit.K[0, 0], agrees=answer, routes=routes)
-    r.value("filter_pole", float(reduced.steady(small).poles[0].real), agrees=answer, routes=("reduced model", "by hand"))
+    r.value("posterior_variance_steady", limit.P_plus[0, 0], "V²", symbol=r"p_\infty", agrees=answer, routes=routes)
+    r.value("gain_steady", limit.K[0, 0], symbol="K", agrees=answer, routes=routes)
+    r.value("filter_pole", float(reduced.steady(small).poles[0].real), symbol=r"\alpha - (\alpha-\beta)K", agrees=answer, routes=("reduced model", "by hand"))
     num, den = reduced.transfer_function(small)
     _a, b, *_rest = by_hand.sampled(p)
     g, pole = answer["gain_steady"], answer["filter_pole"]
     r.value("filter_z_transfer_function", [num, den])
     r.check("z-transfer function", [num, den], [[g, -g * b], [1.0, -pole]], ("reduced model", "by hand"))
-    r.says("Here $p_\\infty = {limit}$ V², $K = {gain}$ and the pole is {pole}, which a continuous filter with the pole {s} 1/s would have over one period.",
+    r.says("Here $p_\\infty = {limit}$ V², $K = {gain}$ and the pole is {pole}", ", which a continuous filter with the pole {s} 1/s would have over one period." if pole > 0 else ".",
            limit=float(limit.P_plus[0, 0]), gain=g, pole=pole, s=math.log(pole) / p.dt if pole > 0 else -math.inf)
     if p.signal_pole == p.noise_pole:
         r.says("The poles are equal: the derived measurement contains no signal, the pair (Φ, H) is unobservable but stable, and the filter is a constant gain.")
@@ -134,13 +138,13 @@ def plan(r, p, experiment, discrete):
     """Every number chosen."""
     settled = settling(discrete, first=0) if p.signal_power * p.noise_power else None
     steps = visible(p, max(p.steps, min(60, 2 * (settled or 10)), 10))
-    r.says("The discrete filter is simulated. The box and the continuous optimum run on the same paths of s and n: they are joined to the model as states and the whole is sampled exactly, so that nothing of them is approximated. Filters that are wrong in another way are followed by sensitivity analysis.")
+    r.says("{tab:plan} lists what was chosen. The discrete filter is simulated. The box and the continuous optimum run on the same paths of s and n: they are joined to the model as states and the whole is sampled exactly, so that nothing of them is approximated. Filters that are wrong in another way are followed by sensitivity analysis.")
     r.table("plan", ["quantity", "value", "why"], [
         ["period, s", p.dt, "given"],
         ["measurements after t0", steps, "twice the settling time, 10 at least and 60 at most, and the length of the list; fewer where the error sinks into the rounding of s and n"],
         ["initial state", "stationary", "the sheet gives spectra; box and optimum have been running for long"],
-        ["periods of the sweep", "dt/4, dt/2, dt, 2 dt, 4 dt", "from much shorter to longer than the time constants"],
-        ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
+        ["periods of the sweep", "a quarter of Δt to four times Δt", "from much shorter to longer than the time constants"],
+        ["runs", experiment.runs, text("a standard error of the variance of {percent:2} %", percent=100 * math.sqrt(2 / experiment.runs))],
         ["seed", experiment.seed, "another stream of random numbers for each experiment"],
     ], "Plan of the experiment.")
     return {"steps": steps}
@@ -156,24 +160,23 @@ def part_d(r, p, experiment, answer, system, small, discrete, box, steps):
     r.check("p₀ is the error of the best constant gain", variance[0], answer["constant_gain_variance"], ("recursion of matrices", "by hand"), scale=scale)
     optimal = answer["optimal_variance"]
     r.holds("p∞ ≥ P", answer["posterior_variance_steady"] - optimal, ("discrete", "continuous"), size=scale)
-    t = np.linspace(0.0, shown.t[-1], 201)
-    curve = reduced.transient(small, t)[:, 0, 0]
-    figure = plots.sampled({text("dt = {dt} s", dt=p.dt): shown}, t, curve, xlabel=TIME, ylabel="variance of s, V²", limit=optimal)
-    r.figure("variances", figure, "Error variance of the signal: the discrete filter over the continuous one, and the limit of part (b).")
-    curves = {"discrete, after each measurement": variance, "continuous, at the same times": reduced.transient(small, shown.t)[:, 0, 0]}
+    curves = {"discrete $p_i$": variance, "continuous $P(t_i)$": reduced.transient(small, shown.t)[:, 0, 0]}
     figure = plots.lines(shown.t, curves, xlabel=TIME, ylabel="variance of s, V²", marker=".", straight={"limit of part (b)": ([0, shown.t[-1]], [optimal, optimal])})
-    r.figure("falling", figure, "The same without the predictions: both fall from the error of the best constant gain to their limits.")
+    r.says("{fig:falling} shows this: at the first measurement both filters have the error of the best constant gain, for there is no past yet from which more could be learnt; then each falls to its own limit, the discrete one above the other." if optimal and p.signal_pole != p.noise_pole else "In {fig:falling} nothing falls: the filter has no dynamics to be learnt, or no error.")
+    r.figure("falling", figure, "Error variance of the signal after each measurement, in the discrete filter and in the continuous one at the same times; dashed: the limit of part (b).")
     r.holds("p(i) ≥ P(t_i)", variance - reduced.transient(small, shown.t)[:, 0, 0], ("recursion of matrices", "Riccati equation, integrated"), size=100 * scale)
     sweep(r, p, optimal)
     agrees = bool(abs(answer["posterior_variance_steady"] - optimal) <= 0.05 * optimal)
     r.value("verdict_d", agrees)
-    r.says("Criterion of `verdict_d`, whether the experiment agrees with part (b): the steady variance at the given period is within 5 % of the continuous one. It is {above} % above: {yes}.",
-           above=100 * (answer["posterior_variance_steady"] / optimal - 1) if optimal else 0.0, yes="it agrees" if agrees else "it does not, since the period is too long")
-    limit = steady.solve(discrete)
-    portrait(r, experiment, discrete, steps, xlabel=TIME, first=0, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]))
+    r.says("Does the experiment agree with part (b)? At the given period the steady variance is {above:3} % above that of the continuous filter. We call up to 5 % agreement: ", "it agrees." if agrees else "it does not, as the period is too long.", above=100 * (answer["posterior_variance_steady"] / optimal - 1) if optimal else 0.0)
+    r.says("**The simulated filter.** {fig:ensemble} compares {runs} runs with theory. The errors of signal and noise are equal and opposite, as their sum is known, so the two rows of panels are one test.", runs=experiment.runs)
+    stats = portrait(r, experiment, discrete, steps, xlabel=TIME, first=0, figures={
+        "ensemble": "The RMS begins at the error of the best constant gain; where the points leave the band they do so in groups, as successive errors are correlated."})
     same_estimates(r, experiment, reduced.discrete(discrete, keep=["s"], first=0), discrete, steps)
     boxes(r, p, experiment, answer, system, box, steps)
     white(r, p, experiment, answer, discrete, steps)
+    own = covariances(discrete, steps, first=0)
+    return {"measured": rms(stats, unit="V"), "sd": float(own.sd_plus[-1, 0]), "when": float(own.t[-1])}
 
 
 def sweep(r, p, optimal):
@@ -182,9 +185,10 @@ def sweep(r, p, optimal):
     for factor in (0.25, 0.5, 1.0, 2.0, 4.0):
         q = p.model_copy(update={"dt": factor * p.dt})
         found = steady.solve(discretise(model(q), q.dt, R=[[0]]))
-        r.check(text("p∞, dt = {dt} s", dt=q.dt), found.P_plus[0, 0], by_hand.discrete_limit(q), ("Riccati equation", "root of the quadratic"), scale=max(optimal, 1e-300))
+        r.check(text("p∞, Δt = {dt} s", dt=q.dt), found.P_plus[0, 0], by_hand.discrete_limit(q), ("Riccati equation", "root of the quadratic"), scale=max(optimal, 1e-300))
         rows.append((q.dt, found.P_plus[0, 0], 100 * (found.P_plus[0, 0] / optimal - 1) if optimal else None, found.K[0, 0]))
-    r.table("periods", ["period, s", "p∞, V²", "above the continuous optimum, %", "K"], rows, "The steady variance over the period: the longer it is, the nearer to the best constant gain.")
+    r.says("{tab:periods} has other periods: the shorter the period, the nearer is the steady variance to that of continuous time, at second order; the longer, the nearer to that of the best constant gain.")
+    r.table("periods", ["period, s", "p∞, V²", "above the continuous optimum, %", "K"], rows, "The steady variance of the discrete filter for several periods.")
     if p.signal_pole == p.noise_pole or not optimal:
         r.says("Here the period makes no difference: the filter is static or the error zero.")
         return
@@ -192,7 +196,7 @@ def sweep(r, p, optimal):
     periods = [shortest / 2**i for i in range(3)]
     errors = [float(steady.solve(discretise(model(p), dt, R=[[0]])).P_plus[0, 0]) - optimal for dt in periods]
     if min(errors) > 1e-9 * optimal:
-        r.order("p∞ → P as dt → 0", errors, 2.0, ("discrete Riccati equation", "continuous, by hand"))
+        r.order("p∞ → P as Δt → 0", errors, 2.0, ("discrete Riccati equation", "continuous, by hand"))
 
 
 def boxes(r, p, experiment, answer, system, box, steps):
@@ -208,15 +212,17 @@ def boxes(r, p, experiment, answer, system, box, steps):
     for (name, expected), error in zip(theory.items(), errors, strict=True):
         if expected > 1e-12 * float(joint.P0[:2, :2].max()):
             r.chance(text("mean square error, {name}", name=name), chance.mean_square(error, np.full(len(error), expected)))
-        table.append((name, expected, float((error**2).mean())))
-    table.append(("discrete optimum, last measurement", by_hand.variances(p, steps)[-1], float((own[-1] ** 2).mean())))
-    r.table("ensembles", ["filter", "theory, V²", "ensemble, V²"], table, "Mean square errors on the same paths; those of box and continuous optimum are averaged over time as well.")
-    figure = plots.lines(some.t, {"box": (errors[0] ** 2).mean(axis=1), "continuous optimum": (errors[1] ** 2).mean(axis=1), "discrete optimum": (own**2).mean(axis=1)}, xlabel=TIME, ylabel="mean square error, V²", marker=".",
-                         straight={name: ([0, some.t[-1]], [value, value]) for name, value in (("theory: box", theory["box"]), ("theory: optimum", answer["optimal_variance"]))})
-    r.figure("boxes", figure, "Mean square errors of the ensemble on the same paths.")
-    s, n = some.truth[:, 0, 0], some.truth[:, 1, 0]
-    figure = plots.lines(some.t, {"signal": s, "measurement": s + n, "box": s + errors[0, :, 0], "continuous optimum": s + errors[1, :, 0]}, xlabel=TIME, ylabel="s, V")
-    r.figure("paths", figure, "One path with the estimates of both filters.")
+        table.append((name, expected, float((error[-1] ** 2).mean()), float((error**2).mean())))
+    table.append(("discrete optimum", by_hand.variances(p, steps)[-1], float((own[-1] ** 2).mean()), None))
+    rows = [(name, expected, Uncertain(last, last * math.sqrt(2 / experiment.runs)), mean) for name, expected, last, mean in table]
+    r.table("ensembles", ["filter", "theory, V²", "ensemble at the last measurement, V²", "also averaged over time, V²"], rows, "Mean square errors of three filters on the same paths.")
+    half = 1.96 * math.sqrt(2 / experiment.runs)
+    edges = {name: ([0, some.t[-1]], [value] * 2) for name, value in (("theory: box", theory["box"]), ("theory: optimum", theory["continuous optimum"]))}
+    bands = {text("edges of 95 % of ensembles") if i == 0 else "_" * (i + 1): ([0, some.t[-1]], [value * factor] * 2)
+             for i, (value, factor) in enumerate((v, f) for v in theory.values() for f in (1 - half, 1 + half))}
+    r.says("**Box and optimum.** {fig:boxes} and {tab:ensembles} have the mean square errors of both on the same paths of signal and noise. The curves wander about their theory, mostly inside the band of 95 %: they are averages over the same runs at all times, and an error lasts as long as the time constants of the filter, so that a curve stays on one side for a while.")
+    r.figure("boxes", plots.lines(some.t, {"box": (errors[0] ** 2).mean(axis=1), "continuous optimum": (errors[1] ** 2).mean(axis=1)}, xlabel=TIME, ylabel="mean square error, V²", marker=".", straight=bands, points=edges),
+             "Mean square errors of {runs} runs; dots at the ends: theory; dashed: the band in which 95 % of ensembles lie at one instant.", runs=experiment.runs)
 
 
 def white(r, p, experiment, answer, discrete, steps):
@@ -228,37 +234,18 @@ def white(r, p, experiment, answer, discrete, steps):
     design = DiscreteModel([[a]], [[q1]], [[1]], [[noise]], x0=[0], P0=discrete.P0[:1, :1], dt=p.dt, states=["s"], units=["V"])
     found = taken_for_white(r, experiment, discrete, design, steps, best=best, size=noise,
                             by_hand=lambda K: by_hand.white_variance(p, K))
-    r.says("**A filter that takes the noise for white** of the same variance claims {claimed} V² and has {true} V², the optimum {best} V²: the samples are too close for their noises to be independent.",
+    r.says("**A filter that takes the noise for white** of the same variance claims {claimed} V² and has {true} V², the optimum {best} V²", ": the samples are too close for their noises to be independent." if found.true > 1.01 * found.claimed else "; at this period the noises of neighbouring samples are nearly independent, and little is lost.",
            claimed=found.claimed, true=found.true, best=best)
 
 
-def conclusions(r, p, answer):
-    """What the numbers say."""
-    g, c = by_hand.optimum(p)
-    optimal, boxed, constant = answer["optimal_variance"], answer["black_box_variance"], answer["constant_gain_variance"]
-    lines = ["The test shows a stable causal filter (s + 4)/(2(s + 2)), up to an all-pass; its direct term excludes a Kalman filter for measurements with white noise."]
-    if optimal:
-        lines.append(text("The optimal filter is ({g} s + {gb})/(s + {c}) with the mean square error {optimal} V²; the box has {boxed} V², {percent} % more, {than} the best constant gain ({constant} V²).",
-                          g=g, gb=g * p.noise_pole, c=c, optimal=optimal, boxed=boxed, percent=100 * (boxed / optimal - 1), than="worse than" if boxed > constant else "better than", constant=constant))
-    else:
-        lines.append(text("One of the two processes is absent: the optimal filter has no error; the box has {boxed} V².", boxed=boxed))
-    if math.isclose(p.signal_pole, 2) and math.isclose(p.noise_pole, 4) and math.isclose(g, 0.5):
-        lines.append("The engineer's gain is right, but his filter does not feed the innovation back: it keeps the pole of the signal.")
-    elif p.signal_pole == p.noise_pole:
-        lines.append("Signal and noise have spectra of one shape: no dynamics help, and the optimum is a constant gain.")
-    start, end = answer["posterior_variance"][0], answer["posterior_variance_steady"]
-    if start > end * (1 + 1e-9):
-        lines.append(text("Sampled every {dt} s the error variance falls monotonically from {start} to {end} V².", dt=p.dt, start=start, end=end))
-    else:
-        lines.append(text("Sampled every {dt} s the error variance is {end} V² from the first measurement on.", dt=p.dt, end=end))
-    lines.append(largest(r))
-    r.items(lines)
-
-
 PARTS = Skeleton(
+    result=result,
+    key="tests",
     analysis=(part_a, part_b, part_c),
     plan=plan,
     experiment=(part_d,),
+    discussion=discussion,
+    answers=answers,
     conclusions=conclusions,
 )
 

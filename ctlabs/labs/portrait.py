@@ -103,12 +103,14 @@ def portrait(
     first: int | None = None,
     stream: int = 0,
     figures: Mapping[str, str] | None = None,
+    together_steps: int = TOGETHER,
 ) -> Statistics:
     """Figures of a filter and the tests of its ensemble, into the report's present section.
 
     ``prefix`` tells the figures of several filters apart; ``state`` is the one shown, ``measurement`` the one that
     measures it; ``limits`` are its steady variances before and after an update. ``figures`` are those of :data:`FIGURES` that
-    the lab needs, each with the sentence that says what one sees in it; all five without it. Returns the statistics.
+    the lab needs, each with the sentence that says what one sees in it; all five without it. ``together_steps`` are the instants
+    that are tested together; an unstable state, whose rounding grows, permits fewer. Returns the statistics.
     """
     shown = dict.fromkeys(FIGURES, "") if figures is None else figures
     name, unit = model.states[state], model.units[state]
@@ -137,7 +139,7 @@ def portrait(
         said = text(FIGURES[each], dotted, name=name, runs=experiment.runs)
         report.figure(f"{prefix}{each}", draw[each](), f"{said} {translated(sees)}".strip())
     worst = agreement(report, prefix.strip("_"), stats, schedule.P_plus)
-    worst = max(worst, together(report, prefix.strip("_"), experiment, model, stream=stream, first=first))
+    worst = max(worst, together(report, prefix.strip("_"), experiment, model, stream=stream, first=first, steps=together_steps))
     if figures is None:
         report.says(
             "The largest deviation of the ensemble from theory, over all tests, is {worst} standard errors.",
@@ -147,7 +149,14 @@ def portrait(
 
 
 def together(
-    report: Report, name: str, experiment: Experiment, model: DiscreteModel, *, stream: int = 0, first: int | None = None
+    report: Report,
+    name: str,
+    experiment: Experiment,
+    model: DiscreteModel,
+    *,
+    stream: int = 0,
+    first: int | None = None,
+    steps: int = TOGETHER,
 ) -> float:
     """Test a second ensemble of a constant filter over many instants, all of them together; returns the largest deviation.
 
@@ -155,12 +164,12 @@ def together(
     """
     if model.horizon is not None:
         return 0.0
-    stats = experiment.statistics(model, steps=TOGETHER, stream=stream + APART, first=first)
-    tests: dict[str, Chance] = {text("NIS of {steps} instants together", steps=TOGETHER): chance.pooled_nis(stats)}
+    stats = experiment.statistics(model, steps=steps, stream=stream + APART, first=first)
+    tests: dict[str, Chance] = {text("NIS of {steps} instants together", steps=steps): chance.pooled_nis(stats)}
     if model.N is None:
-        plan = covariances(model, TOGETHER, first)
+        plan = covariances(model, steps, first)
         correlation = chance.error_correlation(model, plan)
-        what = text("error variances of {steps} instants together", steps=TOGETHER)
+        what = text("error variances of {steps} instants together", steps=steps)
         tests[what] = chance.pooled_variance(stats, plan.P_plus, correlation)
     return tested(report, name, tests)
 

@@ -53,10 +53,11 @@ def legend(figure: Figure, *axes: Axes, columns: int = 4) -> None:
 
 
 def whole(axes: Axes) -> None:
-    """Whole numbers on the horizontal axis (it counts steps)."""
+    """Whole numbers on the horizontal axis where it counts: where all that is drawn lies at whole numbers."""
     from matplotlib.ticker import MaxNLocator
 
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    if all(np.array_equal(x, np.round(x)) for x in (np.asarray(line.get_xdata(), dtype=float) for line in axes.lines)):
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 @styled
