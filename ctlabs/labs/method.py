@@ -15,6 +15,7 @@ from ctlabs.labs.sheets import bibliography
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots, render
+from ctlabs.reporting.markdown import markdown
 from ctlabs.reporting.params import LabParameters, Positive, Variance, given
 from ctlabs.reporting.report import Picture, Report
 from ctlabs.text import _
@@ -101,7 +102,7 @@ def _filter(r: Report, p: Parameters, system: ContinuousModel) -> None:
 def _plan(r: Report, p: Parameters, Qd: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> None:
     r.section("d", "The plan of an experiment")
     r.says("Before a computer is asked, every number is listed with the reason for its choice ({tab:plan}). Then runs are simulated, the filter runs on their measurements, and the statistics of its errors are compared with the variances of (c): the mean with zero, the mean square with P⁺, both with bounds that come from the number of runs.")
-    rows = [
+    rows: list[list[object]] = [
         ["$F, G, H$", "as in {eq:model}", "the motion and what is measured"],
         ["$\\sigma_w^2$, m²/s³", p.sigma_w2, "given"],
         ["τ, s", p.tau, "given"],
@@ -119,7 +120,7 @@ def write(out: Path) -> None:
     """``lab0.html`` and ``lab0.md`` in ``out``, with the figure beside them."""
     made = report()
     pictures = {block.name: render.png(block.figure) for block in made.blocks if isinstance(block, Picture)}
-    text = render.markdown(made)
+    text = markdown(made)
     for name, data in pictures.items():
         (out / f"lab0-{name}.png").write_bytes(data)
         text = text.replace(f"figures/{name}.png", f"lab0-{name}.png")

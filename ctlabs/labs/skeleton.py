@@ -123,7 +123,8 @@ def _statement(r: Report, asked: Sheet) -> None:
     r.heading("Statement", "statement")
     r.blocks.append(Text(translated(asked.statement)))
     r.blocks.append(Text("\n".join(f"- **({letter})** {translated(words)}" for letter, words in asked.items.items())))
-    values, symbols = r.parameters.plain(), getattr(r.parameters, "symbols", dict)()
+    values = r.parameters.plain()
+    symbols: dict[str, str] = getattr(r.parameters, "symbols", dict)()
     rows = [
         [
             f"${symbols.get(name, name)}$",
