@@ -108,8 +108,8 @@ class TestCheck:
     def test_a_difference_that_is_no_rounding_is_written(self, report):
         """Of a check that passes the element of largest size is shown; of one that fails, the worst."""
         right = np.array([1.0, 2.0])
-        report.check("close", np.array([1 + 5e-9, 2 + 1e-9]), right, ROUTES)
-        report.check("far", np.array([1.1, 2.0]), right, ROUTES)
+        report.check("close", right + np.array([5e-9, 1e-9]), right, ROUTES)
+        report.check("far", right + np.array([0.1, 0.0]), right, ROUTES)
         close, far = report.checks
         assert (close.value, close.expected, close.passed) == (2.0 + 1e-9, 2.0, True)
         assert close.share == pytest.approx(5e-9, rel=1e-6)
