@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ctlabs.filtering.engines.common import EPS, System, alike, crossed_out, entry, helper, picked, root, triangle
+from ctlabs.filtering.engines.common import EPS, System, alike, all_finite, copied, crossed_out, emptied, entry, helper, picked, root, triangle
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import kernel
 
@@ -211,11 +211,13 @@ def reduce(w: Work, first: int, last: int, count: int, unknowns: int, end: int, 
 @helper
 def clear(w: Work, columns: int) -> None:
     """An empty array."""
-    w.W[:] = 0.0
-    w.terms[:] = 0.0
-    w.kind[:] = NONE
-    w.taken[:] = False
-    w.units[:] = 1.0
+    emptied(w.W, 0.0)
+    emptied(w.terms, 0.0)
+    for r in range(w.kind.shape[0]):
+        w.kind[r] = NONE
+        w.taken[r] = False
+    for c in range(w.units.shape[0]):
+        w.units[c] = 1.0
     for c in range(columns):
         w.order[c] = c
 
@@ -334,7 +336,7 @@ def meet(
                     vague = c - free + 1
     unknowns = free + n + vague
     if k < prior.L.shape[0]:
-        L[:, free : free + n] = prior.L[k]
+        copied(prior.L[k], L[:, free : free + n])
     else:
         root(prior.P[k], L[:, free : free + n], d, w.rest)
     for i in range(n):
@@ -461,7 +463,7 @@ def prepare(system: System, used: Array, innovation: Array, Q: Array, out: Backw
                 out.values[k, a, c] *= scale
         if k < out.G.shape[0]:
             root(Q[k], wide, variances, rest)
-            out.G[k] = wide
+            copied(wide, out.G[k])
 
 
 @kernel
@@ -472,17 +474,18 @@ def smooth(b: Backward, prior: Prior, x: Array, P: Array, lag_one: Array) -> boo
     E, L, d, sd = np.empty((n, n)), np.empty((n, 3 * n)), np.empty(n), np.empty(n)
     lost, before, finite = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_), True
     for k in range(last, -1, -1):
-        before[:] = lost
+        for i in range(n):
+            before[i] = lost[i]
         if k < last:
             Phi, G = entry(b.Phi, k), entry(b.G, k)
             units(prior.P, prior.A, k, sd)
             earlier(Phi, G, b.rows[k + 1], b.values[k + 1], b.kind[k + 1], b.shift[k + 1], sd, Uy, own, w)
             back(Phi, G, w, E)
         elif prior.unknown.shape[0] <= last:
-            P[k] = prior.P[k]
+            copied(prior.P[k], P[k])
             continue
         meet(prior, k, prior.later[k], Uy, own, 0, x[k], P[k], lost, w, L, d)
-        finite &= np.isfinite(P[k]).all() and np.isfinite(x[k]).all()
+        finite &= all_finite(P[k]) and all_finite(x[k])
         if k < last:
             for i in range(n):
                 for j in range(n):
@@ -509,7 +512,9 @@ def windows(b: Backward, prior: Prior, lag: int, width: int, x: Array, P: Array)
         count = 1
         while count < width and k + count <= last - lag and b.since[k + count + lag] <= k:
             count += 1
-        Uy[:], own[:] = 0.0, NONE
+        emptied(Uy, 0.0)
+        for i in range(n):
+            own[i] = NONE
         for i in range(k + lag - 1, k - 1, -1):
             for c in range(count):
                 for a in range(m):
@@ -525,7 +530,7 @@ def windows(b: Backward, prior: Prior, lag: int, width: int, x: Array, P: Array)
         for c in range(count):
             known = prior.later[k + c] - prior.later[k + c + lag]
             meet(prior, k + c, known, Uy, own, c, x[k + c], P[k + c], lost, w, L, d)
-            finite &= np.isfinite(P[k + c]).all() and np.isfinite(x[k + c]).all()
+            finite &= all_finite(P[k + c]) and all_finite(x[k + c])
             hide(x[k + c], P[k + c], lost)
         k += count
     return finite

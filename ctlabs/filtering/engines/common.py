@@ -42,6 +42,16 @@ def emptied(A: Array, value: float) -> None:
 
 
 @helper
+def all_finite(A: Array) -> bool:
+    """Whether every element of a matrix is finite."""
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            if not np.isfinite(A[i, j]):
+                return False
+    return True
+
+
+@helper
 def copied(A: Array, out: Array) -> None:
     """out = A, matrices."""
     for i in range(A.shape[0]):
