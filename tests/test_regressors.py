@@ -553,7 +553,7 @@ class TestCalendar:
     )
     def test_days_are_no_seconds(self, stamps, unit, apart):
         """Every row thousands of periods after the one before: refused with the period, or another reading, to set."""
-        with pytest.raises(ValueError, match=rf"no two rows are less than {apart} periods .* set dt = {apart} under .*--time none takes"):
+        with pytest.raises(ValueError, match=rf"no two rows are less than {apart} periods .* --dt {apart} .*--time none .*--dt 1 "):
             clock.timed(modelfile.loads(self.MODEL), self.record(stamps, unit))
         model = modelfile.loads(self.MODEL.replace("dt = 1", f"dt = {apart}"))
         assert len(clock.timed(model, self.record(stamps, unit))[2]) == (4 if unit == "iso" else 3)
@@ -565,9 +565,11 @@ class TestCalendar:
         assert len(clock.timed(model, record)[2]) == 4 * 3600 + 1
 
     def test_some_periods_apart_is_said(self):
-        """Every ten seconds at dt = 1: filtered, and told with the other reading."""
+        """Every ten seconds at dt = 1: refused as every interval is that has two readings; with --dt 1 filtered, and told."""
         model, stamps = modelfile.loads(self.MODEL), [f"2024-05-31T12:00:{s:02d}" for s in (0, 10, 20)]
-        record = self.record(stamps, "iso")
+        with pytest.raises(ValueError, match=r"no two rows are less than 10 periods .* --dt 10 .*--time none .*--dt 1 leaves the period"):
+            clock.over(model, self.record(stamps, "iso"))
+        record = self.record(stamps, "iso", dt=1.0)
         (note,) = clock.notes(model, record, clock.over(model, record))
         assert note.startswith("18 instants of the model's grid without a row")
         assert note.endswith("(no two rows are less than 10 periods apart; --time none: they are one apart)")
