@@ -63,7 +63,7 @@ def hindrance(kernel: str) -> str:
 
 def files() -> list[str]:
     """Those whose numbers come from OpenBLAS."""
-    return sorted(str(file) for file in HERE.glob("test_*.py") if MARK in file.read_text(encoding="utf-8"))
+    return sorted(str(file) for file in HERE.rglob("test_*.py") if MARK in file.read_text(encoding="utf-8"))
 
 
 def run(kernel: str, threads: int, options: list[str]) -> bool:

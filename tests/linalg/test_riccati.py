@@ -171,7 +171,7 @@ def test_numbers_of_others(item: dict[str, Any]) -> None:
             limit(cases.model(item["model"]))
         return
     if any("lambda" in name for name in expected):
-        pytest.skip("relations between the elements of a gain: tests/test_steady.py has them as closed forms")
+        pytest.skip("relations between the elements of a gain: tests/filtering/test_steady.py has them as closed forms")
     found = limit(cases.model(item["model"]))
     agrees(found, expected, item.get("tolerance") or {})
     if isinstance(item.get("reference"), dict):

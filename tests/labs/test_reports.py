@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 REPORTS = ROOT / "reports"
 COMMITTED = sorted(path.parent.name for path in REPORTS.glob("*/results.json"))
 

@@ -14,7 +14,7 @@ from ctlabs import DiscreteModel, kalman_filter, read_model, read_record
 from ctlabs.files import clock, datafile, look, modelfile
 from ctlabs.files.mapping import Mapping
 from ctlabs.reporting import render
-from tests.test_cli import Console
+from tests.cli.test_cli import Console
 
 MODEL = """format = 1
 kind = "continuous"

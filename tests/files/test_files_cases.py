@@ -16,7 +16,7 @@ from ctlabs import cli, read_model, read_record
 from ctlabs.cli.records import reading
 from ctlabs.reporting import render
 
-FILES = Path(__file__).parent / "cases" / "files"
+FILES = Path(__file__).parents[1] / "cases" / "files"
 CASES = json.loads((FILES / "expected.json").read_text(encoding="utf-8"))["cases"]
 TRIES = [(case, one, f"{case['id']}-{i}") for case in CASES for i, one in enumerate(case["tries"])]
 #: Kinds that are about numbers, not about reading: fits, diagnoses, unknown beginnings.

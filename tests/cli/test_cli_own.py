@@ -15,9 +15,9 @@ from ctlabs import cli
 from ctlabs.files import modelfile
 from ctlabs.reporting import render
 from ctlabs.studies import filtering, forecasting
+from tests.cli.test_cli import Console, files
 from tests.nile import FLOW
-from tests.test_cli import Console, files
-from tests.test_studies import GAPS, NILE
+from tests.studies.test_studies import GAPS, NILE
 
 
 @pytest.fixture

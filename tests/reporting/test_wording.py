@@ -18,7 +18,7 @@ from ctlabs.reporting.report import Check, Heading, Picture, Report, Table, Text
 from ctlabs.reporting.wording import in_words_of_the_reader
 from ctlabs.text import text, translated
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 LABS = labs.catalogue()
 QUICK = {"task07", "task14", "task16", "task23"}
 #: What a sentence has that a symbol, a unit or the name of a parameter has not: two words in a row.

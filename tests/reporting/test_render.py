@@ -19,7 +19,7 @@ from ctlabs.reporting import plots, render
 from ctlabs.reporting.mathml import lines
 from ctlabs.reporting.params import LabParameters, Variance, VariancesOrInf, given
 from ctlabs.reporting.report import Report
-from tests.test_tasks import default
+from tests.labs.test_tasks import default
 
 META = {"name": "task99", "title": "Gains < 1 & variances", "source": "A book, task 99", "parts": ["a", "b"]}
 ROUTES = ("recursion", "closed form")

@@ -400,7 +400,7 @@ def start(tmp_path, folder, runs, executor="threads", workers=2):
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
     command = [sys.executable, str(script), str(folder), str(runs), executor, str(workers)]
-    root = str(Path(__file__).parent.parent)
+    root = str(Path(__file__).parents[2])
     return subprocess.Popen(
         command,
         stdout=subprocess.PIPE,
@@ -536,11 +536,11 @@ def test_mpi_workers_give_the_bytes_of_threads(tmp_path):
     if launcher is None:
         pytest.skip("no mpiexec: an MPI is not installed")
     script = tmp_path / "parallel.py"
-    root = str(Path(__file__).parent.parent)
+    root = str(Path(__file__).parents[2])
     script.write_text(
         "import sys; sys.path.insert(0, sys.argv[1])\n"
         "from mpi4py.futures import MPIPoolExecutor\n"
-        "from tests.test_montecarlo_workers import MODEL, same\n"
+        "from tests.montecarlo.test_montecarlo_workers import MODEL, same\n"
         "from ctlabs.montecarlo import run\n"
         "if __name__ == '__main__':\n"
         "    how = dict(steps=1000, runs=20_500, seed=3, progress=False)\n"

@@ -26,7 +26,7 @@ from ctlabs.workbench.runs.catalogue import check, fields, search, sheets
 from ctlabs.workbench.runs.running import Running
 from ctlabs.workbench.runs.worker import Runner
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 NAMES = [each.name for each in sheets()]
 DRAFT = "0123456789abcdef"
 

@@ -380,7 +380,7 @@ def test_closing_ends_everything(tmp_path: Path) -> None:
 _SERVER = """
 import asyncio, sys
 from ctlabs.workbench.runs.worker import Runner
-from tests.test_workbench_worker import TABLE
+from tests.workbench.test_worker import TABLE
 
 async def main():
     runner = Runner(TABLE, size=1, warm=())
@@ -396,7 +396,7 @@ def test_a_killed_server_leaves_no_process(tmp_path: Path) -> None:
     """The process of a run ends when its server is killed, even in the middle of the run."""
     script = tmp_path / "server.py"
     script.write_text(textwrap.dedent(_SERVER))
-    root = str(Path(__file__).parent.parent)
+    root = str(Path(__file__).parents[2])
     environment = {**os.environ, "PYTHONPATH": root, "PYTHONWARNINGS": "error"}
     gate = Gate(tmp_path)
     command = [sys.executable, str(script), *gate.arguments.values()]

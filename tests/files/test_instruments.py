@@ -11,7 +11,7 @@ import pytest
 
 from ctlabs.reporting import render
 from tests import cases
-from tests.test_cli import Console
+from tests.cli.test_cli import Console
 
 NAMES = sorted(path.stem for path in cases.INSTRUMENTS.glob("*.toml"))
 

@@ -14,7 +14,7 @@ from ctlabs.models.discretisation import discretise
 from ctlabs.reporting.report import Report
 from ctlabs.studies import common, sampling
 from tests import cases, reference
-from tests.test_exponential import EPS, SMALL, model_over_decades, terms
+from tests.linalg.test_exponential import EPS, SMALL, model_over_decades, terms
 
 
 def verdicts(continuous: ContinuousModel, discrete: DiscreteModel) -> list[bool]:

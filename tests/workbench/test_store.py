@@ -313,7 +313,7 @@ def test_a_killed_process_has_lost_nothing(tmp_path: Path) -> None:
         [sys.executable, "-c", _EDITOR, str(tmp_path)],
         stdout=subprocess.PIPE,
         text=True,
-        cwd=Path(__file__).parent.parent,
+        cwd=Path(__file__).parents[2],
     )
     assert process.stdout is not None
     draft = process.stdout.readline().strip()

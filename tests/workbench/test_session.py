@@ -124,7 +124,7 @@ class Edits(RuleBasedStateMachine):
         again = Session.resume(type(self).store, self.session.draft.id)
         assert again.text == self.session.text
         assert again.history == self.session.history
-        assert again.problems() == self.session.sheet.problems
+        assert again.sheet.problems == self.session.sheet.problems
         self.session = again
 
     @invariant()

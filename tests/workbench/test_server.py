@@ -29,7 +29,7 @@ from ctlabs.workbench.serving import command, server
 from ctlabs.workbench.serving.server import Desk, listen
 from tests.workbench_browser import until
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 PAGES = ("model", "understand", "experiment", "keep", "labs", "help")
 
 
@@ -88,7 +88,7 @@ def desk(tmp_path: Path) -> Iterator[Callable[..., Desk]]:
     made: list[Desk] = []
 
     def make(shared: bool) -> Desk:
-        made.append(Desk(tmp_path, shared=shared, session="tests.test_workbench_server:Session"))
+        made.append(Desk(tmp_path, shared=shared, session="tests.workbench.test_server:Session"))
         return made[-1]
 
     Session.closed.clear()
