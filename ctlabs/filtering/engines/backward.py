@@ -25,7 +25,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ctlabs.filtering.engines.common import EPS, System, alike, all_finite, copied, crossed_out, emptied, entry, helper, picked, root, triangle
+from ctlabs.filtering.engines.common import (
+    EPS,
+    System,
+    alike,
+    all_finite,
+    copied,
+    crossed_out,
+    emptied,
+    entry,
+    helper,
+    picked,
+    root,
+    triangle,
+)
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import kernel
 

@@ -5,7 +5,7 @@ import pytest
 
 from ctlabs.reporting import plots, render
 from ctlabs.reporting.keeping import kept, same
-from tests.test_render import META, ROUTES, Parameters, Report, files
+from tests.reporting.test_render import META, ROUTES, Parameters, Report, files
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from ctlabs.labs.sheets import bibliography
 from ctlabs.reporting import render
 from ctlabs.reporting.crossrefs import complaints
 from ctlabs.reporting.report import Report
-from tests.test_render import META, ROUTES, Page, Parameters, files
+from tests.reporting.test_render import META, ROUTES, Page, Parameters, files
 
 
 @pytest.fixture(autouse=True)

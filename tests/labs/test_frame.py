@@ -12,7 +12,7 @@ from ctlabs.labs.sheets import bibliography, listing, sheet
 from ctlabs.reporting.crossrefs import called, complaints
 from ctlabs.reporting.markdown import markdown
 from ctlabs.reporting.report import Heading, Picture, Text
-from tests.test_tasks import default
+from tests.labs.test_tasks import default
 
 LABS = labs.catalogue()
 #: Labs whose reports have not got their frame yet: this list may only shrink.

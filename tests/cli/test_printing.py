@@ -17,7 +17,7 @@ from ctlabs.labs.course import course
 from ctlabs.labs.sheets import bibliography
 from ctlabs.reporting import render
 from ctlabs.reporting.report import Copy, Report
-from tests.test_render import META, ROUTES, Parameters, sample
+from tests.reporting.test_render import META, ROUTES, Parameters, sample
 
 THERE = all(importlib.util.find_spec(name) for name in ("pypandoc", "typst"))
 needs_programs = pytest.mark.skipif(not THERE, reason="no pandoc and typst here: pip install 'ctlabs[print]'")
