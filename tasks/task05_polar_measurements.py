@@ -49,6 +49,7 @@ METRE, SECOND = 3.7, 0.23
 #: Factors of the experiment and their levels.
 LEVELS = {"sigma_w2": (0.1, 10.0), "sigma_D": (1 / 3, 3.0), "sigma_theta": (1 / 3, 3.0), "tau": (0.5, 2.0)}
 SYMBOLS = {"sigma_w2": "$\\sigma_w^2$", "sigma_D": "$\\sigma_D$", "sigma_theta": "$\\sigma_\\theta$", "tau": "τ"}
+NAMES = {"sigma_w2": "disturbance", "sigma_D": "error of range", "sigma_theta": "error of bearing", "tau": "period"}
 
 
 class Parameters(LabParameters):
@@ -160,7 +161,7 @@ def loss(r, truth, first, stats, experiment, steps):
 def factors(r, p, experiment):
     """One factor at a time, both variants."""
     cases = [("given", "given", p, 1.0), *((f"P0 ×{level:g}", f"$P_0$ ×{level:g}", p, level) for level in (0.1, 10.0))]
-    cases += [(f"{name} ×{level:.3g}", f"{SYMBOLS[name]} ×{level:.3g}", p.model_copy(update={name: level * getattr(p, name)}), 1.0) for name, levels in LEVELS.items() for level in levels]
+    cases += [(f"{text(NAMES[name])} ×{level:.3g}", f"{SYMBOLS[name]} ×{level:.3g}", p.model_copy(update={name: level * getattr(p, name)}), 1.0) for name, levels in LEVELS.items() for level in levels]
     rows, found, expected = [], [], []
     for name, shown, q, level in cases:
         truth, first = (replace(model, P0=level * model.P0) for model in variants(q))
