@@ -56,13 +56,13 @@ def conclusions(r, p, answer):
         if before < 0.999 * p.P0:
             lines.append(text("Just before it the variance was {before:4} m², down from {P0} m² at the start.", before=before, P0=p.P0))
         else:
-            lines.append(text("The measurements before it left the variance at {P0} m², or nearly so.", P0=p.P0) if perfect > 1 else text("It is the first of all."))
+            lines.append(text("The measurements before it left the variance at {P0} m², or nearly so.", P0=p.P0) if perfect > 1 else text("It is the first of all, and before it no more was known than $P_0$ says."))
     else:
         lines.append(text("Each useful measurement (there are {useful}) adds $1/R(t_i)$ to the information, which goes from {start:4} to {end:4} 1/m². The variance falls from {P0} to {last:4} m², and of an initial error the share {left:3} is left.",
                           useful=len(useful), start=1 / p.P0, end=answer["posterior_information"][-1], P0=p.P0, last=posterior[-1], left=posterior[-1] / p.P0))
         lines.append("The filter has no steady state other than zero variance: with measurements of a constant R it approaches it like $R/i$.")
     if p.P0 > 0 and lost and useful:
-        lines.append(text("Of {all} measurements {lost} are lost ($R = \\infty$); the filter drops them by itself.", lost=lost, all=len(p.R)))
+        lines.append(text("Lost measurements ($R = \\infty$): {lost} of {all}; the filter drops them by itself.", lost=lost, all=len(p.R)))
     lines.append("The alternating sign costs nothing: $\\Phi^2 = 1$, so the variances are those of a constant.")
     lines.append(largest(r))
     r.items(lines)

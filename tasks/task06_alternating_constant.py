@@ -199,7 +199,7 @@ def part_c(r, p, answer, system, experiment, start, both):
     """Ensembles against theory."""
     r.section("c", "Ensemble against theory")
     record(r, experiment, p, system)
-    stats = portrait(r, experiment, system, len(p.R), figures={"ensemble": "The errors change sign with x, their RMS and mean do not tell of it."})
+    stats = portrait(r, experiment, system, len(p.R), figures={"ensemble": "The errors change their sign with x; their RMS does not tell of it."})
     r.value("rms_error", stats.rms[1:, 0], "m", at=range(1, len(p.R) + 1))
     theory = [math.sqrt(P) for P in answer["posterior_variance"]]
     rows = []
@@ -228,7 +228,7 @@ def record(r, experiment, p, system):
     curves = (Curve("$x(t_0)$", i, np.full(len(i), some.truth[0, 0, 0]), "black", "dash"), Curve("estimate", i, estimate, "blue", "points"), Curve("measurement", i[1:], z, "orange", "cross"))
     r.figure("record", Drawing("record", STEP, (Panel("$(-1)^i$ times x and z, m", curves, (Band("estimate ± σ", i, estimate - sd, estimate + sd, "blue"),)),), whole=True),
              "One run with the alternating sign taken away, so that all measurements and estimates are of the one number $x(t_0)$.")
-    r.says("In {fig:record} the estimate begins at 0 with the uncertainty of $P_0$ and is drawn towards the measurements, by less and less.")
+    r.says("In {fig:record} the estimate begins at 0 with the uncertainty of $P_0$. Each measurement draws it towards itself by the gain, which is the smaller the more is known, and narrows the band by what it tells.")
 
 
 def averaged(x, experiment):
