@@ -292,7 +292,7 @@ def skeleton(closed_form: Callable[[Report, Lab], None]) -> Skeleton:
     """The parts of the report; ``closed_form`` adds what the lab knows of its steady gain."""
     return Skeleton(
         result=result,
-        key="gains",
+        key="bounded",
         analysis=(part_a, part_b, part_c, existence, limits, closed_form),
         plan=plan,
         experiment=(part_d, sweeps, wrong_start, constant),
