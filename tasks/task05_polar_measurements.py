@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 import sympy
-from ctlabs.tasks._task05_model import LETTERS, SIMULATED, STEP, continuous, covariance, length, start, variants
+from ctlabs.tasks._task05_model import LETTERS, SIMULATED, STEP, UNITS, continuous, covariance, length, start, variants
 from ctlabs.tasks._task05_pseudo import part_a, part_b, part_c, part_d, part_e
 from ctlabs.tasks._task05_sensor import cost, nonlinear
 from ctlabs.tasks._task05_words import answers, conclusions, discussion, result, verdict
@@ -132,10 +132,10 @@ def part_f(r, p, answer, truth, first, experiment, steps):
     r.value("posterior_variance_steady_variant2", np.diag(limit.P_plus), "m², m²/s²", agrees=answer, routes=("Riccati equation", "spectral factorisation along and across the radius"))
     settled = settling(new)
     r.value("settling_step_variant2", settled, reason="not within 100 000 measurements", agrees=answer, routes=("recursion", "two filters along and across the radius"), kind=EXACT)
-    stats = portrait(r, experiment, new, steps, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]), figures={
-        "ensemble": "Variant 2 at fixed geometry: from P0, which is as good as one measurement, the errors of all four states settle within a few measurements."
-        if (settled or steps) <= 12 else "Variant 2 at fixed geometry: the errors of all four states on their way from P0 to the limits."})
-    last = covariances(new, steps).sd_plus[-1]
+    stats, counted = portrait(r, experiment, new, steps, figures={}), covariances(new, steps)
+    r.figure("ensemble", plots.ensemble_log(stats, counted.P_plus, xlabel=STEP, units=UNITS, names=LETTERS),
+             "Variant 2 at fixed geometry, {runs} runs against theory: RMS errors on logarithmic axes, mean errors in units of σ, NEES and NIS, in the bands of 95 % of ensembles.", runs=experiment.runs)
+    last = counted.sd_plus[-1]
     r.says("{fig:ensemble} compares the ensemble with theory. At the last measurement the RMS errors of x and y are {x} and {y}, in theory {sd_x:4} and {sd_y:4} m.", x=rms(stats, unit="m"), y=rms(stats, state=2, unit="m"), sd_x=last[0], sd_y=last[2])
     if settled is None:
         r.says("The filter does not settle within 100 000 measurements.")
