@@ -11,17 +11,10 @@ from typing import Any
 
 import numpy as np
 import sympy
-from ctlabs.tasks._kinematics_experiment import (
+from ctlabs.tasks._kinematics_experiment import constant, part_d, plan, sweeps, wrong_start
+from ctlabs.tasks._kinematics_model import (
     CURVE,
     QUANTITY,
-    conclusions,
-    constant,
-    part_d,
-    plan,
-    sweeps,
-    wrong_start,
-)
-from ctlabs.tasks._kinematics_model import (
     Lab,
     continuous,
     definition,
@@ -31,12 +24,13 @@ from ctlabs.tasks._kinematics_model import (
     sampled,
     squared,
 )
+from ctlabs.tasks._kinematics_words import answers, conclusions, discussion, result
 from ctlabs.tasks.answers import kinematics as by_hand
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import settling, settling_step, steady
 from ctlabs.labs.experiment import Experiment, covariances
-from ctlabs.labs.portrait import agreement
+from ctlabs.labs.portrait import agreement, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import kinematics, observability, symbolic
 from ctlabs.models.discretisation import discretise
@@ -62,14 +56,14 @@ class KinematicParameters(LabParameters):
 
     tau: Positive = given(1.0, unit="s", meaning="period of the measurements")
     R: Variance = given(1.0, unit="m²", meaning="variance of the measurement error")
-    steps: Count = given(10, unit="1", meaning="number of measurements in the lists")
+    steps: Count = given(10, unit="1", meaning="number of measurements in the lists", symbol="N")
 
 
 def part_a(r, lab):
     """The model of the sheet with uncorrelated noises."""
     p, words = lab.p, {"quantity": QUANTITY[lab.n], "last": lab.system.states[-1]}
     r.section("a", "The discrete model with a unit lower triangular noise matrix")
-    r.says("The {quantity} is a random constant plus a Brownian motion, ${last}(t) = c + \\beta(t)$ with β(t0) = 0. The derivative of β is white noise w of strength σ_w² (a diffusion, not a variance), and the constant is the initial value of ${last}$: {n} integrators in a row, of which the first is measured. ({misprint})", n=lab.n, misprint=MISPRINT[lab.n], **words)
+    r.says("The {quantity} is a random constant plus a Brownian motion, ${last}(t) = c + \\beta(t)$ with $\\beta(t_0) = 0$. The derivative of β is white noise w of strength $\\sigma_w^2$ (a diffusion, not a variance), and the constant is the initial value of ${last}$: {n} integrators in a row, of which the first is measured. {misprint}", n=lab.n, misprint=MISPRINT[lab.n], **words)
     r.math(r"\dot x(t) = Fx(t) + Gw(t), \qquad E[w(t)w(t')] = \sigma_w^2\,\delta(t - t'), \qquad z(t_i) = Hx(t_i) + v(t_i), \qquad E[v(t_i)v(t_j)] = R\,\delta_{ij}")
     equations = lab.chain.latex()
     for equation in equations[:4]:
@@ -78,7 +72,7 @@ def part_a(r, lab):
     for equation in equations[4:6]:
         r.math(equation)
     r.math(r"x(t_{i+1}) = \Phi x(t_i) + G_d\bar w_d(t_i)")
-    r.says("With the given numbers (every matrix is listed below):")
+    r.says("This is the way from a continuous model to a discrete one of {ref:maybeck, section 4.9}. With the given numbers it is")
     r.model(lab.system)
     lower, variances, _factor = factors(p)
     routes = ("matrix exponential by doubling", "closed form")
@@ -91,7 +85,7 @@ def part_a(r, lab):
         numbers = lab.chain.evaluate(sigma_w=math.sqrt(p.sigma_w2), tau=p.tau)
         r.check("Q_d of the chain", numbers.Qd, lab.system.Qd, ("symbolic chain", "matrix exponential by doubling"), EXACT)
     else:
-        r.says("For σ_w² = 0 there is no noise and $Q_d = 0$; $G_d$ is the one that holds for every σ_w².")
+        r.says("For $\\sigma_w^2 = 0$ there is no noise and $Q_d = 0$; $G_d$ is the one that holds for every $\\sigma_w^2$.")
 
 
 def part_b(r, lab):
@@ -100,19 +94,20 @@ def part_b(r, lab):
     r.says("With $\\tilde{Q}_d = \\mathrm{diag}(\\sqrt{d_1}, \\dots)$ the noise is $\\bar{G}_d\\bar{w}$, whose independent components have variance 1: $Q_d = \\bar{G}_d\\bar{G}_d^T$. This lower triangular factor is Cholesky's.")
     r.math(lab.chain.latex()[6])
     r.math(r"x(t_{i+1}) = \Phi x(t_i) + \bar G_d\bar w(t_i), \qquad E[\bar w(t_i)\bar w^T(t_j)] = I\,\delta_{ij}")
-    r.says("(The last example of section 4.3 of the method notes drops σ_w: its factor is that for σ_w = 1. In section 4.4 $G_dQ_dG_d^T$ stands for $G_d\\bar{Q}_dG_d^T$, which is $Q_d$: the factor is applied once.)")
+    r.says("The last example of section 4.3 of the method notes {ref:semushin} drops $\\sigma_w$: its factor is that for $\\sigma_w = 1$. In section 4.4 $G_dQ_dG_d^T$ stands for $G_d\\bar{Q}_dG_d^T$, which is $Q_d$: the factor is applied once.")
     routes = ("Cholesky factor in floating point", "closed form")
     r.value("standardised_noise_factor", factors(lab.p)[2], MIXED, agrees=lab.answer, routes=routes, kind=EXACT)
     table = kinematics.units(continuous(lab.p))
     shown = [
-        ("t, τ", "time, period", "t"), ("x", "state", "x"), ("w", "white noise of the model", "w"), ("Q = σ_w²", "its strength, the diffusion of β", "Q"),
-        ("F", "system matrix", "F"), ("G", "noise input", "G"), ("H", "measurement matrix", "H"), ("x̄0", "initial mean", "x0"), ("P0", "initial covariance", "P0"),
-        ("Φ", "transition matrix", "Phi"), ("Q_d", "covariance of the discrete noise", "Qd"), ("w̄_d of (a)", "uncorrelated noises", "w_diagonal"), ("G_d", "their matrix", "Gd"),
-        ("Q̄_d", "their variances, the diagonal", "Qd_diagonal"), ("w̄ of (b)", "standardised noises", "w_standardised"), ("Ḡ_d", "their matrix", "Gd_standardised"),
+        ("t, τ", "time, period", "t"), ("x", "state", "x"), ("w", "white noise of the model", "w"), ("Q", "its strength, the diffusion of β", "Q"),
+        ("F", "system matrix", "F"), ("G", "noise input", "G"), ("H", "measurement matrix", "H"), ("x̄₀", "initial mean", "x0"), ("$P_0$", "initial covariance", "P0"),
+        ("Φ", "transition matrix", "Phi"), ("$Q_d$", "covariance of the discrete noise", "Qd"), ("$\\bar w_d$ of (a)", "uncorrelated noises", "w_diagonal"), ("$G_d$", "their matrix", "Gd"),
+        ("$\\bar Q_d$", "their variances, the diagonal", "Qd_diagonal"), ("w̄ of (b)", "standardised noises", "w_standardised"), ("$\\bar G_d$", "their matrix", "Gd_standardised"),
         ("z, v", "measurement and its error", "z"), ("R, S", "variance of the error, of the innovation", "R"), ("P", "error covariance", "P"), ("K", "gain", "K"),
     ]
+    r.says("{tab:units} has the units of everything in the model.")
     r.table("units", ["quantity", "meaning", "SI unit, element by element"], [(symbol, meaning, plain_units(table[name])) for symbol, meaning, name in shown],
-            "Units of all constants and variables; an element that is 0 has the unit of its place. σ_w² is a diffusion, not a variance: the δ function in $E[ww']$ is 1/s.")
+            "Units of all constants and variables; an element that is 0 has the unit of its place. $\\sigma_w^2$ is a diffusion, not a variance: the δ function in $E[ww']$ is 1/s.")
     rescaling(r, lab, table)
 
 
@@ -145,7 +140,7 @@ def part_c(r, lab, experiment):
     for equation in explicit_solution(lab):
         r.math(equation)
     r.says("For a deterministic start only the sum is random. Its terms are independent, and $\\Phi^mG_d\\bar{Q}_dG_d^T(\\Phi^m)^T$ is what the noise between $m\\tau$ and $(m+1)\\tau$ before the end contributes; the sum over m is therefore one integral, without τ. At any time t after t0:")
-    r.math(rf"E\bigl[(x - Ex)(x - Ex)^T\bigr] = {sympy.latex(lab.chain.Qd.subs(TAU, sympy.Symbol('t', positive=True)))}")
+    r.math(rf"E\bigl[(x - Ex)(x - Ex)^T\bigr] = {sympy.latex(lab.chain.Qd.subs(TAU, sympy.Symbol('t', positive=True)))}", "growth")
     alone = replace(lab.system, R=[[math.inf]], P0=np.zeros((n, n)), dt=1.0)
     grown = covariances(alone, PERIODS)
     r.value("open_loop_covariance", grown.P_minus[-1], MIXED, agrees=lab.answer, routes=("recursion without measurements", "integral, closed form"))
@@ -153,16 +148,17 @@ def part_c(r, lab, experiment):
     r.check("sum over the noises w̄", by_sum, lab.answer["open_loop_covariance"], ("explicit solution", "integral, closed form"))
     stats = experiment.statistics(alone, steps=PERIODS, stream=1)
     agreement(r, "without measurements", stats, grown.P_plus, consistent=False)
-    rows = [(k, k * p.tau, *np.sqrt(np.diag(by_hand.spread(n, p.sigma_w2, k * p.tau))), *stats.rms[k]) for k in (1, 2, 5, 10, PERIODS)]
+    rows = [(k, k * p.tau, *np.sqrt(np.diag(by_hand.spread(n, p.sigma_w2, k * p.tau))), *(rms(stats, k, j) for j in range(n))) for k in (1, 2, 5, 10, PERIODS)]
     labels = named(lab)
-    r.table("open_loop", ["k", "t, s", *(text("σ of {state}", state=s) for s in labels), *(text("ensemble: {state}", state=s) for s in labels)], rows, "Standard deviations of the state from a deterministic start, theory and ensemble.")
     if not p.sigma_w2:
         r.says("Without noise the state follows its initial values exactly: all these variances are 0.")
         return
+    r.table("open_loop", ["k", "t, s", *(text("σ of {state}", state=s) for s in labels), *(text("ensemble: {state}", state=s) for s in labels)], rows, "Standard deviations of the state from a deterministic start, theory and ensemble.")
     i = np.arange(1, PERIODS + 1)
     points = {"_" * j + "ensemble": (i, stats.rms[1:, j]) for j in range(n)}
     figure = plots.lines(i, {f"{s}": grown.sd_plus[1:, j] for j, s in enumerate(labels)}, xlabel="number of periods k", ylabel=text("σ of the state ({units})", units=", ".join(lab.system.units)), points=points, log="xy")
-    r.figure("open_loop", figure, "Growth of the state's standard deviations from a deterministic start: powers of t, from √t for the last state to the power {power} for x.", power=n - 0.5)
+    r.figure("open_loop", figure, "Growth of the state's standard deviations from a deterministic start: straight lines on both logarithmic axes, from √t for the last state to the power {power} of t for x.", power=n - 0.5)
+    r.says("{fig:open_loop} and {tab:open_loop} show the growth: the further an integrator is from the noise, the smaller its σ at first, and the steeper.")
 
 
 def explicit_solution(lab):
@@ -184,21 +180,22 @@ def existence(r, lab):
     """The filter, and why its errors stay bounded."""
     p, n = lab.p, lab.n
     r.section("d", "The filter, and why its error variances are bounded")
+    r.says("The filter {ref:maybeck, section 5.3} predicts and updates,")
     r.math(r"\hat x(t_i^-) = \Phi\hat x(t_{i-1}^+), \qquad P(t_i^-) = \Phi P(t_{i-1}^+)\Phi^T + Q_d, \qquad \hat x(t_0^+) = \bar x_0, \quad P(t_0^+) = P_0")
-    r.math(r"K_j(t_i) = \frac{P_{j1}(t_i^-)}{P_{11}(t_i^-) + R}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)[z(t_i) - \hat x_1(t_i^-)], \qquad P(t_i^+) = [I - K(t_i)H]P(t_i^-)")
-    r.says("(The gain is $P^-H^T(HP^-H^T + R)^{-1}$; the method notes lose the transpose. With $P(t_0^+)$ given the updates begin at t1.)")
+    r.math(r"K_j(t_i) = \frac{P_{j1}(t_i^-)}{P_{11}(t_i^-) + R}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)[z(t_i) - \hat x_1(t_i^-)], \qquad P(t_i^+) = [I - K(t_i)H]P(t_i^-),", "filter")
+    r.says("where the gain is $P^-H^T(HP^-H^T + R)^{-1}$ (the method notes lose the transpose), and the updates begin at $t_1$, as $P(t_0^+)$ is given.")
     seen, unit = observability.analyse(lab.system), sampled(p.model_copy(update={"sigma_w2": 1.0}))
     r.says("**Observability.** n measurements in a row determine the state: the matrix of the rows $H, H\\Phi, \\dots, H\\Phi^{n-1}$ has the determinant $\\tau^{n(n-1)/2} \\ne 0$ for every period. The rank found numerically is {rank} of {n}.", rank=seen.rank, n=n)
     gramian = observability.gramian(lab.system, n)
     r.check("determinant of the observability Gramian of n samples", np.linalg.det(gramian), p.tau ** (n * (n - 1)), ("Gramian", "τ^(n(n−1))"))
-    r.says("**Controllability by the noise.** $\\det Q_d = \\prod d_j > 0$ for σ_w² > 0: the noise reaches every direction of the state within one period. Both properties together give one limit of the error covariance for every P0, and a filter that forgets its start.")
+    r.says("**Controllability by the noise.** $\\det Q_d = \\prod d_j > 0$ for $\\sigma_w^2 > 0$: the noise reaches every direction of the state within one period. Both properties together give one limit of the error covariance for every $P_0$, and a filter that forgets its start; this is the theorem of {ref:anderson_moore, section 4.4}, see also {ref:maybeck, section 5.8}.")
     r.check("determinant of Q_d for σ_w² = 1", np.linalg.det(unit.Qd), float(np.prod(factors(p.model_copy(update={"sigma_w2": 1.0}))[1])), ("determinant", "product of the variances in Q̄_d"))
     r.value("verdict_d", bool(seen.ok))
-    r.says("The value `verdict_d` says whether the error variances are bounded; the criterion is that every mode with |λ| ≥ 1 (here all, λ = 1) is observed.")
+    r.says("For bounded error variances it is enough that every mode that does not decay is observed. Here all modes have λ = 1, and all are observed.")
     deadbeat = backward_gain(n, p.tau)
     bound = sensitivity.fixed_gain(replace(lab.system, P0=np.zeros((n, n))), deadbeat, n).P_plus[n]
-    r.says("**Bounds, without the theorem.** Put {curve} through the last {n} measurements: an estimate that uses nothing older, so that its error holds only R and the noise of the last {n} periods. It is the filter with the constant gain $K_* = {gain}$, all of whose poles are 0, and its error variances are {bound}. The optimal filter, which uses all measurements and P0, has no larger ones from measurement {n} on, whatever P0. So they are bounded, while those of the state (σ_w² > 0) grow without bound, that of x like {growth}. ∎",
-           curve=CURVE[n], n=n, gain=number(deadbeat[:, 0]), bound=", ".join(f"{number(b)} {u}" for b, u in zip(np.diag(bound), squared(lab), strict=True)), growth=growth(n))
+    r.says("**Bounds, without the theorem.** Put {curve} through the last {n} measurements: an estimate that uses nothing older, so that its error holds only R and the noise of the last {n} periods. It is the filter with the constant gain $K_* = ({gain})^T$, all of whose poles are 0, and its error variances are {bound}. The optimal filter, which uses all measurements and $P_0$, has no larger ones from measurement {n} on, whatever $P_0$. So they are bounded, while those of the state ($\\sigma_w^2 > 0$) grow without bound, that of x like {growth}. ∎",
+           curve=CURVE[n], n=n, gain=", ".join(number(float(k)) for k in deadbeat[:, 0]), bound=", ".join(f"{number(b)} {u}" for b, u in zip(np.diag(bound), squared(lab), strict=True)), growth=growth(n))
     r.check("error covariance of the backward differences", bound, by_hand.backward_differences(n, p.sigma_w2, p.tau, p.R), ("filter with poles at 0", "polynomial through n measurements"))
     variances = np.diagonal(covariances(lab.system, max(p.steps, n + 10)).P_plus, axis1=1, axis2=2)[n:]
     scale = np.where(np.diag(bound) > 0, np.diag(bound), 1.0)
@@ -212,8 +209,7 @@ def backward_gain(n, tau):
 
 def limits(r, lab):
     """Lists over the measurements, limits and settling."""
-    p, n = lab.p, lab.n
-    r.says("**Along the measurements and in the limit.**")
+    p = lab.p
     schedule, at = covariances(lab.system, p.steps), [i * p.tau for i in range(1, p.steps + 1)]
     routes = ("recursion", "square-root arrays")
     r.value("gain", schedule.K[1:, :, 0], MIXED, at=at, agrees=lab.answer, routes=routes)
@@ -222,8 +218,7 @@ def limits(r, lab):
         k = min(p.steps, 12)
         whole = by_hand.least_squares(lab.answer["Phi"], lab.answer["standardised_noise_factor"], p.R, p.P0, k)[0]
         r.check(text("P⁺ at measurement {k}", k=k), schedule.P_plus[k], whole, ("recursion", "least squares over the trajectory"))
-    r.says("The spectrum of the n-th difference of z is that of n increments of noise, a B-spline, plus that of the differenced measurement errors. Its zeros inside the unit circle are the poles of the steady filter, which gives the limits in closed form: with $u = 2 - z - 1/z$ and {ratio}", ratio=f"${definition(n)}$")
-    r.math({2: r"u^2 + \rho\,\Bigl(1 - \frac u6\Bigr) = 0", 3: r"u^3 + \rho\,\Bigl(1 - \frac u4 + \frac{u^2}{120}\Bigr) = 0"}[n])
+    closed(r, lab)
     routes = ("Riccati equation", "spectral factorisation")
     r.value("prior_covariance_steady", lab.limit.P_minus, MIXED, agrees=lab.answer, routes=routes)
     r.value("posterior_covariance_steady", lab.limit.P_plus, MIXED, agrees=lab.answer, routes=routes)
@@ -233,6 +228,36 @@ def limits(r, lab):
     invariance(r, lab)
 
 
+#: By n: the difference that is taken, its spectrum's two terms, and the values of the B-spline at whole lags.
+SPECTRUM = {
+    2: ("second", r"u^2", r"1 - \frac u6", r"$\tfrac23$ and $\tfrac16$"),
+    3: ("third", r"u^3", r"1 - \frac u4 + \frac{u^2}{120}", r"$\tfrac{66}{120}$, $\tfrac{26}{120}$ and $\tfrac1{120}$"),
+}
+GAINS = {
+    2: r"u = \frac\rho{12} \pm \sqrt{\frac{\rho^2}{144} - \rho}, \quad z_j + z_j^{-1} = 2 - u_j, \qquad \bar K_1 = 1 - z_1z_2, \qquad \bar K_2\tau = (1 - z_1)(1 - z_2)",
+    3: r"\bar K_1 = 1 - z_1z_2z_3, \qquad \bar K_3\tau^2 = (1 - z_1)(1 - z_2)(1 - z_3), \qquad \bar K_2\tau = 3 - (z_1 + z_2 + z_3) - \bar K_1 - \tfrac12\bar K_3\tau^2",
+}
+
+
+def closed(r, lab):
+    """The steady gains from the zeros of a spectrum."""
+    n, p = lab.n, lab.p
+    order, noise, state, values = SPECTRUM[n]
+    r.says("**The limit in closed form.** Take the {order} difference of the measurements. That of the position is a sum of pieces of the noise w, each weighted by a B-spline; its covariances at lag 0 and at the following lags are {values}, in units of {unit}. With $u = 2 - z - z^{-1}$, the spectrum of a first difference of white noise, and {ratio}, the spectrum of the differenced measurements is therefore",
+           order=order, unit=f"$\\sigma_w^2\\tau^{2 * n - 1}$", values=values, ratio=f"${definition(n)}$")
+    r.math(rf"R\,\Bigl[{noise} + \rho\,\Bigl({state}\Bigr)\Bigr].", "spectrum")
+    r.says("In the steady state the same sequence is a moving average of the innovations, which are white, with the coefficients of $A(z) = \\det(zI - (I - \\bar KH)\\Phi)$ {ref:anderson_moore, chapter 9}. So the zeros of {eq:spectrum} inside the unit circle are the poles $z_j$ of the filter. The determinant of $(I - \\bar KH)\\Phi$ is $1 - \\bar K_1$; with its trace and the value of A at $z = 1$ the gains follow:")
+    r.math(GAINS[n], "gains")
+    if 0 < lab.ratio < math.inf:
+        z = 1 - np.array(by_hand.poles(n, p.sigma_w2 * p.tau ** (2 * n - 1), p.R), dtype=complex)
+        r.says("Here $\\rho = {ratio}$ and the poles are {poles}.", ratio=lab.ratio, poles=", ".join(complex_number(x) for x in z))
+
+
+def complex_number(x):
+    """A pole in words."""
+    return number(x.real) if abs(x.imag) < 1e-12 * abs(x) else f"{number(x.real)} {'+' if x.imag > 0 else '−'} {number(abs(x.imag))}i"
+
+
 def table_of_limits(r, lab):
     """Each state's limits, and when its variance alone has settled."""
     variances = np.diagonal(covariances(lab.system, (lab.settled or 0) + 1).P_plus, axis1=1, axis2=2)
@@ -240,7 +265,8 @@ def table_of_limits(r, lab):
     for j, (name, unit, square) in enumerate(zip(lab.system.states, lab.system.units, squared(lab), strict=True)):
         before, after = lab.limit.P_minus[j, j], lab.limit.P_plus[j, j]
         alone = None if lab.settled is None else settling_step(variances[:, j : j + 1], [after])
-        rows.append((f"{name}, {unit}", f"{number(before)} {square}", f"{number(after)} {square}", math.sqrt(after), alone, None if alone is None else alone * lab.p.tau))
+        rows.append((f"${name}$, {unit}", f"{number(before)} {square}", f"{number(after)} {square}", math.sqrt(after), alone or "—", "—" if alone is None else alone * lab.p.tau))
+    r.says("{tab:limits} has the limits of the error variances, which $P(t_i^-)$ and $P(t_i^+)$ approach from any $P_0$, and the time in which they do so from the given one.")
     r.table("limits", ["state", "variance before an update", "variance after it", "σ after it", "settled at measurement", "settled at, s"], rows,
             "Limits of the error variances and the time to reach them (within 1 %, state by state; the filter has settled when the last of them has).")
 
@@ -248,7 +274,7 @@ def table_of_limits(r, lab):
 def invariance(r, lab):
     """In units of the period and of R everything depends on one ratio."""
     p, n = lab.p, lab.n
-    r.says("**One ratio.** With τ as the unit of time and √R as that of length the filter has a single parameter, ρ: the gains $\\bar{K}_1, \\bar{K}_2\\tau, \\dots$ depend on ρ alone. Here ρ = {ratio}.", ratio=lab.ratio)
+    r.says("**One ratio.** With τ as the unit of time and √R as that of length the filter has a single parameter, ρ: the gains $\\bar{K}_1, \\bar{K}_2\\tau, \\dots$ depend on ρ alone.")
     tau, R = 2.5 * p.tau, 7 * p.R
     other = steady.solve(sampled(p.model_copy(update={"tau": tau, "R": R, "sigma_w2": p.sigma_w2 * 7 / 2.5 ** (2 * n - 1)})))
     powers = np.arange(n)
@@ -258,18 +284,27 @@ def invariance(r, lab):
     labels = ["$\\bar{K}_1$", "$\\bar{K}_2\\tau$", "$\\bar{K}_3\\tau^2$"][:n]
     shown = {"given": ([lab.ratio] * n, lab.limit.K[:, 0] * p.tau**powers)} if 0 < lab.ratio < math.inf else None
     figure = plots.lines(ratios, dict(zip(labels, gains.T, strict=True)), xlabel=text("ratio {ratio}", ratio=f"${definition(n)}$"), ylabel="scaled steady gain", points=shown, log="xy")
-    r.figure("gains", figure, "Steady gains in units of the period. For small ρ they fall like powers of {root}: the filter averages many measurements. For large ρ they stay finite: the last few measurements decide.", root=rf"$\rho^{{1/{2 * n}}}$")
+    r.figure("gains", figure, "Steady gains in units of the period against ρ.")
+    r.says("{fig:gains} shows them. For small ρ they fall like powers of {root}, as straight lines on these axes: the filter averages many measurements. For large ρ they stay finite: the last few measurements decide.", root=rf"$\rho^{{1/{2 * n}}}$")
 
 
-def answer_sheet(meta: Mapping[str, Any], p: Any, answer: Mapping[str, Any], experiment: Experiment, closed_form: Callable[[Report, Lab], None]) -> Report:
-    """The report; ``closed_form`` adds what the lab knows of its steady gain."""
-    system = sampled(p)
-    F, G = np.eye(system.n, k=1, dtype=int), np.eye(system.n, dtype=int)[:, -1:]
-    lab = Lab(p, answer, symbolic.chain(F, G, [[SIGMA**2]], TAU), system, steady.solve(system), settling(system))
-    parts = Skeleton(
+def skeleton(closed_form: Callable[[Report, Lab], None]) -> Skeleton:
+    """The parts of the report; ``closed_form`` adds what the lab knows of its steady gain."""
+    return Skeleton(
+        result=result,
+        key="bounded",
         analysis=(part_a, part_b, part_c, existence, limits, closed_form),
         plan=plan,
         experiment=(part_d, sweeps, wrong_start, constant),
+        discussion=discussion,
+        answers=answers,
         conclusions=conclusions,
     )
+
+
+def answer_sheet(meta: Mapping[str, Any], p: Any, answer: Mapping[str, Any], experiment: Experiment, parts: Skeleton) -> Report:
+    """The report of one of the two labs."""
+    system = sampled(p)
+    F, G = np.eye(system.n, k=1, dtype=int), np.eye(system.n, dtype=int)[:, -1:]
+    lab = Lab(p, answer, symbolic.chain(F, G, [[SIGMA**2]], TAU), system, steady.solve(system), settling(system))
     return parts.report(meta, p, experiment, lab=lab)

@@ -14,6 +14,9 @@ from ctlabs.models.discretisation import discretise
 
 #: The states in the sheet's letters.
 STATES = ("x", "v_x", "a")
+#: What the two sheets call the quantity that is a constant plus a Brownian motion, and the curve without it.
+QUANTITY = {2: "velocity", 3: "acceleration"}
+CURVE = {2: "a straight line", 3: "a parabola"}
 
 
 @dataclass(frozen=True)
@@ -59,7 +62,12 @@ def factors(p):
 
 def named(lab):
     """States with their units."""
-    return [f"{name}, {unit}" for name, unit in zip(lab.system.states, lab.system.units, strict=True)]
+    return [f"${name}$, {unit}" for name, unit in zip(lab.system.states, lab.system.units, strict=True)]
+
+
+def lettered(lab):
+    """States as a reader sees them."""
+    return [f"${name}$" for name in lab.system.states]
 
 
 def growth(n):

@@ -19,8 +19,8 @@ def result(p, answer, R, measured, sd):
         first = text("With $\\rho = \\sigma_w^2\\tau/R = {ratio:3}$ the gain tends to $\\bar K = {gain:4}$ and the error variance after an update to $\\bar K R = {variance:4}$ m².",
                      ratio=p.sigma_w2 * p.tau / R, gain=gain, variance=answer["posterior_variance_steady"])
     third = (text("In the experiment the RMS error was {measured} at the last measurement, where theory has {sd:4} m, and the mean error was zero within its uncertainty.", measured=measured, sd=sd)
-             if measured is not None else text("The ensembles of the tables agree with theory."))
-    return [first, text("{fig:ratio} shows that nothing but this ratio shapes the filter: R alone sets the scale of its variances."), third]
+             if measured is not None else text("The ensembles agree with theory."))
+    return [first, text("{fig:ratio} shows that nothing but the ratio $\\rho = \\sigma_w^2\\tau/R$ shapes the steady filter: R alone sets the scale of its variances."), third]
 
 
 def discussion(r, answer, R):
@@ -33,13 +33,14 @@ def discussion(r, answer, R):
     r.says("**Points outside the bands.** One point in twenty is expected outside. The errors of neighbouring instants share the factor $1 - \\bar K$ and lie on one side together; {app:chance} tests all instants at once and allows for it.")
 
 
-def answers(p, answer):
+def answers(p, answer, R):
     """Each item of the sheet in a sentence."""
     gain = answer["gain_steady"]
     return {
         "a": "The filter is {eq:prediction} and {eq:update}. A larger diffusion makes the estimates less accurate and the filter quicker to forget ({tab:sweep_a}); it leaves them unbiased." if p.sigma_w2
              else "The filter is {eq:prediction} and {eq:update}. Without diffusion it averages all measurements alike ({tab:sweep_a}).",
-        "b": "A larger R makes the estimates less accurate and the gain smaller ({tab:sweep_b}); the variance may change from one measurement to the next ({fig:varying}).",
+        "b": "A larger R makes the estimates less accurate and the gain smaller ({tab:sweep_b}); the variance may change from one measurement to the next ({fig:varying})." if R or isinstance(p.R, tuple)
+             else "Without errors of measurement the gain is 1, and each estimate is the last measurement ({tab:sweep_b}).",
         "c": "{eq:steady}: gain, relative accuracy and memory depend on $\\rho = \\sigma_w^2\\tau/R$ alone ({fig:ratio}).",
         "d": "A missing measurement leaves the prediction as it is, a perfect one makes the error zero; the deviation from the limit then shrinks by $(1-\\bar K)^2$ at each measurement ({fig:anomaly})." if gain
              else "There is no steady state in which an anomaly could change anything here.",

@@ -13,7 +13,8 @@ def result(p, answer, measured, sd):
               else text("With u = 0 there is nothing to forget, and a filter without the drift is the same filter.") if p.u == 0
               else text("A filter that forgets the drift has the steady bias {bias:4} m after an update ({fig:forgotten_drift}), of which its P says nothing.", bias=bias))
     third = (text("In the experiment the RMS error of the right filter was {measured} at the last measurement, where theory has {sd:4} m.", measured=measured, sd=sd) if measured is not None
-             else text("The ensembles of the tables agree with theory."))
+             else text("The ensembles agree with theory.") if variances(p)[-1] == 0
+             else text("As the last measurement is absent for ever, there is no filter in the long run to compare an ensemble with."))
     return [text("A known drift moves the prediction by $u\\tau = {step:4}$ m each period and changes neither gain nor variances: they are those of lab 1.", step=answer["control_increment"]), second, third]
 
 

@@ -69,7 +69,7 @@ def drawn(r, left, seen, missed):
     counted = [(at, share) for at, share in counted if share > LEAST]
     points = {"simulated, limit 2 σ": tuple(np.array(counted).T)} if counted else None
     bound = np.where(ndtr(-k) > LEAST, ndtr(-k), np.nan)
-    figure = plots.lines(k, curves, xlabel="margin $k$, a number of σ", ylabel="share of dangerous moments missed, probability", log="y", points=points,
+    figure = plots.lines(k, curves, xlabel="margin $k$, a number of σ", ylabel="dangerous moments missed, ratio", log="y", points=points,
                          straight={"one in a hundred": ([0, 5], [SHARE, SHARE]), "$N(-k)$": (k, bound)})
     r.figure("alarm", figure, "Share of the dangerous moments that the alarm misses, against its margin. The falling dashed line is the bound $N(-k)$ on the share of all moments: it says nothing about the curves, of which that of the higher limit is always the upper one.")
     r.says("{fig:alarm} and {tab:alarm} give that share. Without a margin the alarm misses {least:2} to {most:2} % of the dangerous moments, since an estimate that is drawn towards 0 is below the limit when the voltage is a little above it. The share falls with $k$, later for the higher limit. The points count what the simulated filters missed; they lie about the curves.",

@@ -153,7 +153,8 @@ def sweep(r, build, experiment, steps, part, name, symbol, cases, *, drawn=True)
         stats = experiment.statistics(system, steps=steps)
         agreement(r, f"{text(name).split(',')[0]} = {shown:g}", stats, schedule.P_plus)
         left = float(np.prod(1 - schedule.K[1:11, 0, 0]))
-        rows.append((shown, limit.K[0, 0], math.sqrt(limit.P_plus[0, 0]), schedule.sd_plus[-1, 0], rms(stats), left, settling(system) or "—"))
+        sd = schedule.sd_plus[-1, 0]
+        rows.append((shown, limit.K[0, 0], math.sqrt(limit.P_plus[0, 0]), sd, rms(stats) if sd else 0.0, left, settling(system) or "—"))
         curves[f"${symbol} = {shown:g}$ {unit}"] = schedule.sd_plus[:, 0]
     r.table(f"sweep_{part}", [f"${symbol}$, {unit}", "K̄", "steady σ, m", "σ at the end, m", "RMS at the end, m", "bias left after 10", "settles at"], rows,
             "Quality of the estimates, by theory and by the ensemble at the last of {steps} measurements; the share of an initial bias that is left after ten; and the measurement at which the error has settled to 1 %.", steps=steps)
@@ -177,8 +178,10 @@ def diffusions(r, p, build, experiment, steps, R):
     """The sweep over the diffusion, and what one sees in it."""
     factors = FACTORS if p.sigma_w2 else (1.0,)
     drawn = sweep(r, build, experiment, steps, "a", "diffusion σ_w², m²/s", r"\sigma_w^2", [(p.sigma_w2 * f, p.sigma_w2 * f, R) for f in factors])
-    if drawn > 1:
-        r.says("{fig:sweep_a} and {tab:sweep_a}: all curves begin at $\\sqrt{P_0}$. A small diffusion lets the filter average many measurements: its σ goes on falling like $\\sqrt{R/i}$ for long and ends low. A large one stops it early and high. The bias is the faster forgotten the larger the diffusion.")
+    if drawn > 1 and R == 0:
+        r.says("{fig:sweep_a} and {tab:sweep_a}: measurements without error leave σ = 0 after each of them, whatever the diffusion.")
+    elif drawn > 1:
+        r.says("{fig:sweep_a} and {tab:sweep_a}: all curves begin at $\\sqrt{P_0}$. A small diffusion lets the filter average many measurements: σ ends low, after a long transient. With a large one it ends high, near $\\sqrt R$, and soon. The bias is the faster forgotten the larger the diffusion.")
     elif drawn:
         r.says("No diffusion is given, and no factor changes that: {tab:sweep_a} has one row.")
 
@@ -206,7 +209,7 @@ def wrong_mean(r, p, build, experiment, steps, R):
     i = np.arange(min(steps, 15) + 1)
     figure = plots.lines(i, {"theory": -actual.bias_plus[i, 0]}, xlabel=STEP, ylabel="bias, truth − estimate, m", points={"ensemble": (i, -wrong.bias[i, 0])}, steps=True, marker=".")
     r.figure("bias", figure, "Bias of a filter whose initial mean is wrong by {start:3} m: theory and the mean of the ensemble.", start=start)
-    r.says("**A wrong initial mean.** In {fig:bias} the filter starts {start:3} m too low. " + ("Its P does not know of that, and its gain is 0 from the start: the bias stays." if p.P0 == 0 and p.sigma_w2 == 0 else
+    r.says("**A wrong initial mean.** In {fig:bias} the filter starts {start:3} m too low. ", ("Its P does not know of that, and its gain is 0 from the start: the bias stays." if p.P0 == 0 and p.sigma_w2 == 0 else
            "The bias falls by the factor $1 - K(t_i)$ at each measurement, as in {eq:bias}: at first by large steps, because P is large, then by those of the later gain."), start=start)
 
 
@@ -215,8 +218,9 @@ def part_b(r, p, build, experiment, steps, R):
     r.section("b", "Influence of the measurement variance")
     drawn = sweep(r, build, experiment, steps, "b", "variance R, m²", "R", [(R * f, p.sigma_w2, R * f) for f in (FACTORS if R else (1.0,))])
     if drawn > 1:
-        r.says("R is varied, the diffusion is kept. In {fig:sweep_b} a larger R raises the whole curve: after one measurement σ is near $\\sqrt R$ where that is small beside $\\sqrt{P_0}$, and where it is not, the measurement hardly counts. {tab:sweep_b} shows that the settling step depends on more than ρ: where $P_0$ happens to be near the limit the error settles early.")
-    varying(r, p, build, experiment, R)
+        r.says("R is varied, the diffusion is kept. In {fig:sweep_b} a larger R raises the whole curve: after one measurement σ is near $\\sqrt R$ where that is small beside $\\sqrt{P_0}$, and where it is not, the measurement hardly counts. {tab:sweep_b} has the numbers.", (" The settling step depends on more than ρ: where $P_0$ happens to be near the limit the error settles early." if p.sigma_w2 else " As the limits are 0, nothing settles."))
+    if R or np.ndim(p.R):
+        varying(r, p, build, experiment, R)
 
 
 def varying(r, p, build, experiment, R):
@@ -229,7 +233,7 @@ def varying(r, p, build, experiment, R):
     variances = schedule.P_plus[1:, 0, 0]
     figure = plots.lines(i, {"theory": variances}, xlabel=STEP, ylabel="error variance after an update, m²", steps=True, marker=".", points={"ensemble": (i, stats.rms[1:, 0] ** 2)})
     r.figure("varying", figure, "Error variance where R(t_i) is not constant: theory and ensemble.")
-    r.says("**A variance that changes.** The equations hold for any known sequence $R(t_i)$. " + ("{fig:varying} shows the given list." if np.ndim(p.R) else
+    r.says("**A variance that changes.** The equations hold for any known sequence $R(t_i)$. ", ("{fig:varying} shows the given list." if np.ndim(p.R) else
            "In {fig:varying} every third measurement has {worse} times the variance R of the others. The filter knows it and gives that measurement a small gain; the variance rises there, and the next good measurement brings it down."), worse=WORSE)
 
 

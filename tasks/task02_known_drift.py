@@ -105,8 +105,8 @@ def forgets_in_experiment(r, answer, build, experiment, steps, R):
     figure = plots.lines(i, {"after an update": -actual.bias_plus[:, 0], "before an update": -actual.bias_minus[:, 0]}, xlabel=lab1.STEP, ylabel="mean of truth − estimate, m",
                          points={"ensemble": (i, -stats.bias[:, 0])}, steps=True)
     r.figure("forgotten_drift", figure, "Bias of the filter that forgets the drift: theory and the ensemble's mean after an update.")
-    r.says("**The drift forgotten.** {fig:forgotten_drift} shows the bias " + ("of a filter that forgets $u = 0$, which is none." if not float(truth.offset[0]) else
-           "growing to its limit, larger before an update than after it by $u\\tau$." if answer["unmodelled_drift_bias_posterior"] is not None else "growing without limit, as the gain goes to 0.") + " {tab:forgotten_drift} compares both filters on the same data.")
+    r.says("**The drift forgotten.** {fig:forgotten_drift} shows the bias ", ("of a filter that forgets $u = 0$, which is none." if not float(truth.offset[0]) else
+           "growing to its limit, larger before an update than after it by $u\\tau$." if answer["unmodelled_drift_bias_posterior"] is not None else "growing without limit, as the gain goes to 0."), " {tab:forgotten_drift} compares both filters on the same data.")
     right = covariances(truth, steps)
     r.table("forgotten_drift", ["filter", "bias, m", "σ, m", "RMS of theory, m", "RMS of the ensemble, m"], [
         ("knows u", 0.0, right.sd_plus[-1, 0], right.sd_plus[-1, 0], rms(experiment.statistics(truth, steps=steps))),

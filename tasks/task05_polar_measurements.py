@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 import sympy
-from ctlabs.tasks._task05_model import LETTERS, SIMULATED, STEP, continuous, covariance, length, start, variants
+from ctlabs.tasks._task05_model import LETTERS, SIMULATED, STEP, UNITS, continuous, covariance, length, start, variants
 from ctlabs.tasks._task05_pseudo import part_a, part_b, part_c, part_d, part_e
 from ctlabs.tasks._task05_sensor import cost, nonlinear
 from ctlabs.tasks._task05_words import answers, conclusions, discussion, result, verdict
@@ -49,6 +49,7 @@ METRE, SECOND = 3.7, 0.23
 #: Factors of the experiment and their levels.
 LEVELS = {"sigma_w2": (0.1, 10.0), "sigma_D": (1 / 3, 3.0), "sigma_theta": (1 / 3, 3.0), "tau": (0.5, 2.0)}
 SYMBOLS = {"sigma_w2": "$\\sigma_w^2$", "sigma_D": "$\\sigma_D$", "sigma_theta": "$\\sigma_\\theta$", "tau": "τ"}
+NAMES = {"sigma_w2": "disturbance", "sigma_D": "error of range", "sigma_theta": "error of bearing", "tau": "period"}
 
 
 class Parameters(LabParameters):
@@ -131,10 +132,10 @@ def part_f(r, p, answer, truth, first, experiment, steps):
     r.value("posterior_variance_steady_variant2", np.diag(limit.P_plus), "m², m²/s²", agrees=answer, routes=("Riccati equation", "spectral factorisation along and across the radius"))
     settled = settling(new)
     r.value("settling_step_variant2", settled, reason="not within 100 000 measurements", agrees=answer, routes=("recursion", "two filters along and across the radius"), kind=EXACT)
-    stats = portrait(r, experiment, new, steps, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]), figures={
-        "ensemble": "Variant 2 at fixed geometry: from P0, which is as good as one measurement, the errors of all four states settle within a few measurements."
-        if (settled or steps) <= 12 else "Variant 2 at fixed geometry: the errors of all four states on their way from P0 to the limits."})
-    last = covariances(new, steps).sd_plus[-1]
+    stats, counted = portrait(r, experiment, new, steps, figures={}), covariances(new, steps)
+    r.figure("ensemble", plots.ensemble_log(stats, counted.P_plus, xlabel=STEP, units=UNITS, names=LETTERS),
+             "Variant 2 at fixed geometry, {runs} runs against theory: RMS errors on logarithmic axes, mean errors in units of σ, NEES and NIS, in the bands of 95 % of ensembles.", runs=experiment.runs)
+    last = counted.sd_plus[-1]
     r.says("{fig:ensemble} compares the ensemble with theory. At the last measurement the RMS errors of x and y are {x} and {y}, in theory {sd_x:4} and {sd_y:4} m.", x=rms(stats, unit="m"), y=rms(stats, state=2, unit="m"), sd_x=last[0], sd_y=last[2])
     if settled is None:
         r.says("The filter does not settle within 100 000 measurements.")
@@ -160,7 +161,7 @@ def loss(r, truth, first, stats, experiment, steps):
 def factors(r, p, experiment):
     """One factor at a time, both variants."""
     cases = [("given", "given", p, 1.0), *((f"P0 ×{level:g}", f"$P_0$ ×{level:g}", p, level) for level in (0.1, 10.0))]
-    cases += [(f"{name} ×{level:.3g}", f"{SYMBOLS[name]} ×{level:.3g}", p.model_copy(update={name: level * getattr(p, name)}), 1.0) for name, levels in LEVELS.items() for level in levels]
+    cases += [(f"{text(NAMES[name])} ×{level:.3g}", f"{SYMBOLS[name]} ×{level:.3g}", p.model_copy(update={name: level * getattr(p, name)}), 1.0) for name, levels in LEVELS.items() for level in levels]
     rows, found, expected = [], [], []
     for name, shown, q, level in cases:
         truth, first = (replace(model, P0=level * model.P0) for model in variants(q))

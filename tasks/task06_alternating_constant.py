@@ -12,17 +12,18 @@ after which the estimate only changes its sign.
 import math
 
 import numpy as np
+from ctlabs.tasks._task06_words import answers, conclusions, discussion, result
 from ctlabs.tasks.answers import task06 as by_hand
 
 from ctlabs.filtering import settling_step
 from ctlabs.labs.experiment import Experiment, covariances, filtered
-from ctlabs.labs.portrait import largest, portrait
+from ctlabs.labs.portrait import mean_error, portrait, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
-from ctlabs.reporting import plots
+from ctlabs.reporting.drawing import Band, Curve, Drawing, Mark, Panel
 from ctlabs.reporting.params import LabParameters, Variance, VariancesOrInf, given
 from ctlabs.reporting.report import EXACT, SOLVER, Report
-from ctlabs.text import text
+from ctlabs.text import Uncertain, text
 
 META = {
     "name": "task06",
@@ -67,15 +68,15 @@ def with_both(P0, R):
 def part_a(r, p, answer, system, experiment):
     """Equations of the filter, and the same estimate from all measurements at once."""
     r.section("a", "Equations of the optimal filter")
-    r.says("The power $2i+1$ is odd for every $i$, so the factor is always $-1$: the sequence has one unknown magnitude and changes its sign at each step,")
+    r.says("The power $2i+1$ is odd for every $i$, so the factor is always $-1$. The sequence has one unknown magnitude and changes its sign at each step,")
     r.math(r"x(t_{i+1}) = -x(t_i), \qquad x(t_i) = (-1)^i x(t_0), \qquad z(t_i) = x(t_i) + v(t_i)")
     r.math(r"\Phi = -1, \qquad Q_d = 0, \qquad H = 1, \qquad \bar x_0 = 0, \qquad P_0 = {P0} \; \text{m}^2, \qquad R(t_i) = {R} \; \text{m}^2, \quad i = 1, \dots, {n}",
            P0=p.P0, R=np.array([p.R]), n=len(p.R))
-    r.says("From $\\hat{x}(t_0^+) = 0$ and $P(t_0^+) = P_0$, for $i = 1, 2, \\dots$:")
-    r.math(r"\hat x(t_i^-) = -\hat x(t_{i-1}^+), \qquad P(t_i^-) = \Phi^2P(t_{i-1}^+) = P(t_{i-1}^+)")
-    r.math(r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R(t_i)}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)\,[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = \frac{P(t_i^-)\,R(t_i)}{P(t_i^-) + R(t_i)}")
+    r.says("From $\\hat{x}(t_0^+) = 0$ and $P(t_0^+) = P_0$ the filter {ref:maybeck, section 5.3} goes on for $i = 1, 2, \\dots$ by")
+    r.math(r"\hat x(t_i^-) = -\hat x(t_{i-1}^+), \qquad P(t_i^-) = \Phi^2P(t_{i-1}^+) = P(t_{i-1}^+),", "prediction")
+    r.math(r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R(t_i)}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)\,[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = \frac{P(t_i^-)\,R(t_i)}{P(t_i^-) + R(t_i)}.", "update")
     r.says("**The same estimate by least squares.** Every $(-1)^jz(t_j)$ is a measurement of the one number $x(t_0)$. Weighted with $1/R(t_j)$, together with the prior value 0 of weight $1/P_0$, they give")
-    r.math(r"\hat x_i(t_0) = P(t_i^+)\sum_{j=1}^{i}\frac{(-1)^jz(t_j)}{R(t_j)}, \qquad \hat x(t_i^+) = (-1)^i\,\hat x_i(t_0)")
+    r.math(r"\hat x_i(t_0) = P(t_i^+)\sum_{j=1}^{i}\frac{(-1)^jz(t_j)}{R(t_j)}, \qquad \hat x(t_i^+) = (-1)^i\,\hat x_i(t_0).", "squares")
     schedule = covariances(system, len(p.R))
     r.value("gain", schedule.K[1:, 0, 0], at=range(1, len(p.R) + 1), agrees=answer, routes=("recursion", "share of the information"))
     some = experiment.histories(system, steps=len(p.R))
@@ -86,8 +87,8 @@ def part_a(r, p, answer, system, experiment):
 def part_b(r, p, answer, system):
     """The three proofs, and the given list."""
     r.section("b", "What a measurement adds: three proofs")
-    r.says("**1. The variance decreases.** Let $P_0 > 0$ and $0 < R(t_i) < \\infty$. Then $P(t_i^-) = P(t_{i-1}^+) > 0$ and $P(t_i^+) > 0$, and the reciprocal of the update is")
-    r.math(r"\frac1{P(t_i^+)} = \frac{P(t_i^-) + R(t_i)}{P(t_i^-)\,R(t_i)} = \frac1{P(t_{i-1}^+)} + \frac1{R(t_i)} \quad\Rightarrow\quad \frac1{P(t_i^+)} = \frac1{P_0} + \sum_{j=1}^{i}\frac1{R(t_j)}")
+    r.says("The proofs use the inverse covariance form of the update {ref:maybeck, section 5.7}. **1. The variance decreases.** Let $P_0 > 0$ and $0 < R(t_i) < \\infty$. Then $P(t_i^-) = P(t_{i-1}^+) > 0$ and $P(t_i^+) > 0$, and the reciprocal of the update is")
+    r.math(r"\frac1{P(t_i^+)} = \frac{P(t_i^-) + R(t_i)}{P(t_i^-)\,R(t_i)} = \frac1{P(t_{i-1}^+)} + \frac1{R(t_i)} \quad\Rightarrow\quad \frac1{P(t_i^+)} = \frac1{P_0} + \sum_{j=1}^{i}\frac1{R(t_j)}", "information")
     r.says("by induction. Each measurement adds the positive number $1/R(t_i)$, so $1/P(t_i^+)$ increases and $P(t_i^+)$ decreases strictly. ∎ It tends to zero exactly when $\\sum 1/R(t_j)$ diverges; for a constant $R$ it falls like $R/i$, too slowly to settle within any fraction of its limit.")
     r.says("**2. $R(t_i) \\to \\infty$ drops the measurement.** Then $K(t_i) \\to 0$ and $P(t_i^+) = P(t_i^-)/[1 + P(t_i^-)/R(t_i)] \\to P(t_i^-)$. A small gain alone would not do, as the innovation grows without bound with $R$; but the variance of the correction,")
     r.math(r"E\{K^2(t_i)\,[z(t_i) - \hat x(t_i^-)]^2\} = K^2(t_i)\,[P(t_i^-) + R(t_i)] = \frac{P^2(t_i^-)}{P(t_i^-) + R(t_i)} \to 0,")
@@ -97,10 +98,11 @@ def part_b(r, p, answer, system):
     r.says("only the sign is still to be changed. A second perfect measurement, $R(t_j) = 0$, has the gain 0/0; its innovation is zero whatever the gain, and the filter takes $K = 0$. ∎")
     schedule, at = covariances(system, len(p.R)), list(range(1, len(p.R) + 1))
     P, routes = schedule.P_plus[:, 0, 0], ("recursion", "sum of information")
-    r.says("**The given measurements.**")
+    r.says("**The given measurements** are followed in {tab:given}, and {fig:information} shows their information.")
     r.table("given", ["i", "R, m²", "P⁻, m²", "K", "P⁺, m²", "1/P⁺, 1/m²", "the measurement"],
             [(i, p.R[i - 1], schedule.P_minus[i, 0, 0], schedule.K[i, 0, 0], P[i], by_hand.reciprocal(P[i]), role(schedule, p.R, i)) for i in at],
             "The filter along the given variances.")
+    information(r, p, P)
     r.value("posterior_variance", P[1:], "m²", at=at, agrees=answer, routes=routes, kind=EXACT)
     r.value("posterior_information", [by_hand.reciprocal(x) for x in P[1:]], "1/m²", at=at, agrees=answer, routes=routes, kind=EXACT)
     r.holds("P⁺ never increases", -np.diff(P), ("recursion", "proof 1"), size=p.P0 or 1.0)
@@ -120,6 +122,19 @@ def part_b(r, p, answer, system):
                still=", ".join(map(str, still)), start=p.P0, end=P[-1])
 
 
+def information(r, p, P):
+    """What is known after each measurement, as information."""
+    known = np.array([1 / x if x else math.nan for x in P])
+    if not np.isfinite(known).any():
+        known = np.zeros_like(known)
+    perfect = np.flatnonzero(P == 0)
+    marks = (Mark("known exactly from here on", float(perfect[0]), "grey"),) if len(perfect) else ()
+    r.figure("information", Drawing("information", STEP, (Panel("information $1/P(t_i^+)$, 1/m²", (Curve("information", np.arange(len(P)), known, "blue", "stems"),), kind="count"),), whole=True, marks=marks),
+             "The information $1/P(t_i^+)$ along the given measurements, from $1/P_0$ at i = 0." if p.P0 else "With $P_0 = 0$ the information is infinite from the start, and nothing can be drawn.")
+    if p.P0:
+        r.says("In {fig:information} each measurement raises the information by $1/R(t_i)$, whatever was known before; a lost one by nothing.", (" After the perfect one it is infinite." if len(perfect) else ""))
+
+
 def role(schedule, R, i):
     """In words, what a measurement does."""
     if R[i - 1] == math.inf:
@@ -130,13 +145,13 @@ def role(schedule, R, i):
 
 
 def shown(r, experiment, start, both, without):
-    """The limits R → ∞ and R → 0, and both extremes bit for bit."""
-    r.says("**The limits**, from the variance $P = {P}$ m²: with $R = 1000P$ doubled again and again $P - P^+$ halves, as $P^2/(P+R)$ does; with $R = P/1000$ halved again and again $P^+$ halves, as $PR/(P+R)$ does.", P=start)
+    """The limits R → ∞ and R → 0, and both extremes."""
+    r.says("**The limits** are seen in numbers by a measurement of $P = {P}$ m². If $R = 1000P$ is doubled again and again, $P - P^+ = P^2/(P+R)$ is halved each time in the end; if $R = P/1000$ is halved again and again, so is $P^+ = PR/(P+R)$. Both are found so.", P=start)
     far = [covariances(model(start, (1e3 * start * 2**j,)), 1).P_plus[1, 0, 0] for j in range(4)]
     near = [covariances(model(start, (1e-3 * start / 2**j,)), 1).P_plus[1, 0, 0] for j in range(4)]
     r.order("P⁻ − P⁺ as R → ∞", [start - P for P in far], 1, ("recursion", "proof 2"))
     r.order("P⁺ as R → 0", near, 1, ("recursion", "proof 3"))
-    r.says("**Both extremes** in one list, $R(t_i)$ = {R} m²: here they hold bit for bit. Without the lost measurement the other variances are the same. In 25 simulated records the estimate at the lost measurement is the prediction, whatever the instrument shows (here {nonsense} m), and after the perfect one it only changes its sign.",
+    r.says("**Both extremes** occur in the list of variances {R} m². The other variances are the same, to the last digit, as without the lost measurement. In 25 simulated records the estimate at the lost measurement is the prediction, whatever the instrument shows (here {nonsense} m), and after the perfect one it only changes its sign.",
            R=both, nonsense=NONSENSE)
     lost, perfect = both.index(math.inf) + 1, both.index(0) + 1
     system = model(start, both)
@@ -152,29 +167,29 @@ def shown(r, experiment, start, both, without):
     after = some.x_plus[perfect:, 0]
     r.check("estimate after the perfect one, bit for bit", after[1:], -after[:-1], ("filter", "change of sign"), **bits)
     r.check("estimate from the perfect one on", after, some.truth[perfect:, 0], ("filter", "truth"), EXACT)
-    plain = tuple(x for x in without if x > 0)
-    figure = plots.lines(range(len(both) + 1),
-                         {"neither": covariances(model(start, tuple(x if 0 < x < math.inf else plain[0] for x in both)),
-                                                 len(both)).P_plus[:, 0, 0],
-                          "one lost": covariances(model(start, tuple(x or plain[0] for x in both)),
-                                                  len(both)).P_plus[:, 0, 0],
-                          "one lost, one perfect": full.P_plus[:, 0, 0]}, xlabel=STEP,
-                         ylabel="filtering variance $P(t_i^+)$, m²", marker=".", steps=True)
-    r.figure("extremes", figure, "Filtering variance with a lost measurement (i = {lost}: flat) and a perfect one (i = {perfect}: zero for good), against ordinary measurements of R = {plain} m² in their places.",
-             lost=lost, perfect=perfect, plain=plain[0])
+    plain = next(x for x in without if x > 0)
+    cases = {
+        "neither": tuple(x if 0 < x < math.inf else plain for x in both),
+        "one lost": tuple(x or plain for x in both),
+        "lost and perfect": both,
+    }
+    panels = tuple(Panel(text("{what}, m²", what=what), (Curve("", np.arange(1, len(R) + 1), covariances(model(start, R), len(R)).P_plus[1:, 0, 0], "blue", "stems", quiet=True),), kind="count") for what, R in cases.items())
+    r.figure("extremes", Drawing("extremes", STEP, panels, whole=True, height=6.5), "Variance $P(t_i^+)$ after each measurement: with ordinary measurements only, with a lost one at i = {lost}, and with a perfect one at i = {perfect} as well.",
+             lost=lost, perfect=perfect)
+    r.says("{fig:extremes} shows it: at i = {lost} the variance stays as it is, and every later one is larger than it would have been; from i = {perfect} on it is 0, and no later measurement can change that.", lost=lost, perfect=perfect)
 
 
 def plan(r, p, experiment, start, both):
     """Every number chosen."""
     rows = [
         ["measurements", len(p.R), "the entries of R"],
-        ["P0, m²", p.P0, "the sheet leaves it open; so are the variances R"],
+        ["$P_0$, m²", p.P0, "the sheet leaves it open; so are the variances R"],
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "another stream of random numbers for each system"],
     ]
     if (start, both) != (p.P0, p.R):
-        rows.insert(2, ["second system: R, m²", list(both), text("one lost and one perfect measurement, from P0 = {P0} m²", P0=start)])
-    r.says("The ensemble is compared with the variances of (b): mean error, RMS, NEES, NIS. Where the variance is zero in theory, the error must be rounding.",
+        rows.insert(2, ["second system: R, m²", list(both), text("one lost and one perfect measurement, from the variance {P0} m²", P0=start)])
+    r.says("{tab:plan} lists what was chosen. The ensemble is compared with the variances of {part:b}: mean error, RMS, NEES, NIS. Where the variance is zero in theory, the error must be rounding.",
            " The given list has a lost and a perfect measurement, so one system is enough." if (start, both) == (p.P0, p.R)
            else " A second system has a lost and a perfect measurement among the given ones.")
     r.table("plan", ["quantity", "value", "why"], rows, "Plan of the experiment.")
@@ -183,52 +198,52 @@ def plan(r, p, experiment, start, both):
 def part_c(r, p, answer, system, experiment, start, both):
     """Ensembles against theory."""
     r.section("c", "Ensemble against theory")
-    stats = portrait(r, experiment, system, len(p.R))
+    record(r, experiment, p, system)
+    stats = portrait(r, experiment, system, len(p.R), figures={"ensemble": "The errors change their sign with x; their RMS does not tell of it."})
     r.value("rms_error", stats.rms[1:, 0], "m", at=range(1, len(p.R) + 1))
-    r.table("ensemble", ["i", "R, m²", "σ of theory, m", "RMS, m", "mean error, m", "NEES", "NIS"],
-            [(i, p.R[i - 1], math.sqrt(answer["posterior_variance"][i - 1]), stats.rms[i, 0], stats.bias[i, 0], known(stats.nees[i]), known(stats.nis[i])) for i in range(1, len(p.R) + 1)],
+    theory = [math.sqrt(P) for P in answer["posterior_variance"]]
+    rows = []
+    for i, sd in enumerate(theory, start=1):
+        measured, mean = (rms(stats, i), mean_error(stats, i)) if sd else (0.0, 0.0)
+        rows.append((i, p.R[i - 1], sd, measured, mean, averaged(stats.nees[i], experiment), averaged(stats.nis[i], experiment)))
+    r.says("{fig:ensemble} and {tab:ensemble} compare all {runs} runs with theory.", runs=experiment.runs)
+    r.table("ensemble", ["i", "R, m²", "σ of theory, m", "RMS, m", "mean error, m", "NEES", "NIS"], rows,
             "The ensemble at every measurement; NEES and NIS are averages over the runs, 1 in theory; they do not exist where the variance is zero or nothing is measured.")
+    found = {"measured": rms(stats, unit="m") if theory[-1] else None, "sd": theory[-1]}
     if (start, both) == (p.P0, p.R):
         r.says("The lost measurement leaves the error as it was; after the perfect one it is zero and stays so.")
-        return
-    r.says("**With a lost and a perfect measurement**, R = {R} m², from P0 = {P0} m²:", R=both, P0=start)
-    portrait(r, experiment, model(start, both), len(both), prefix="extremes_", stream=1)
+        return found
+    portrait(r, experiment, model(start, both), len(both), prefix="extremes_", stream=1, figures={"ensemble": "With a lost and a perfect measurement."})
+    r.says("{fig:extremes_ensemble} is the same for the second system, with the variances {R} m² from $P_0 = {P0}$ m². The lost measurement leaves the RMS error where it was; from the perfect one on it is zero, and there is no NEES.", R=both, P0=start)
+    return found
 
 
-def known(x):
-    """A number, or None for one that does not exist."""
-    return None if math.isnan(x) else x
+def record(r, experiment, p, system):
+    """One run, with the alternating sign taken away."""
+    some = experiment.histories(system, steps=len(p.R), runs=1)
+    i = np.arange(len(p.R) + 1)
+    sign = (-1.0) ** i
+    estimate, sd = sign * some.x_plus[:, 0, 0], some.sd_plus[:, 0]
+    z = sign[1:] * some.z[1:, 0, 0]
+    curves = (Curve("$x(t_0)$", i, np.full(len(i), some.truth[0, 0, 0]), "black", "dash"), Curve("estimate", i, estimate, "blue", "points"), Curve("measurement", i[1:], z, "orange", "cross"))
+    r.figure("record", Drawing("record", STEP, (Panel("$(-1)^i$ times x and z, m", curves, (Band("estimate ± σ", i, estimate - sd, estimate + sd, "blue"),)),), whole=True),
+             "One run with the alternating sign taken away, so that all measurements and estimates are of the one number $x(t_0)$.")
+    r.says("In {fig:record} the estimate begins at 0 with the uncertainty of $P_0$. Each measurement draws it towards itself by the gain, which is the smaller the more is known, and narrows the band by what it tells.")
 
 
-def conclusions(r, p, answer):
-    """What the numbers say."""
-    posterior, lines = answer["posterior_variance"], []
-    useful = [x for x in p.R if x < math.inf]
-    lost, perfect = len(p.R) - len(useful), p.R.index(0) + 1 if 0 in p.R else None
-    if p.P0 == 0:
-        lines.append("With P0 = 0 the sequence is known from the start: all gains are 0 and measurements change nothing.")
-    elif not useful:
-        lines.append(text("All measurements are lost: the gain is 0 and the variance stays at P0 = {P0} m² to the end.", P0=p.P0))
-    elif perfect:
-        lines.append(text("The measurement at i = {perfect} is perfect: from it on the variance is 0, the estimate is the truth and only changes its sign; measurements after it ({later}) are not needed.",
-                          perfect=perfect, later=len(p.R) - perfect))
-        before = posterior[perfect - 2] if perfect > 1 else p.P0
-        lines.append(text("Just before it the variance was {before} m², down from P0 = {P0} m².", before=before, P0=p.P0))
-    else:
-        lines.append(text("Each useful measurement (there are {useful}) adds 1/R(t_i) to the information 1/P, from {start} to {end} 1/m². The variance falls from {P0} to {last} m², and the error is remembered with the factor {left}.",
-                          useful=len(useful), start=1 / p.P0, end=answer["posterior_information"][-1], P0=p.P0, last=posterior[-1], left=posterior[-1] / p.P0))
-        lines.append("The filter has no steady state other than zero variance: with measurements of a constant R it approaches it like R/i.")
-    if p.P0 > 0 and lost and useful:
-        lines.append(text("Lost measurements (R = ∞): {lost} of {all}; the filter drops them by itself, bit for bit.", lost=lost, all=len(p.R)))
-    lines.append("The alternating sign costs nothing: Φ² = 1, so the variances are those of a constant.")
-    lines.append(largest(r))
-    r.items(lines)
+def averaged(x, experiment):
+    """An average of χ²(1) over the runs with its standard error, "—" where there is none."""
+    return "—" if math.isnan(x) else Uncertain(float(x), math.sqrt(2 / experiment.runs))
 
 
 PARTS = Skeleton(
+    result=result,
+    key="extremes",
     analysis=(part_a, part_b, shown),
     plan=plan,
     experiment=(part_c,),
+    discussion=discussion,
+    answers=answers,
     conclusions=conclusions,
 )
 
