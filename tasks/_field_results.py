@@ -255,7 +255,7 @@ def costs_and_pictures(r, local):
     ]
     r.table("costs", ["N₁", "dense", "structure", "convolution"], costs,
             "Multiplications per step for one record: dense matrices with 2N states take 51N³, the structure 3.2N³, the convolution at most a window of 2w + 1 = {width} nodes and 4(2w + 1)N.", width=2 * w + 1)
-    r.says("{tab:costs} has the costs of a step. A field ten times as long costs a thousand times as much with matrices, dense or structured, and ten times as much as a convolution.")
+    r.says("{tab:costs} has the costs of a step. A field ten times as long costs a thousand times as much with matrices, dense or structured, but only ten times as much with a convolution, once it is longer than the window.")
 
 
 def lengthened(p, experiment, field, N1, steps):

@@ -212,7 +212,7 @@ def theory_pictures(r, p, here, claimed, true, bound):
     rows = {f"k = {k}": (here.claimed.K[k, node], here.claimed.K[k, field.nodes + node]) for k in times}
     r.figure("gain_rows", plots.gain_rows(np.arange(field.nodes), rows, xlabel="number of the measured node", ylabels=("gain for z", "gain for ∂z/∂t, 1/s")),
              "Rows of the gain for node {node}: how much the innovation at each node corrects $\\hat{z}$ (above) and its rate (below).", node=node)
-    r.says("{fig:gain_rows} shows where a correction comes from. It is local: measurements a few nodes away no longer count. The row for $\\hat{z}$ is that of a symmetric matrix ($K_1 = I - \\sigma_n^2S^{-1}$), that for the rate leans to the left, whence the field comes.")
+    r.says("{fig:gain_rows} shows where a correction comes from. It falls off quickly with the distance from the node. The row for $\\hat{z}$ is that of a symmetric matrix ($K_1 = I - \\sigma_n^2S^{-1}$), that for the rate leans to the left, whence the field comes.")
 
 
 def expected_size(r, p, answer, field):

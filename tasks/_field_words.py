@@ -28,13 +28,15 @@ def result(r, p, drawn):
     return [first, second, third]
 
 
-def discussion(r, drawn):
+def discussion(r, p, drawn):
     """What the numbers mean together."""
     values = {name: value.value for name, value in r.values.items()}
-    r.says("**Three errors, and which to print.** A filter claims an error, it has one, and there is one that cannot be beaten. They differ here only by what the filter was told of the start ({fig:errors_in_time}): told of an uncertainty that is not there, it listens too much to the first measurements. A paper that reports an error should say which of the three it is.")
+    r.says("**Three errors, and which to print.** A filter claims an error, it has one, and there is one that cannot be beaten. They differ here only by what the filter was told of the start ({fig:errors_in_time}): told of an uncertainty that is not there, it listens too much to the first measurements. A paper that reports an error should say which of the three it is." if p.P0
+           else "**Three errors, and which to print.** A filter claims an error, it has one, and there is one that cannot be beaten. Here they are one, since the filter knows the start ({fig:errors_in_time}); a paper that reports an error should say all the same which of the three it is.")
     r.says("**A test of a published table.** An average over one record scatters; a single printed number below the bound would prove nothing. Ten of them below it, for two fields and five noises, cannot be scatter, although all noises of one α share a record; this is what the percentiles say. So the table is not refuted by a theory that disagrees with it, but by its place among the results of the very program that it describes." if values["verdict_table"] is False and drawn is not None
            else "**A test of a published table.** An average over one record scatters, so a printed number is judged by its place among the results of many seeds, not by its distance from theory.")
-    r.says("**What could be different.** Tried, as far as the text permits: the start of the filter and of the field ($P_0 = 0$ gives the bound), and the averages over $k = 0 \\dots m$ or $k = 1 \\dots m$. Not tried, since the text says nothing of them: another noise, another scheme in place, an average over a part of the nodes. The printed mean and spread of the field give no hint of such a difference.")
+    if values["verdict_table"] is False:
+        r.says("**What could be different.** Tried, as far as the text permits: the start of the filter and of the field ($P_0 = 0$ gives the bound), and the averages over $k = 0 \\dots m$ or $k = 1 \\dots m$. Not tried, since the text says nothing of them: another noise, another scheme in place, an average over a part of the nodes. The printed mean and spread of the field give no hint of such a difference.")
     r.says("**Two conditions of stability.** The eigenvalues of Φ say what happens in the end, von Neumann's condition what happens before: a disturbance that grows while it travels leaves a field of finite length at its end, and the matrix is stable after all. But by then the numbers have grown beyond any use ({fig:growth}). For a long field only the stricter condition counts." if values["dt_limit_von_neumann"] else
            "**Two conditions of stability.** For the given coefficients the equation itself lets waves grow, and no step in time makes the scheme stable.")
     r.says("**Why the gain is local.** The noise enters at every node by itself and every node is measured, so what happens far away is known there and need not be told here ({fig:gain_rows}). That is what makes long fields possible ({tab:costs}).")
