@@ -14,10 +14,12 @@ from ctlabs.text import text
 def part_observer(r, systems):
     """Block equations."""
     r.section("observer", "The observer in blocks")
-    r.says("The Kalman–Bucy observer of the augmented model, with $P$ divided like the state, $P = [[P_1, P_{12}], [P_{12}^T, P_2]]$. For uncorrelated noises, by block multiplication (sympy):")
+    r.says("The Kalman–Bucy observer of the augmented model is that of {ref:kalman_bucy} with the matrices of {eq:augmented}. Its covariance is divided like the state,")
+    r.math(r"P = \begin{bmatrix} P_1 & P_{12} \\ P_{12}^T & P_2 \end{bmatrix}.", "blocks")
+    r.says("For uncorrelated noises block multiplication, by computer algebra, gives")
     for line in symbolic.block_equations().latex():
         r.math(line)
-    r.says("The first three lines are the filter of the plant with the estimate $G\\hat{w}$ as a known input: the observer predicts the noise. If v0 and v correlate, $E[v_0v^T] = N_0\\delta$, the cross term enters $K_2$ and with it the equations:")
+    r.says("The first three lines are the filter of the plant with the estimate $G\\hat{w}$ as a known input: the observer predicts the noise. If $v_0$ and v correlate, $E[v_0v^T] = N_0\\delta$, the cross term enters $K_2$ and with it the equations:")
     correlated = symbolic.block_equations(correlated=True)
     for line in correlated.latex()[3:]:
         r.math(line)
@@ -30,8 +32,9 @@ def part_observer(r, systems):
     arrows = [Arrow("y", "e", "", "+"), Arrow("e", "k"), Arrow("k", "K1"), Arrow("K1", "s1"), Arrow("s1", "I1"), Arrow("I1", "x"), Arrow("x", "xh"), Arrow("x", "x2"), Arrow("x2", "A"), Arrow("A", "s1"),
               Arrow("x", "C", turn="along"), Arrow("C", "e", "", "−"), Arrow("u", "B"), Arrow("B", "s1"), Arrow("k", "K2", turn="along"), Arrow("K2", "s2"), Arrow("s2", "I2"), Arrow("I2", "w"), Arrow("w", "wh"),
               Arrow("w", "w2"), Arrow("w2", "G"), Arrow("G", "s1"), Arrow("w", "w3"), Arrow("w3", "Aw"), Arrow("Aw", "s2")]
-    r.figure("observer", plots.block_diagram(nodes, arrows), "The observer (figure 10.8 of the source). Above the model of the plant, below that of the shaping filter; one innovation corrects both, and the estimated noise drives the plant's model.")
-    r.says("**Block equations and the augmented Riccati equation** are compared on the covariances of the three models on their way to the steady state:")
+    r.says("{fig:observer} draws it. Above is the model of the plant, below that of the shaping filter; one innovation corrects both, and the estimated noise drives the plant's model.")
+    r.figure("observer", plots.block_diagram(nodes, arrows), "The observer with the model of the shaping filter in it (figure 10.8 of the source).")
+    r.says("**Block equations and the augmented Riccati equation** are one, and were compared on the covariances of three models on their way to the steady state: the example, one with correlated noises, and one with a shaping filter of second order.")
     for name, title in (("example", "example"), ("correlated", "correlated noises"), ("second", "second-order filter")):
         system = systems[name]
         transient = bucy.transient(system, TIMES)
@@ -45,8 +48,7 @@ def part_observer(r, systems):
                 r.check(text("gain, {model}, t = {t} s", model=title, t=t), np.vstack([found["K1"], found["K2"]]), K, ("block equations", "Kalman–Bucy filter of the augmented model"), EXACT, scale=float(np.abs(K).max()) or 1.0)
     seen = observability.analyse(systems["example"])
     r.value("verdict_observer", bool(seen.detectable))
-    r.says("Criterion of `verdict_observer`, whether the observer has a steady state: every mode that does not decay is seen in y. {yes}. The model {is_} observable: w is seen through its effect on x only, and not at all if b = 0.",
-           yes="It is so, since x is measured and the shaping filter is stable" if seen.detectable else "It is not so", is_="is" if seen.ok else "is not")
+    r.says("**A steady state** exists if every mode that does not decay is seen in y. ", "It does, since x is measured and the shaping filter is stable." if seen.detectable else "It does not.", " The model is observable, although w is seen through its effect on x only." if seen.ok else " The model is not observable: w is seen through its effect on x only, and here it has none.")
 
 
 def blocks(system, P):

@@ -10,12 +10,16 @@ from ctlabs.tasks.answers.field import PRINTED
 
 from ctlabs.filtering import fields
 from ctlabs.reporting import plots
-from ctlabs.text import text
+from ctlabs.text import prose, text
 
 #: Its field columns: m̂_z and σ̂_z by α.
 PRINTED_FIELD = {0.05: (0.103, 0.555), 0.1: (0.176, 0.804)}
 #: The numbers the table was printed for.
 PAPER = {"sigma_eta": 3.0, "b20": 0.25, "b11": 1.0, "dt": 0.2, "h": 1.0, "N1": 30, "m": 100, "P0": 10.0}
+
+
+#: Their letters.
+SYMBOLS = {"sigma_eta": r"\sigma_\eta", "b20": "b_{20}", "b11": "b_{11}", "dt": r"\Delta t", "h": "h", "N1": "N_1", "m": "m", "P0": "P_0"}
 
 
 def percentile(value, ensemble):
@@ -26,7 +30,7 @@ def percentile(value, ensemble):
 def part_table(r, p, answer, cases, worlds, samples, variants):
     """The table of ten variants beside the printed one."""
     r.section("table", "The table")
-    r.says("$\\hat{m}_z$ and $\\hat{\\sigma}_z$ (eq. 44, 45) and $\\hat{\\sigma}_\\varepsilon$ (eq. 51) are averages over all nodes and $k = 0 \\dots m$ of one record. Ours are of seed {seed}; the percentile says which share of {runs} seeds lies below the printed number.",
+    r.says("$\\hat{m}_z$ and $\\hat{\\sigma}_z$ (equations (44) and (45) of the paper) and $\\hat{\\sigma}_\\varepsilon$ (51) are averages over all nodes and $k = 0 \\dots m$ of one record. Ours are of seed {seed}; the percentile says which share of {runs} seeds lies below the printed number. {tab:fields} has the columns of the field, {tab:table} the ten variants. Where a percentile is near 0 or 100, the printed number is no ordinary draw.",
            seed=r.seed, runs=r.runs)
     rows, fields_rows, error_rows, lost = [], [], [], False
     for i, (key, (_alpha, sigma_n, sigma_eps, ratio)) in enumerate(zip(variants, PRINTED, strict=True)):
@@ -101,29 +105,25 @@ def part_figures(r, p, answer, here, world, drawn):
     r.check("estimate drawn at every node and step", z_hat, literal, ("discrete filter", "eq. 46, literally"), scale=float(np.abs(literal).max()) or 1.0)
     r.check("estimate drawn, by structure", z_hat,
             fields.filter_exact(field, data[1:], sigma_n=here.sigma_n, P0=p.P0).z_hat, ("dense matrices", "structure"))
+    r.says("{fig:figure1} is the field, figure 1 of the paper: from rest it grows, and disturbances travel to the right. {fig:figure2} joins the paper's figures 2 and 3 for node {node}: the measurements scatter about the field, the estimate follows it far more closely.", node=node)
     r.figure("figure1", plots.surface(field.x, t, z, xlabel=PLACE, tlabel=TIME, zlabel="field z, u"),
-             "Figure 1 of the paper: the field z(x_i, t_k) for α = {alpha}, β = {beta}.", alpha=p.alpha, beta=p.beta)
-    r.figure("figure2", plots.lines(t, {"measured $z_n$": data[:, node], "field z": z[:, node]}, xlabel=TIME, ylabel="field at one node, u"),
-             "Figure 2: the field and its measurement at node {node}, σ_n = {sigma_n} u.", node=node, sigma_n=p.sigma_n)
-    r.figure("figure3", plots.lines(t, {"estimate $\\hat{z}$": z_hat[:, node], "field z": z[:, node]}, xlabel=TIME, ylabel="field at one node, u"),
-             "Figure 3: the field and its estimate at node {node}.", node=node)
+             "The field over place and time for α = {alpha} 1/s, β = {beta} 1/m.", alpha=p.alpha, beta=p.beta)
+    r.figure("figure2", plots.lines(t, {"estimate $\\hat{z}$": z_hat[:, node], "field z": z[:, node]}, xlabel=TIME, ylabel="field at one node, u", points={"measured $z_n$": (t[1:], data[1:, node])}),
+             "Field, measurements and estimate at node {node}; the standard deviation of the measurement noise is {sigma_n} u.", node=node, sigma_n=p.sigma_n)
     error = z_hat - z
     names = ("z, u", "$\\hat{z}$, u", "error $\\hat{z} - z$, u")
     r.figure("error_map", plots.maps(field.x, t, dict(zip(names, (z, z_hat, error), strict=True)), xlabel=PLACE, tlabel=TIME, common=names[:2]),
              "Field, estimate and error over place and time; the error has its own scale.")
+    r.says("In {fig:error_map} the estimate repeats the field but for its finest detail, and the error has no pattern that would resemble it.")
     if drawn is None:
         r.says("The field is so large, {large} u at most, that rounding is a part of the error drawn, {size} u at most; the theory has an RMS of {theory} u. No ensemble of errors is formed.",
-               large=f"{np.abs(z).max():.1e}", size=f"{np.abs(error).max():.1e}", theory=by_hand.root_mean(of_nodes(here.actual.mse_plus, field)))
+               large=prose(float(np.abs(z).max()), 2), size=prose(float(np.abs(error).max()), 2), theory=by_hand.root_mean(of_nodes(here.actual.mse_plus, field)))
         return
     sigma = float(np.sqrt((error**2).mean()))
     r.check("σ̂_ε of what is drawn", sigma, float(drawn.printed[0]), ("record drawn", "first run of the ensemble"))
     k = np.argmax(np.abs(error).max(axis=1))
     r.says("In this record $\\hat{\\sigma}_z = {spread}$ u and $\\hat{\\sigma}_\\varepsilon = {sigma}$ u: the noise of {sigma_n} u is suppressed {ratio} times. The largest error, {largest} u, is at t = {t} s; at node {node} the root mean square error is {own} u.",
            spread=float(z.std()), sigma=sigma, sigma_n=p.sigma_n, ratio=ratio_of(p.sigma_n, sigma), largest=float(np.abs(error).max()), t=float(t[k]), node=node, own=float(np.sqrt((error[:, node] ** 2).mean())))
-    curves = {"printed filter, ensemble": drawn.rms[0], "P0 = 0, ensemble": drawn.rms[1]}
-    theory = [np.sqrt(of_nodes(P, field).mean(axis=1)) for P in (here.actual.mse_plus, here.bound.P_plus)]
-    r.figure("ensemble", plots.lines(t, curves, xlabel=TIME, ylabel="RMS error over nodes and runs, u", straight={"theory": (t, theory[0]), "_bound": (t, theory[1])}),
-             "Root mean square error over nodes and {runs} seeds, against the theory.", runs=r.runs)
 
 
 def part_verdict(r, p, cases, worlds, samples, variants):
@@ -156,13 +156,14 @@ def part_verdict(r, p, cases, worlds, samples, variants):
                 for name, q in (("low", 0.025), ("high", 0.975))
             }
         groups[text("α = β = {alpha}", alpha=alpha)] = group
-    r.figure("sigma_eps", plots.errors_by_noise(groups, xlabel="measurement noise σ_n, u", ylabel="filtering error σ_ε, u"),
-             "Filtering error against measurement noise: printed, the printed filter in theory and over seeds, and the causal bound.")
+    r.says("{fig:sigma_eps} compares everything at once: the printed errors, those of the printed filter in theory and over the seeds, and the causal bound.")
+    r.figure("sigma_eps", plots.errors_by_noise(groups, xlabel="measurement noise $\\sigma_n$, u", ylabel="filtering error $\\sigma_\\varepsilon$, u"),
+             "Filtering error against measurement noise for the ten printed variants.")
     says_claim(r, suppresses, grows, falls, ratio)
     if not same:
         r.value("verdict_table", None, reason="the printed numbers hold for other values of the parameters")
         r.says("The printed numbers are not judged here: they hold for {paper}.",
-               paper=", ".join(f"{name} = {value:g}" for name, value in PAPER.items()))
+               paper=", ".join(f"${SYMBOLS[name]} = {value:g}$" for name, value in PAPER.items()))
         return
     judged(r, worlds, samples, variants, true, bound, printed, lower, whole)
 
@@ -178,6 +179,7 @@ def judged(r, worlds, samples, variants, true, bound, printed, lower, whole):
         if whole
         else []
     )
+    r.says("{tab:verdict} judges the printed errors one by one.")
     r.table("verdict", ["variant", "σ̂_ε printed, u", "σ_ε true, u", "σ_ε bound, u", "printed below the bound, %", "percentile, printed filter", "percentile, P0 = 0"],
             [(i + 1, printed[i], true[i], bound[i], below[i], *percent[i]) for i in range(len(variants))],
             "The printed errors against theory, and their percentiles among {runs} seeds of the printed filter and of the best causal one.", runs=r.runs)
@@ -190,7 +192,7 @@ def judged(r, worlds, samples, variants, true, bound, printed, lower, whole):
     }
     typical = all(1 < share < 99 for shares in spread.values() for share in shares)
     r.says("**The field.** The printed $\\hat{m}_z$ and $\\hat{\\sigma}_z$ are at the percentiles {a} (α = 0.05) and {b} (α = 0.1) of our seeds: {say}.",
-           a=[round(share) for share in spread[0.05]], b=[round(share) for share in spread[0.1]],
+           a=" and ".join(str(round(share)) for share in spread[0.05]), b=" and ".join(str(round(share)) for share in spread[0.1]),
            say="ordinary draws of the literal model" if typical else "not ordinary draws of the literal model")
     r.value("verdict_field", typical)
     reproduced = all(1 < share[0] < 99 for share in percent)
@@ -204,7 +206,7 @@ def judged(r, worlds, samples, variants, true, bound, printed, lower, whole):
 
 def says_claim(r, suppresses, grows, falls, ratio):
     """The paper's claim, by the theory of the printed filter."""
-    r.says("**The claim** of the paper is that the filter suppresses the noise substantially. By the theory of the printed filter the ratio $\\sigma_n/\\sigma_\\varepsilon$ is {least} to {most}: the noise {a} in all ten variants, the ratio {b} with $\\sigma_n$, and it {c} from α = 0.05 to α = 0.1 (criterion of `verdict_claim`: all three hold).",
+    r.says("**The claim** of the paper is that the filter suppresses the noise substantially. By the theory of the printed filter the ratio $\\sigma_n/\\sigma_\\varepsilon$ is {least} to {most}: the noise {a} in all ten variants, the ratio {b} with $\\sigma_n$, and it {c} from α = 0.05 to α = 0.1.",
            least=round(ratio.min(), 2), most=round(ratio.max(), 2), a="is suppressed" if suppresses else "is not suppressed",
            b="grows" if grows else "does not always grow", c="falls" if falls else "does not always fall")
 
@@ -212,9 +214,9 @@ def says_claim(r, suppresses, grows, falls, ratio):
 def part_scale(r, p, experiment, field):
     """The same filter for long fields: structure, then a convolution."""
     r.section("scale", "Long fields")
-    r.says("**By structure.** $H = [I\\ 0]$ and $R = \\sigma_n^2I$ leave one matrix of $N$ rows to factor, $S = P^-_{11} + \\sigma_n^2I$. With $W = S^{-1}[P^-_{11}\\ P^-_{12}]$ the update is")
-    r.math(r"P^+_{11} = \sigma_n^2W_1, \qquad P^+_{12} = \sigma_n^2W_2, \qquad P^+_{22} = P^-_{22} - P^-_{21}W_2")
-    r.says("and $\\Phi P\\Phi^T$ is the recursion of eq. 15-16 applied to the columns and then to the rows of $P$: of order $N^2$. The numbers are those of the literal filter.")
+    r.says("**By structure.** $H = [I\\ 0]$ and $R = \\sigma_n^2I$ leave one matrix of $N$ rows to factor, $S = P^-_{11} + \\sigma_n^2I$. With $W = (W_1\\ W_2) = S^{-1}(P^-_{11}\\ P^-_{12})$ the update is")
+    r.math(r"P^+_{11} = \sigma_n^2W_1, \qquad P^+_{12} = \sigma_n^2W_2, \qquad P^+_{22} = P^-_{22} - P^-_{21}W_2,", "structure")
+    r.says("and $\\Phi P\\Phi^T$ is the recursion of {eq:scheme} applied to the columns and then to the rows of $P$: of order $N^2$. The numbers are those of the literal filter.")
     r.says("**By a kernel.** Far from both ends the gain is a convolution. On an infinite line the covariance falls apart into waves, each with a 2×2 Riccati equation; the inverse transform of their gains is the kernel. The ends take the exact gains of a short field. Cost and memory grow like $N$.")
     steps, tolerance = min(p.m, 30), 1e-9
     for N1 in sorted({p.N1, 60}):
@@ -229,8 +231,8 @@ def part_scale(r, p, experiment, field):
     r.check("estimates, N1 = 240", local.z_hat, exact.z_hat, ("convolution", "structure"), scale=float(np.abs(exact.z_hat).max()) or 1.0)
     worst = float(np.abs(local.z_hat - exact.z_hat).max())
     if local.truncation:
-        r.says("For {steps} steps and a tolerance of {tolerance} a correction reaches {w} nodes to a side at most; what is left out is {left} of the gain, and $\\hat{z}$ at N1 = 240 differs from the exact filter's by {worst} u at most.",
-               steps=steps, tolerance=tolerance, w=local.half_width, left=f"{local.truncation:.1e}", worst=f"{worst:.1e}")
+        r.says("For {steps} steps and a tolerance of {tolerance} a correction reaches {w} nodes to a side at most; what is left out is {left} of the gain, and $\\hat{z}$ in a field of 241 nodes differs from the exact filter's by {worst} u at most.",
+               steps=steps, tolerance=tolerance, w=local.half_width, left=prose(local.truncation, 2), worst=prose(worst, 2))
     else:
         r.says("For {steps} steps and a tolerance of {tolerance} a window would be as long as this field of 241 nodes, so the local filter is the exact one here.",
                steps=steps, tolerance=tolerance)
@@ -251,11 +253,9 @@ def costs_and_pictures(r, local):
         )
         for N1 in sizes
     ]
-    r.table("costs", ["N1", "dense", "structure", "convolution"], costs,
+    r.table("costs", ["N₁", "dense", "structure", "convolution"], costs,
             "Multiplications per step for one record: dense matrices with 2N states take 51N³, the structure 3.2N³, the convolution at most a window of 2w + 1 = {width} nodes and 4(2w + 1)N.", width=2 * w + 1)
-    columns = list(zip(*costs, strict=True))
-    r.figure("scaling", plots.lines(columns[0], {"dense matrices": columns[1], "structure": columns[2], "convolution": columns[3]}, xlabel="number of the last node N1", ylabel="number of multiplications per step", log="xy", marker="o"),
-             "Cost of one step against the length of the field.")
+    r.says("{tab:costs} has the costs of a step. A field ten times as long costs a thousand times as much with matrices, dense or structured, but only ten times as much with a convolution, once it is longer than the window.")
 
 
 def lengthened(p, experiment, field, N1, steps):

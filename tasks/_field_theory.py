@@ -6,11 +6,10 @@ from dataclasses import replace
 import numpy as np
 from ctlabs.tasks.answers import field as by_hand
 
-from ctlabs.models.field import stability
 from ctlabs.montecarlo import chance
 from ctlabs.reporting import plots
 from ctlabs.reporting.report import EXACT
-from ctlabs.text import text
+from ctlabs.text import prose
 
 TIME, PLACE = "time t, s", "place x, m"
 
@@ -33,32 +32,32 @@ def resolved(field, m, sigma_n):
 
 def statement(r, p, field):
     """The field, its difference scheme and the filter, with the misprints named."""
-    r.says(r"The field $z(x, t)$ obeys, with white noise $\eta$ on the right,")
-    r.math(r"b_{20}z_{tt} + b_{10}z_t + b_{00}z + b_{11}z_{xt} + b_{01}z_x = b_{30}\eta, \qquad b_{10} = \beta,\ b_{01} = \alpha,\ b_{00} = \alpha\beta,\ b_{30} = \sqrt{4\alpha\beta}")
-    r.says("With $z_* = z_t$, a forward difference in time and the difference with the left neighbour in place, at the nodes $x_i = ih$, $i = 1 \\dots N_1$ (eq. 15-19), from rest and with a boundary node 0 that keeps its values:")
-    r.math(r"z_i^{k+1} = z_i^k + \Delta t\,z_{*i}^k, \qquad z_{*i}^{k+1} = e_0z_{*i}^k + e_2z_i^k - e_3z_{i-1}^k - e_1z_{*i-1}^k + e_4\eta_i^k")
+    r.says(r"In {ref:lipatov} the field $z(x, t)$ obeys, with white noise $\eta$ on the right,")
+    r.math(r"b_{20}z_{tt} + b_{10}z_t + b_{00}z + b_{11}z_{xt} + b_{01}z_x = b_{30}\eta, \qquad b_{10} = \beta,\ b_{01} = \alpha,\ b_{00} = \alpha\beta,\ b_{30} = \sqrt{4\alpha\beta}.", "field")
+    r.says("With $z_* = z_t$, a forward difference in time and the difference with the left neighbour in place, at the nodes $x_i = ih$, $i = 1 \\dots N_1$ (equations (15) to (19) of the paper), from rest and with a boundary node 0 that keeps its values, it becomes")
+    r.math(r"z_i^{k+1} = z_i^k + \Delta t\,z_{*i}^k, \qquad z_{*i}^{k+1} = e_0z_{*i}^k + e_2z_i^k - e_3z_{i-1}^k - e_1z_{*i-1}^k + e_4\eta_i^k,", "scheme")
     e = field.coefficients
     r.math(r"e_0 = {e0}, \quad e_1 = {e1}, \quad e_2 = {e2}, \quad e_3 = {e3}, \quad e_4 = {e4}", **e._asdict())
-    r.says(r"The state holds all $z_i$ and then all $z_{*i}$, $2N = {size}$ numbers with $N = N_1 + 1 = {N}$; the noise $\eta_i^k$ has the variance $\sigma_\eta^2$, and every $z_i$ is measured at every step after $t_0$ with the variance $\sigma_n^2$: $H = [I\ 0]$, $R = \sigma_n^2I$. The filter (eq. 46-49) starts from $\hat{X}_0 = 0$ and $P_0 = {P0}\,I$.",
+    r.says(r"The state holds all $z_i$ and then all $z_{*i}$, $2N = {size}$ numbers with $N = N_1 + 1 = {N}$; the noise $\eta_i^k$ has the variance $\sigma_\eta^2$, and every $z_i$ is measured at every step after $t_0$ with the variance $\sigma_n^2$: $H = [I\ 0]$, $R = \sigma_n^2I$. The filter, (46) to (49) of the paper and {ref:maybeck, section 5.3}, starts from $\hat{X}_0 = 0$ and $P_0 = {P0}\,I$.",
            size=2 * field.nodes, N=field.nodes, P0=p.P0)
     r.says("The paper gives no units. Here places are in metres, times in seconds and the field in its own unit u; with $b_{11}$ a pure number the equation then fixes α in 1/s, β in 1/m, $b_{20}$ in s/m and η in u/√(m·s).")
-    r.says('**Misprints** and how they are read: "n = 1" among the numbers is $h = 1$, and "N = N + 1" is $N = N_1 + 1$; the list of values after $\\sigma_\\eta$ is that of $\\sigma_n$ and lacks 3; in (24) the second matrix Φ is G; the columns of (26) belong to $z_j$; (37) puts η where the measured field $z_n$ stands; ε is both the unit matrix and the error; row 5 of the table prints 0.335, but its ratio 8.45 needs 0.355, which is used here.')
+    r.says('**Misprints** of the paper, and how they are read: “n = 1” among the numbers is $h = 1$, and “N = N + 1” is $N = N_1 + 1$; the list of values after $\\sigma_\\eta$ is that of $\\sigma_n$ and lacks 3; in (24) the second matrix Φ is G; the columns of (26) belong to $z_j$; (37) puts η where the measured field $z_n$ stands; ε is both the unit matrix and the error; row 5 of the table prints 0.335, but its ratio 8.45 needs 0.355, which is used here.')
 
 
 def part_stability(r, p, answer, field):
     """Waves against eigenvalues, the limits of the step, and what a smaller step changes."""
     r.section("stability", "Stability of the difference scheme")
     r.says("A wave $z_i \\propto e^{\\mathrm{i}\\theta i}$ has the rates μ, with $w = e^{-\\mathrm{i}\\theta}$,")
-    r.math(r"b_{20}\mu^2 + \Big(\beta + b_{11}\frac{1-w}h\Big)\mu + \alpha\Big(\beta + \frac{1-w}h\Big) = 0, \qquad \lambda = 1 + \mu\,\Delta t")
-    r.says("and $|\\lambda| \\le 1$ for $\\Delta t \\le -2\\,\\mathrm{Re}\\,\\mu/|\\mu|^2$. Von Neumann's condition asks this of every θ. The eigenvalues of Φ ask it only of $w = 0$: a node depends on its left neighbour and never on the right one, so Φ is block triangular and has the eigenvalues of the block")
+    r.math(r"b_{20}\mu^2 + \Big(\beta + b_{11}\frac{1-w}h\Big)\mu + \alpha\Big(\beta + \frac{1-w}h\Big) = 0, \qquad \lambda = 1 + \mu\,\Delta t,", "waves")
+    r.says("and $|\\lambda| \\le 1$ for $\\Delta t \\le -2\\,\\mathrm{Re}\\,\\mu/|\\mu|^2$. Von Neumann's condition {ref:richtmyer, chapter 4} asks this of every θ. The eigenvalues of Φ ask it only of $w = 0$: a node depends on its left neighbour and never on the right one, so Φ is block triangular and has the eigenvalues of the block")
     r.math(r"\begin{bmatrix} 1 & \Delta t \\ e_2 & e_0 \end{bmatrix}")
     r.says("each $N_1$ times, besides the two ones of the boundary node. Φ is defective: an eigenvalue of multiplicity $N_1$ comes out of a general solver with an error of the order $\\varepsilon^{1/N_1}$, so the block is what must be used. The largest modulus of an eigenvalue is a subharmonic function of $w$, hence some wave is always multiplied by at least as much as the block: von Neumann's condition is the stricter one.")
     routes = ("rates of the waves", "amplification from node to node")
-    r.value("spectral_radius", field.spectral_radius, agrees=answer,
+    r.value("spectral_radius", field.spectral_radius, symbol=r"\max|\lambda|\;(w = 0)", agrees=answer,
             routes=("rates of the block", "Schur's conditions"))
-    r.value("von_neumann_factor", field.von_neumann_factor, agrees=answer, routes=routes)
-    r.value("dt_limit_von_neumann", field.dt_limit_von_neumann, "s", agrees=answer, routes=routes)
-    r.value("dt_limit_eigenvalue", field.dt_limit_eigenvalue, "s", agrees=answer,
+    r.value("von_neumann_factor", field.von_neumann_factor, symbol=r"\max_\theta|\lambda|", agrees=answer, routes=routes)
+    r.value("dt_limit_von_neumann", field.dt_limit_von_neumann, "s", symbol=r"\Delta t_{\max}", agrees=answer, routes=routes)
+    r.value("dt_limit_eigenvalue", field.dt_limit_eigenvalue, "s", symbol=r"\Delta t\;\text{of the eigenvalues}", agrees=answer,
             routes=("rates of the block", "Schur's conditions"))
     Phi = answer["here"]["Phi"]
     block = np.linalg.eigvals(np.array([[1.0, p.dt], [field.coefficients.e2, field.coefficients.e0]]))
@@ -79,6 +78,7 @@ def stability_words(r, p, field, stable):
         each = replace(field, alpha=alpha, beta=beta, allow_unstable=True)
         rows.append((alpha, beta, each.dt_limit_von_neumann, each.dt_limit_eigenvalue, each.von_neumann_factor,
                      each.spectral_radius, *grown(p, each)))
+    r.says("{tab:limits} has both limits.")
     r.table("limits", ["α, 1/s", "β, 1/m", "limit of the waves, s", "limit of the eigenvalues, s", "factor of the waves", "spectral radius", "RMS of z between the limits, u", "RMS of z at the second limit, u"], rows,
             "Limits of Δt, the factors at Δt = {dt} s, and the theoretical root mean square of z at the last node after {m} steps with a Δt at the geometric mean of the two limits and at the second one.", dt=p.dt, m=p.m)
     limit, other, growth = rows[0][2], rows[0][3], rows[0][6:]
@@ -87,9 +87,9 @@ def stability_words(r, p, field, stable):
                ratio=p.alpha / p.beta, speed=p.b11 / p.b20)
     elif stable:
         r.says("The given step, {dt} s, is within von Neumann's limit {limit} s: no wave grows, the slowest decays by {factor} a step. The eigenvalues alone would allow {other} s; a step between the two limits looks stable by them, yet the field grows while a disturbance travels from node to node: after {m} steps to an RMS of {between} u halfway and of {end} u at the second limit.",
-               dt=p.dt, limit=limit, other=other, factor=field.von_neumann_factor, m=p.m, **{name: "more than 1e150" if size is None else f"{size:.1e}" for name, size in zip(("between", "end"), growth, strict=True)})
+               dt=p.dt, limit=limit, other=other, factor=field.von_neumann_factor, m=p.m, **{name: "more than 10¹⁵⁰" if size is None else prose(size, 2) for name, size in zip(("between", "end"), growth, strict=True)})
     else:
-        r.says("The given step, {dt} s, is beyond von Neumann's limit {limit} s: some wave is multiplied by {factor} in each step. `allow_unstable` shows what happens. The eigenvalues ({radius} at most) {say}.",
+        r.says("The given step, {dt} s, is beyond von Neumann's limit {limit} s: some wave is multiplied by {factor} in each step. The eigenvalues ({radius} at most) {say}.",
                dt=p.dt, limit=limit, factor=field.von_neumann_factor, radius=field.spectral_radius,
                say="do not show it: they bound the growth only after the disturbance has passed all nodes" if field.spectral_radius < 1 else "show it too")
 
@@ -117,10 +117,6 @@ def stability_pictures(r, p, field):
     """Factor against wave number, growth against time, for several steps."""
     limit = field.dt_limit_von_neumann or p.dt
     steps = dict.fromkeys(sorted([p.dt, limit, math.sqrt(limit * max(field.dt_limit_eigenvalue, limit)), field.dt_limit_eigenvalue]))
-    theta = np.linspace(0.0, np.pi, 361)
-    curves = {f"Δt = {dt:.4g} s": stability.factor(field.equation, dt, theta) for dt in steps}
-    r.figure("waves", plots.lines(theta, curves, xlabel="wave number θ, radians per node", ylabel="factor in one step", ordered=True, straight={"1": ([0, np.pi], [1, 1])}),
-             "Factor by which a wave is multiplied in a step, for the given Δt, the two limits and their geometric mean.")
     growth = {}
     for dt in steps:
         size = finite_variance(replace(field, dt=dt, allow_unstable=True), p.m)
@@ -128,8 +124,9 @@ def stability_pictures(r, p, field):
             spread = np.sqrt(size[:, 1:].mean(axis=1))
             growth[f"Δt = {dt:.4g} s"] = np.where(spread > 0, spread, np.nan)
     if growth:
+        r.says("{fig:growth} shows the growth that the eigenvalues do not: up to von Neumann's limit the field comes to rest, beyond it the curves rise geometrically until the disturbances have left the field, although up to the other limit all eigenvalues are inside the unit circle.")
         r.figure("growth", plots.lines(np.arange(p.m + 1), growth, xlabel="step number k", ylabel="RMS of z over the nodes, u", log="y", ordered=True, steps=True),
-                 "The field's theoretical root mean square for the same Δt: beyond von Neumann's limit it grows geometrically, though all eigenvalues are inside the unit circle up to the other limit.")
+                 "The field's theoretical root mean square for the given Δt, for the two limits of {eq:waves}, and for their geometric mean.")
 
 
 def held(r, p, answer, field):
@@ -139,7 +136,7 @@ def held(r, p, answer, field):
     r.value("stationary_variance_mean", None if steady_variance is None else float(steady_variance[1:].mean()), "u²",
             reason="" if radius < 1 else "an eigenvalue is on or outside the unit circle: the variance grows without bound",
             agrees=answer, routes=("integral over frequencies", "long recursion"))
-    r.says("**What is held.** $\\sigma_\\eta$ is the standard deviation of a *discrete* noise. The white field of eq. 2 has $E[\\eta\\eta] = \\frac C2\\delta\\delta$, and a sample of it over one cell has the variance $\\sigma_\\eta^2 = C/(2h\\Delta t)$. Whoever halves Δt or $h$ and keeps $\\sigma_\\eta$ halves the strength C; the field changes because its noise has become weaker, not because the scheme has become finer. Here $C = 2\\sigma_\\eta^2h\\,\\Delta t = {C}$ u²; the table holds once $\\sigma_\\eta$ (as the parameters `dt` and `h` do) and once C, over the same length and time.",
+    r.says("**What is held.** $\\sigma_\\eta$ is the standard deviation of a *discrete* noise. The white field of equation (2) of the paper has $E[\\eta\\eta] = \\frac C2\\delta\\delta$, and a sample of it over one cell has the variance $\\sigma_\\eta^2 = C/(2h\\Delta t)$. Whoever halves Δt or $h$ and keeps $\\sigma_\\eta$ halves the strength C; the field changes because its noise has become weaker, not because the scheme has become finer. Here $C = 2\\sigma_\\eta^2h\\,\\Delta t = {C}$ u²; {tab:held} holds once $\\sigma_\\eta$ (as in this lab when Δt or h is changed) and once C, over the same length and time.",
            C=2 * p.sigma_eta**2 * p.h * p.dt)
     rows = []
     for finer_x, finer_t in ((1, 1), (1, 2), (1, 4), (2, 2), (2, 4)):
@@ -170,19 +167,19 @@ def part_theory(r, p, answer, several, here, experiment):
     r.section("theory", "Three errors without random numbers")
     r.says("The experiment starts the field from $X_0 = 0$ and the filter from $P_0 = {P0}\\,I$: {say}. Three covariances must be told apart:", P0=p.P0,
            say="the filter believes in an uncertainty that is not there" if p.P0 else "the filter knows the start, so that here the three coincide")
-    r.items(["the filter's own, $P_k$ of eq. 49: what it claims;",
-             "the true one of the printed filter: $P^{\\mathrm{true}}_{k+1} = (I - KH)(\\Phi P^{\\mathrm{true}}_k\\Phi^T + GQG^T)(I - KH)^T + KRK^T$ with the gains of eq. 47 and $P^{\\mathrm{true}}_0 = 0$;",
-             "the causal bound: eq. 47-49 with $P_0 = 0$. No filter of the measurements up to $t_k$ has a smaller mean square error on this field."])
+    r.items(["the filter's own, $P_k$ of (49): what it claims;",
+             "the true one of the printed filter: $P^{\\mathrm{true}}_{k+1} = (I - KH)(\\Phi P^{\\mathrm{true}}_k\\Phi^T + GQG^T)(I - KH)^T + KRK^T$ with the gains of (47) and $P^{\\mathrm{true}}_0 = 0$;",
+             "the causal bound: (47) to (49) with $P_0 = 0$. No filter of the measurements up to $t_k$ has a smaller mean square error on this field."])
     r.says("The gains being given, the error is linear in its sources, so the first two differ by the share of $e_0$ alone: $P_k - P^{\\mathrm{true}}_k = P_0\\,\\Psi_k\\Psi_k^T \\succeq 0$ with $\\Psi_k = \\prod (I - K_jH)\\Phi$; and $P^{\\mathrm{true}}_k \\succeq P^{\\mathrm{bound}}_k$ because the bound belongs to the optimal gains. Hence $\\sigma^{\\mathrm{bound}} \\le \\sigma^{\\mathrm{true}} \\le \\sigma^{\\mathrm{filter}}$ at every node and time. ∎")
     field = here.field
     claimed, true, bound = (of_nodes(P, field) for P in (here.claimed.P_plus, here.actual.mse_plus, here.bound.P_plus))
     printed = "printed equations, literally"
-    r.says("Below, σ_ε is the root of the average over all nodes and over $k = 0 \\dots {m}$ (the filter's own over $k = 1 \\dots {m}$, since at $t_0$ it is $P_0$).",
+    r.says("Below, $\\sigma_\\varepsilon$ is the root of the average over all nodes and over $k = 0 \\dots {m}$ (the filter's own over $k = 1 \\dots {m}$, since at $t_0$ it is $P_0$).",
            m=p.m)
-    r.value("sigma_eps_true", by_hand.root_mean(true), "u", agrees=answer, routes=("sensitivity analysis", printed))
-    r.value("sigma_eps_filter", by_hand.root_mean(claimed[1:]), "u", agrees=answer,
+    r.value("sigma_eps_true", by_hand.root_mean(true), "u", symbol=r"\sigma_\varepsilon^{\text{true}}", agrees=answer, routes=("sensitivity analysis", printed))
+    r.value("sigma_eps_filter", by_hand.root_mean(claimed[1:]), "u", symbol=r"\sigma_\varepsilon^{\text{filter}}", agrees=answer,
             routes=("discrete filter's covariance", printed))
-    r.value("sigma_eps_bound", by_hand.root_mean(bound), "u", agrees=answer, routes=("discrete filter's covariance", printed))
+    r.value("sigma_eps_bound", by_hand.root_mean(bound), "u", symbol=r"\sigma_\varepsilon^{\text{bound}}", agrees=answer, routes=("discrete filter's covariance", printed))
     trues = [by_hand.root_mean(of_nodes(each.actual.mse_plus, each.field)) for each in several]
     bounds = [by_hand.root_mean(of_nodes(each.bound.P_plus, each.field)) for each in several]
     r.value("sigma_eps_true_by_variant", trues, "u", agrees=answer, routes=("sensitivity analysis", printed))
@@ -196,7 +193,7 @@ def part_theory(r, p, answer, several, here, experiment):
         for i, (each, true_i, bound_i) in enumerate(zip(several, trues, bounds, strict=True))
     ]
     r.table("theory", ["variant", "α = β", "σ_n, u", "σ_ε true, u", "σ_ε filter, u", "σ_ε bound, u", "σ_n/σ_ε true"], rows,
-            "Theoretical errors of the ten variants for the given Δt, h, N1, m, P0.")
+            "Theoretical errors of the ten variants for the given Δt, h, N₁, m, P₀.")
     theory_pictures(r, p, here, claimed, true, bound)
     expected_size(r, p, answer, field)
     consistency(r, p, here, experiment)
@@ -208,14 +205,14 @@ def theory_pictures(r, p, here, claimed, true, bound):
     names = ("filter's own", "true, printed filter", "causal bound")
     t = here.claimed.t
     curves = {name: np.sqrt(P.mean(axis=1))[1:] for name, P in zip(names, (claimed, true, bound), strict=True)}
-    r.figure("errors_in_time", plots.lines(t[1:], curves, xlabel=TIME, ylabel="RMS error over the nodes, u"),
-             "The three errors over time: they differ while the filter forgets the uncertainty at $t_0$ that it was told.")
+    r.figure("errors_in_time", plots.lines(t[1:], curves, xlabel=TIME, ylabel="RMS error over the nodes, u", log="x"),
+             "The three errors over time, on a logarithmic axis.")
+    r.says("{tab:theory} has the errors of the ten variants. {fig:errors_in_time} shows that the three differ at the beginning, while the filter forgets the uncertainty at $t_0$ that it was told, and are one afterwards." if p.P0 else "{tab:theory} has the errors of the ten variants; in {fig:errors_in_time} the three are one, as the filter knows the start.")
     times = sorted({k for k in (1, 2, 5, 20, p.m) if k <= p.m})
-    r.figure("diagonal", plots.lines(field.x, {f"k = {k}": np.sqrt(claimed[k]) for k in times}, xlabel=PLACE, ylabel="standard deviation of the error of z, u", marker=".", ordered=True),
-             "Roots of P's diagonal, as the filter claims them, over the nodes at several steps. The boundary node has no noise: it is known ever better, but only as fast as averaging allows; the last node has no neighbour to the right that would tell of it later.")
     rows = {f"k = {k}": (here.claimed.K[k, node], here.claimed.K[k, field.nodes + node]) for k in times}
     r.figure("gain_rows", plots.gain_rows(np.arange(field.nodes), rows, xlabel="number of the measured node", ylabels=("gain for z", "gain for ∂z/∂t, 1/s")),
-             "Rows of the gain for node {node}: how much the innovation at each node corrects $\\hat{z}$ (above) and its rate (below). A correction is local. That of $\\hat{z}$ is symmetric ($K_1 = I - \\sigma_n^2S^{-1}$), that of the rate leans to the left, whence the field comes.", node=node)
+             "Rows of the gain for node {node}: how much the innovation at each node corrects $\\hat{z}$ (above) and its rate (below).", node=node)
+    r.says("{fig:gain_rows} shows where a correction comes from. It falls off quickly with the distance from the node. The row for $\\hat{z}$ is that of a symmetric matrix ($K_1 = I - \\sigma_n^2S^{-1}$), that for the rate leans to the left, whence the field comes.")
 
 
 def expected_size(r, p, answer, field):
@@ -225,16 +222,11 @@ def expected_size(r, p, answer, field):
             agrees=answer, routes=("sum over the answers to one unit of noise", "covariance recursion"))
     if size is None:
         return
-    curves = {text("k = {k}", k=k): np.sqrt(size[k]) for k in sorted({max(p.m // 4, 1), max(p.m // 2, 1), p.m})}
-    if field.spectral_radius < 1 and field.von_neumann_factor <= 1:
-        curves["steady"] = np.sqrt(field.stationary_variance())
-    r.figure("spread", plots.lines(field.x, curves, xlabel=PLACE, ylabel="standard deviation of z, u", ordered=True),
-             "Standard deviation of the field over the nodes. It starts from rest, so the experiment shows only part of the steady field.")
 
 
 def consistency(r, p, here, experiment):
     """NEES: only where X_0 is drawn as the filter believes."""
-    r.says("**NEES.** $e^TP^{-1}e$ averages to the number of states, {n}, only if the error has the covariance that the filter claims: $X_0$ must be drawn from $N(0, P_0)$, or the filter be started from $P_0 = 0$. In the printed experiment its mean is $\\mathrm{tr}(P_k^{-1}P^{\\mathrm{true}}_k)$, which begins far below; a test that expects {n} would reject a correct program.",
+    r.says("**NEES.** $e^TP^{-1}e$ averages to the number of states, {n}, only if the error has the covariance that the filter claims: $X_0$ must be drawn from $N(0, P_0)$, or the filter be started from $P_0 = 0$. In the printed experiment its mean is $\\mathrm{tr}(P_k^{-1}P^{\\mathrm{true}}_k)$, which begins far below; a test that expects {n} would reject a correct program. Both ensembles were run, and agree with the covariances that belong to them ({app:chance}).",
            n=2 * here.field.nodes)
     design, truth = here.field.model(here.sigma_n, p.P0), here.field.model(here.sigma_n, 0.0)
     if not resolved(here.field, p.m, here.sigma_n):
@@ -247,11 +239,6 @@ def consistency(r, p, here, experiment):
         return
     printed = experiment.statistics(truth, design, steps=p.m, gains=here.claimed)
     r.chance("error variances of the printed experiment", chance.variance(printed, here.actual.P_plus))
-    theory = np.trace(np.linalg.solve(here.claimed.P_plus, here.actual.P_plus), axis1=1, axis2=2)
-    curves = {"X_0 drawn from N(0, P0)": matched.nees, "printed: X_0 = 0": printed.nees}
-    straight = {"theory": (matched.t, np.full(p.m + 1, 2.0 * here.field.nodes)), "_printed": (matched.t, theory)}
-    r.figure("nees", plots.lines(matched.t, curves, xlabel=TIME, ylabel="NEES, average", straight=straight),
-             "NEES of the same filter, averaged over {runs} runs, with the field started as the filter believes and as the paper does.", runs=experiment.runs)
 
 
 def watched(p):

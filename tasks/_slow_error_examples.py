@@ -83,9 +83,9 @@ def moving_state(*, slow=True):
 
 def examples(r, p):
     """What is computed with."""
+    r.says("Three examples go through this report ({tab:plan}). The unit of the samples of (i) is written u; the paper names none.")
     r.table("plan", ["example", "signal", "slow error", "noise", "samples"], [
         ["(i)", text("constant, N(0, {v})", v=p.sigma_lambda2), text("constant, N(0, {v})", v=p.sigma_mu2), text("white, variance {v}", v=p.sigma_w2), p.k],
-        ["(ii)", text("λ₀ + λ₁t + λ₂t², means {m}, variances {v}", m=list(POLY_MEAN), v=list(POLY_VARIANCE)), text("μ₀cos ωt + μ₁sin ωt, ω = {w} 1/s, variances {v}", w=OMEGA, v=list(DRIFT_VARIANCE)), text("white, variance {v}", v=POLY_NOISE), len(POLY_T)],
-        ["(iii)", text("position and velocity, means {m}, variances {v}", m=list(AR_MEAN), v=list(AR_VARIANCE)), text("AR(1), factor {f}, variance {v}, first mean {m}", f=AR_SLOW, v=AR_SLOW_VARIANCE, m=AR_SLOW_MEAN), text("AR(1), factor {f}, variance {v}, plus white of variance {w}", f=AR_FAST, v=AR_FAST_VARIANCE, w=AR_WHITE), AR_N],
+        ["(ii)", text("λ₀ + λ₁t + λ₂t², means {m}, variances {v}", m=POLY_MEAN, v=POLY_VARIANCE), text("μ₀cos ωt + μ₁sin ωt, ω = {w} 1/s, variances {v}", w=OMEGA, v=DRIFT_VARIANCE), text("white, variance {v}", v=POLY_NOISE), len(POLY_T)],
+        ["(iii)", text("position and velocity, means {m}, variances {v}", m=AR_MEAN, v=AR_VARIANCE), text("AR(1), factor {f}, variance {v}, first mean {m}", f=AR_SLOW, v=AR_SLOW_VARIANCE, m=AR_SLOW_MEAN), text("AR(1), factor {f}, variance {v}, plus white of variance {w}", f=AR_FAST, v=AR_FAST_VARIANCE, w=AR_WHITE), AR_N],
     ], "The three examples. (i) is the paper's section 5; one record of it has λ = {lam} and μ = {mu}.", lam=p.lam, mu=p.mu)
-    r.says("The unit of the samples of (i) is written u; the paper names none.")

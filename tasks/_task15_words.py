@@ -43,12 +43,17 @@ def discussion(r, answer):
     r.says("**Points outside the band.** Successive errors share the factor {pole:3} ({eq:transfer}); where it is near 1, points of {fig:ensemble} that leave the band do so in groups. The tests of {app:chance} account for it.", pole=answer["filter_pole"])
 
 
-def answers():
+def answers(answer):
     """Each item of the sheet in a sentence or two."""
+    limit = answer["signal_variance_steady"]
+    factors = (
+        "Another strength of $w_1$ changes the steady state, another variance of $n(t_0)$ only the beginning, and equal frequencies make the filter static and the model unobservable, by analysis ({fig:factors}, {tab:factors}) and in the experiment ({tab:ensembles})." if limit
+        else "For the given numbers the variance tends to no positive limit, so the factors change the way only ({fig:factors}, {tab:factors}, {tab:ensembles}); equal frequencies make the filter static and the model unobservable."
+    )
     return {
         "a": "The recursion is {eq:recursion}, with the gain of {eq:gain} and the limit of {eq:steady}.",
         "b": "In the basis (z, s) of {eq:basis} one element is left; the reduced filter is {eq:reduced}.",
-        "c": "Another strength of $w_1$ changes the steady state, another variance of $n(t_0)$ only the beginning, and equal frequencies make the filter static and the model unobservable, by analysis ({fig:factors}, {tab:factors}) and in the experiment ({tab:ensembles}).",
+        "c": factors,
     }
 
 
@@ -66,7 +71,7 @@ def conclusions(r, p, answer, system):
     changed = [(name, by_hand.variance_limit(p.w0, p.wn, p.dt, c["Q1"], p.Q2)) for name, c in variants(p) if "Q1" in c]
     if given_ and all(x for _name, x in changed):
         lines.append(text("The strength of $w_1$ acts in the steady state; as multiples of the given variance: {list_}.", list_=", ".join(text("{name} gives {ratio:4}", name=name, ratio=x / given_) for name, x in changed)))
-    lines.append("The initial variance of the noise acts only at the beginning; a filter with a wrong one becomes right by itself.")
+    lines.append("The initial variance of the noise acts only at the beginning; a filter with a wrong one becomes right by itself." if limit is not None else "The initial variance of the noise stays in the error variance for ever, though not in the gain.")
     equal = answer["signal_variance_steady_equal_frequencies"]
     if p.w0 == p.wn and equal:
         lines.append("The frequencies are equal: the filter is a constant factor, the difference of signal and noise is not observable but decays, so that the filter is stable.")

@@ -43,8 +43,8 @@ def answers(steps):
     """Each item of the sheet in a sentence or two."""
     words = "the statistics of the simulated filter agree with its variances ({fig:ensemble})." if steps else "no record can be simulated in double precision."
     return {
-        "a": "{eq:filter} with the variance of {eq:variance}, or written out {eq:written}. The hint is true: {eq:hint}.",
-        "b": "{eq:discrete}, with the variance of {eq:closed}.",
+        "a": "The filter is that of {eq:filter}, its variance that of {eq:variance}; written out, the estimate is {eq:written}. The hint is true ({eq:hint}).",
+        "b": "The discrete filter is that of {eq:discrete}, its variance that of {eq:closed}.",
         "c": text("Yes: the difference between the variances is proportional to the period ({tab:limit}, {fig:overlay}), and ", words),
     }
 

@@ -43,9 +43,9 @@ def answers(p, steps):
     if steps:
         ends["d"] = "P(t) lies between P⁺ and P⁻ at every instant (proved with {eq:order}, seen in {fig:sawtooth} and {fig:gap}), both tend to it with the period ({tab:convergence}), and the simulated errors agree with them ({fig:ensemble})."
     return {
-        "a": "{eq:variance} with the limit of {eq:limit}, drawn in {fig:variance}.",
-        "b": text("Proved by {eq:lyapunov} and {eq:bound}: asymptotically, even uniformly and exponentially stable. So initial and rounding errors die out although x grows. The numbers are those of the given values of R, beginning with {R} m²·s.", R=R),
-        "c": "{eq:sampled}, {eq:prediction} and {eq:update}; Φ must not be replaced by 1 + Δt ({fig:approximation}).",
+        "a": "The solution is {eq:variance}, its limit {eq:limit}; {fig:variance} draws it.",
+        "b": text("Proved by {eq:lyapunov} and {eq:bound}: asymptotically, even uniformly and exponentially stable. So initial and rounding errors die out although x grows. The numbers belong to the given values of R, beginning with {R} m²·s.", R=R),
+        "c": "The model is {eq:sampled}, the filter {eq:prediction} and {eq:update}; Φ must not be replaced by 1 + Δt ({fig:approximation}).",
         **ends,
     }
 

@@ -22,6 +22,7 @@ from ctlabs.tasks._field_theory import (
     resolved,
     statement,
 )
+from ctlabs.tasks._field_words import answers, conclusions, discussion, result
 from ctlabs.tasks.answers import field as by_hand
 from ctlabs.tasks.answers.field import PRINTED
 from pydantic import model_validator
@@ -29,13 +30,11 @@ from pydantic import model_validator
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import Covariances, fields
 from ctlabs.labs.experiment import Experiment, covariances
-from ctlabs.labs.portrait import largest
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models.field import RandomField
 from ctlabs.montecarlo import chance
 from ctlabs.reporting.params import Count, Flag, LabParameters, Positive, Variance, given
 from ctlabs.reporting.report import Report
-from ctlabs.text import text
 
 META = {
     "name": "field",
@@ -49,21 +48,22 @@ META = {
 class Parameters(LabParameters):
     """What may be changed; the printed variants of the table keep their own α = β and σ_n. u is the field's unit."""
 
-    alpha: Positive = given(0.1, unit="1/s", meaning="coefficient α = b01 of the equation")
-    beta: Positive = given(0.1, unit="1/m", meaning="coefficient β = b10 of the equation")
+    alpha: Positive = given(0.1, unit="1/s", meaning="coefficient of the first derivative in place, α = b01")
+    beta: Positive = given(0.1, unit="1/m", meaning="coefficient of the first derivative in time, β = b10")
     sigma_n: Positive = given(1.0, unit="u", meaning="standard deviation of the measurement noise at a node")
     sigma_eta: Positive = given(
-        3.0, unit="u/√(m·s)", meaning="standard deviation of the driving noise at a node and step"
+        3.0, unit="u/√(m·s)", meaning="standard deviation of the driving noise at a node and step",
+        symbol=r"\sigma_\eta",
     )
     b20: Positive = given(0.25, unit="s/m", meaning="coefficient of the second derivative in time")
     b11: Variance = given(1.0, unit="1", meaning="coefficient of the mixed derivative")
-    dt: Positive = given(0.2, unit="s", meaning="step in time Δt")
+    dt: Positive = given(0.2, unit="s", meaning="step in time")
     h: Positive = given(1.0, unit="m", meaning="distance of the nodes")
     N1: Count = given(30, unit="1", meaning="number of the last node; node 0 is the boundary")
     m: Count = given(100, unit="1", meaning="number of steps in time")
     P0: Variance = given(10.0, unit="u² and u²/s²", meaning="variance of every state at t0, as the filter believes it")
     node: Count = given(
-        22, unit="1", meaning="node of figures 2 and 3 (the last one, where a shorter field is asked for)"
+        22, unit="1", meaning="node of figures 2 and 3 (the last one, where a shorter field is asked for)", symbol="i"
     )
     allow_unstable: Flag = given(False, unit="yes/no", meaning="take a step beyond von Neumann's limit")
 
@@ -162,9 +162,9 @@ def sample(p, found, z, noise):
 
 def plan(r, p, experiment):
     """Every number chosen."""
-    r.says("One record per α is the table's field; the ensemble says which of its numbers are typical. All variants of one α share field and noise (scaled by $\\sigma_n$), as in the paper.")
+    r.says("{tab:plan} lists what was chosen. One record per α is the table's field; the ensemble says which of its numbers are typical. All variants of one α share field and noise (scaled by $\\sigma_n$), as in the paper.")
     r.table("plan", ["quantity", "value", "why"], [
-        ["steps m", p.m, "the paper's k = 0…m, unless set"],
+        ["steps m", p.m, "the paper's k = 0…m, unless another number is given"],
         ["nodes", p.N1 + 1, "N = N1 + 1"],
         ["seeds", experiment.runs, "a percentile of the ensemble is known to about ±3 % with 1000"],
         ["seed", experiment.seed, "its first run is the record of the table and the figures"],
@@ -173,43 +173,14 @@ def plan(r, p, experiment):
     ], "Plan of the experiment.")
 
 
-def conclusions(r, p):
-    """What the numbers say."""
-    values = {name: value.value for name, value in r.values.items()}
-    true, own_P, bound = (values[f"sigma_eps_{kind}"] for kind in ("true", "filter", "bound"))
-    lines = [text("For the given parameters the printed filter has a true error of {true} u, where the noise is {noise} u; it claims {claimed} u itself, and no causal filter does better than {bound} u.",
-                  true=true, noise=p.sigma_n, claimed=own_P, bound=bound)]
-    if values["verdict_claim"]:
-        lines.append("The paper's claim holds: the filter suppresses the noise, the more the larger it is, and the more the smaller α is.")
-    else:
-        lines.append("The paper's claim does not hold for all ten variants with these values of Δt, h, N1, m and P0.")
-    if values["verdict_table"] is None:
-        lines.append("The printed table belongs to other values of the parameters and is not judged.")
-    elif values["verdict_table"]:
-        lines.append("The printed errors are ordinary results of the printed filter.")
-    else:
-        lines.append(
-            "The printed mean and spread of the field are ordinary draws of the literal model; the printed errors are not results of the printed filter on the printed field."
-            if values["verdict_field"] else
-            "Neither the printed mean and spread of the field nor the printed errors are ordinary draws; the errors are not results of the printed filter on the printed field.")
-    if values["verdict_stability"]:
-        lines.append(text("The step of {dt} s is stable; von Neumann's limit is {limit} s, and the eigenvalues would wrongly allow {other} s.",
-                          dt=p.dt, limit=values["dt_limit_von_neumann"], other=values["dt_limit_eigenvalue"]))
-    else:
-        lines.append(text("The step of {dt} s is unstable: von Neumann's limit is {limit} s. The filter's covariances stay finite, since every node is measured; the field does not.",
-                          dt=p.dt, limit=values["dt_limit_von_neumann"]))
-    if values["verdict_scale"]:
-        lines.append("The gain is local, so a long field is filtered at a cost proportional to its length.")
-    else:
-        lines.append("The gain reaches so far that a field of 241 nodes has no interior where it is a convolution; only longer ones gain by it.")
-    lines.append(largest(r))
-    r.items(lines)
-
-
 PARTS = Skeleton(
+    result=result,
+    key="sigma_eps",
     analysis=(statement, part_stability, part_theory),
     plan=plan,
     experiment=(simulated, part_table, part_figures, part_verdict, part_scale),
+    discussion=discussion,
+    answers=answers,
     conclusions=conclusions,
 )
 

@@ -32,6 +32,7 @@ from ctlabs.tasks._slow_error_examples import (
     truth,
 )
 from ctlabs.tasks._slow_error_figures import DENSE, part_figure1, part_figure2, part_statement
+from ctlabs.tasks._slow_error_words import answers, conclusions, discussion, misprints, result
 from ctlabs.tasks.answers import slow_error as by_hand
 from ctlabs.tasks.answers.slow_error import AR_BEYOND, AR_DT, AR_N
 
@@ -39,7 +40,6 @@ from ctlabs import montecarlo
 from ctlabs.filtering import bayes, kalman_filter, update
 from ctlabs.filtering.bayes import SlowError
 from ctlabs.labs.experiment import Experiment, filtered
-from ctlabs.labs.portrait import largest
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.reporting import plots
 from ctlabs.reporting.params import Count, LabParameters, Positive, Real, Variance, given
@@ -57,40 +57,36 @@ META = {
 class Parameters(LabParameters):
     """What may be changed."""
 
-    lam: Real = given(8.0, unit="u", meaning="signal λ (u is the unit of the samples)")
-    mu: Real = given(5.0, unit="u", meaning="slow error μ")
-    sigma_w2: Positive = given(1000.0, unit="u²", meaning="variance of the noise w")
-    sigma_lambda2: Variance = given(100.0, unit="u²", meaning="prior variance of λ")
-    sigma_mu2: Variance = given(50.0, unit="u²", meaning="prior variance of μ")
+    lam: Real = given(8.0, unit="u", meaning="signal (u is the unit of the samples)", symbol=r"\lambda")
+    mu: Real = given(5.0, unit="u", meaning="slow error")
+    sigma_w2: Positive = given(1000.0, unit="u²", meaning="variance of the noise", symbol=r"\sigma_w^2")
+    sigma_lambda2: Variance = given(100.0, unit="u²", meaning="prior variance of the signal", symbol=r"\sigma_\lambda^2")
+    sigma_mu2: Variance = given(50.0, unit="u²", meaning="prior variance of the slow error", symbol=r"\sigma_\mu^2")
     k: Count = given(10_000, unit="1", meaning="number of measurements")
 
 
 def plan(r, experiment):
     """What is chosen for the ensembles."""
-    r.says("Ensembles have {runs} runs, seed {seed}.", runs=experiment.runs, seed=experiment.seed)
+    r.says("The three examples are those of {tab:plan}. Example (i) is the paper's; in {part:figure1} λ and μ are drawn from their priors anew in every run, in {part:statement} they have the given values in every run and only the noise is drawn. All ensembles have {runs} runs (a standard error of the variance of {percent:2} %), seed {seed}. Where the number of measurements is large the filter takes averages of them: for constants an average says all that its samples say.",
+           runs=experiment.runs, seed=experiment.seed, percent=100 * math.sqrt(2 / experiment.runs))
 
 
 def part_batch(r, p, y, poly, moved):
     """Equations (8)–(15)."""
     r.section("batch", "The batch estimate")
-    r.math(r"y[k] = \lambda^T\varphi[k] + \mu^T\psi[k] + n[k], \qquad \lambda \sim N(m_\lambda, K_\lambda), \quad \mu \sim N(m_\mu, K_\mu), \quad n \sim N(0, K)")
-    r.says("**The loss does not matter.** Given the samples, $s[N] = \\lambda^T\\varphi[N]$ is Gaussian, so its density is symmetric about its mean $m$ and falls away from it. For a loss $W(e)$ that is convex and even, $g(a) = E\\,W(s - a)$ is convex in $a$, and $g(m + h) = g(m - h)$ by the symmetry; hence $g(m) \\le \\frac12 g(m + h) + \\frac12 g(m - h) = g(m + h)$ for every $h$. The rule of equations (4)–(7), a decision without randomness, is therefore the conditional mean (10) for every such loss, the squared one (9) among them. ∎")
-    r.says("**Correct equations.** With the joint information of λ and μ the conditional mean follows by eliminating μ:")
-    r.math(r"A = K_\mu^{-1} + \Phi_\mu^TK^{-1}\Phi_\mu, \qquad J = K_\lambda^{-1} + \Phi_\lambda^TK^{-1}\Phi_\lambda - \Phi_\lambda^TK^{-1}\Phi_\mu A^{-1}\Phi_\mu^TK^{-1}\Phi_\lambda")
-    r.math(r"\hat s[N,k] = \varphi^T[N]J^{-1}\{K_\lambda^{-1}m_\lambda + \Phi_\lambda^TK^{-1}\bar y - \Phi_\lambda^TK^{-1}\Phi_\mu A^{-1}(K_\mu^{-1}m_\mu + \Phi_\mu^TK^{-1}\bar y)\}, \qquad R[N] = \varphi^T[N]J^{-1}\varphi[N]")
-    r.says("**Misprints of the paper**, and what is taken instead:")
-    r.items(["(8) begins with $\\varphi^T[k]$; it is $\\lambda^T\\varphi[k]$.",
-             "(11): the bracket that opens before $K_\\lambda^{-1}$ is missing, and the last factor inside the inverse is $\\Phi_\\lambda$, not $\\Phi_\\mu$. As printed, a 3×2 matrix would be subtracted from a 3×3 one in example (ii). Where signal and error have equally many parameters the printed product exists and is wrong, unless $\\Phi_\\lambda = \\Phi_\\mu$ as in (i).",
-             "(15): $R[n]$, $\\hat{s}[n, k]$ and $\\varphi[n]$ belong to the instant $N$ of the estimate, past or future.",
-             "(18): the covariances have one index, $Q[k]$, $R[k]$, $S[k]$; they need only be nonnegative (in section 5 they are 0).",
-             "Before (30), \"$K_{11}[k]$ is the covariance of the error\": it is $P_{11}[k]$. In (30) the last term of $M$ is $U[k]$, not $v[k]$.",
-             "Section 5, $U = G = 1$: it is $H = G = 1$; there is no noise $u$, $v$, so $U = 0$.",
-             "The vector $\\bar{y}[k]$ of (3) has $k + 1$ samples, 0 to $k$, whereas the recursion has its prior at 0 and samples 1 to $k$. Equal numbers of samples are compared here, 1 to $k$."])
+    r.says("In {ref:shapiro} signal, slow error and noise make up the sample,")
+    r.math(r"y[k] = \lambda^T\varphi[k] + \mu^T\psi[k] + n[k], \qquad \lambda \sim N(m_\lambda, K_\lambda), \quad \mu \sim N(m_\mu, K_\mu), \quad n \sim N(0, K).", "sample")
+    r.says("**The loss does not matter.** Given the samples, $s[N] = \\lambda^T\\varphi[N]$ is Gaussian, so its density is symmetric about its mean $m$ and falls away from it. For a loss $W(e)$ that is convex and even, $g(a) = E\\,W(s - a)$ is convex in $a$, and $g(m + h) = g(m - h)$ by the symmetry; hence $g(m) \\le \\frac12 g(m + h) + \\frac12 g(m - h) = g(m + h)$ for every $h$. The rule of equations (4)–(7), a decision without randomness, is therefore the conditional mean (10) for every such loss, the squared one (9) among them ({ref:sherman}). ∎ (Numbers of equations in this paragraph and in the list of misprints are those of the paper.)")
+    r.says("**Correct equations.** With the joint information of λ and μ the conditional mean follows by eliminating μ. With")
+    r.math(r"A = K_\mu^{-1} + \Phi_\mu^TK^{-1}\Phi_\mu, \qquad J = K_\lambda^{-1} + \Phi_\lambda^TK^{-1}\Phi_\lambda - \Phi_\lambda^TK^{-1}\Phi_\mu A^{-1}\Phi_\mu^TK^{-1}\Phi_\lambda", "information")
+    r.says("estimate and risk are")
+    r.math(r"\hat s[N,k] = \varphi^T[N]J^{-1}\{K_\lambda^{-1}m_\lambda + \Phi_\lambda^TK^{-1}\bar y - \Phi_\lambda^TK^{-1}\Phi_\mu A^{-1}(K_\mu^{-1}m_\mu + \Phi_\mu^TK^{-1}\bar y)\}, \qquad R[N] = \varphi^T[N]J^{-1}\varphi[N].", "batch")
+    misprints(r)
     part = (powers(POLY_T)[:, :2], polynomial().psi, POLY_NOISE * np.eye(len(POLY_T)), np.diag(POLY_VARIANCE[:2]), np.diag(DRIFT_VARIANCE), np.zeros(2), np.zeros(2), poly.z[1:, 0, 0])
     phi = np.array([1.0, POLY_T[-1]])
     right, wrong = (float(phi @ by_hand.corrected(*part, last=last)[1] @ phi) for last in (None, part[1]))
     r.check("risk of λ₀ + λ₁t under the drift, last factor Φ_λ", float(bayes.batch(SlowError(*part[:2], POLY_NOISE, *part[3:5]), part[-1]).signal(phi)[1][0]), right, ("orthogonal transformations", "(15) corrected"))
-    r.says("For the size of it: for a signal $\\lambda_0 + \\lambda_1t$ under the drift of (ii) (two parameters each) the risk at the last sample is {right} by the corrected form; with the printed factor (15) would give {wrong}.", right=right, wrong=wrong)
+    r.says("The misprint in (11) is no trifle. For a signal $\\lambda_0 + \\lambda_1t$ under the drift of (ii), two parameters each, the risk at the last sample is {right} by {eq:batch}; with the printed factor (15) would give {wrong}.", right=right, wrong=wrong)
     r.says("**Computation.** The inverses are not formed. With $(\\lambda, \\mu) = m + F\\xi$ and whitened samples the estimate is a least-squares problem, solved by orthogonal transformations; for white noise its cost is linear in the number of samples and no matrix of their size is formed.")
     three_examples(r, p, y, poly, moved)
 
@@ -122,6 +118,7 @@ def three_examples(r, p, y, poly, moved):
         rows += [(name, problem.N, at, s, R, math.sqrt(R)) for at, s, R in zip(when, s_hat, risk, strict=True)]
     r.table("batch", ["example", "samples", "N (time in s for (ii), (iii))", "ŝ[N, k]", "R[N]", "√R[N]"], rows,
             "Estimates and risks at instants within the record, at its end and, the last of (ii) and (iii), beyond it.")
+    r.says("{tab:batch} has estimates and risks of the three examples, each confirmed by conditioning the joint Gaussian distribution of everything.")
     batch_figures(r, poly, moved)
 
 
@@ -129,8 +126,8 @@ def batch_figures(r, poly, moved):
     """Signals of (ii) and (iii), estimated and extrapolated."""
     k = AR_DT * np.arange(1, AR_N + AR_BEYOND + 1)
     shown = (
-        ("polynomial", polynomial(), poly, POLY_T, POLY_AT, powers(POLY_AT), poly.truth[0, :3, 0], "Example (ii): samples and estimate, less the true polynomial. The samples show the harmonic drift; the estimate has a part of it that looks like a polynomial, and the extrapolation beyond the last sample grows uncertain."),
-        ("moving", moving(), moved, k[:AR_N], k, np.column_stack([np.ones_like(k), k]), moved.truth[0, :2, 0], "Example (iii): samples and estimated position, less the true position, under a slow AR(1) error of non-zero mean and coloured noise. All samples contribute to every estimate, so that its error is a straight line; beyond the last sample it is extrapolated."),
+        ("polynomial", polynomial(), poly, POLY_T, POLY_AT, powers(POLY_AT), poly.truth[0, :3, 0], "Example (ii): samples and estimate, less the true polynomial."),
+        ("moving", moving(), moved, k[:AR_N], k, np.column_stack([np.ones_like(k), k]), moved.truth[0, :2, 0], "Example (iii): samples and estimated position, less the true position."),
     )
     for name, problem, record, t, at, phi, lam, caption in shown:
         y = record.z[1:, 0, 0]
@@ -139,15 +136,16 @@ def batch_figures(r, poly, moved):
         curves = {"estimate ŝ[N, k]": error, "ŝ + √R[N]": error + np.sqrt(risk), "ŝ − √R[N]": error - np.sqrt(risk)}
         figure = plots.lines(at, curves, xlabel="time of the estimate NT, s", ylabel="difference from the true signal (units of y)", points={"samples": (t, y - signal)}, straight={"true signal": (at, 0 * at)})
         r.figure(name, figure, caption)
+    r.says("In {fig:polynomial} the samples wave with the harmonic drift; the estimate goes through the waves and has only that part of the drift in it which looks like a polynomial. Beyond the last sample it is extrapolated, and its band widens. In {fig:moving} the samples lie far to one side at first, since the slow error has a mean; the estimate knows that mean and is drawn along much less. All samples contribute to every estimate, so that its error is a straight line.")
 
 
 def part_recursive(r, p, answer, y, poly, moved, experiment):
     """Equations (16)–(32)."""
     r.section("recursive", "The recursive filter")
-    r.says("Signal and error together are the state of one Kalman filter, $F = \\mathrm{diag}(\\Phi, \\Psi)$, $T = (H\\; G)$; (30) with its misprint removed reads")
-    r.math(r"M[k+1] = FP[k]F^T + U[k], \quad K^0 = MT^T(TMT^T + S)^{-1}, \quad P[k+1] = (I - K^0T)M[k+1]")
+    r.says("Signal and error together are the state of one Kalman filter, $F = \\mathrm{diag}(\\Phi, \\Psi)$, $T = (H\\; G)$; the equations (30) of the paper, their misprint removed, read")
+    r.math(r"M[k+1] = FP[k]F^T + U[k], \quad K^0 = MT^T(TMT^T + S)^{-1}, \quad P[k+1] = (I - K^0T)M[k+1].", "recursion")
     system = named(constants(p))
-    r.says("For section 5 the state is constant:")
+    r.says("This is the Kalman filter ({ref:kalman}; {ref:maybeck, section 5.3}) of the model with white noise; coloured noise is made a state as in (iii). In section 5 of the paper the state is constant,")
     r.model(system)
     short = min(p.k, DENSE)
     small = filtered(system, y[:short, None, None])
@@ -161,7 +159,7 @@ def part_recursive(r, p, answer, y, poly, moved, experiment):
     ]
     r.value("batch_minus_recursive_max", max(differences))
     r.holds("batch = recursion to 10⁻⁹", 1e-9 - max(differences), ("batch", "recursion"), size=1.0)
-    r.says("The largest difference of batch and recursion over the three examples is {worst} (estimates in units of the largest prior standard deviation, covariances of the largest prior variance). In (iii) the batch has one μ a sample and noise of full covariance; the recursion has four states.", worst=max(differences))
+    r.says("The largest difference of batch and recursion over the three examples is {worst:2} (estimates in units of the largest prior standard deviation, covariances of the largest prior variance): the two are one estimator. In (iii) the batch has one μ a sample and noise of full covariance; the recursion has four states.", worst=max(differences))
     beyond = filtered(moving_state(), np.concatenate([moved.z[1:], np.full((AR_BEYOND, 1, 1), np.nan)]))
     s_hat, risk = bayes.batch(moving(), moved.z[1:, 0, 0]).signal([1.0, AR_DT * (AR_N + AR_BEYOND)])
     routes = ("recursion without measurements", "batch")
@@ -174,9 +172,9 @@ def closed_forms(r, p, answer, y, experiment, system, short, small, whole, scale
     """Variances, gains and the floor of the example of constants."""
     routes, D = ("square-root recursion", "closed form"), ("P11[k]", "P22[k]", "P12[k]")
     r.says("**Closed forms.** Only the sum of the samples matters; with $D = \\sigma_w^2 + k(\\sigma_\\lambda^2 + \\sigma_\\mu^2)$,")
-    r.math(r"P_{11} = \frac{\sigma_\lambda^2(\sigma_w^2 + k\sigma_\mu^2)}{D}, \quad P_{22} = \frac{\sigma_\mu^2(\sigma_w^2 + k\sigma_\lambda^2)}{D}, \quad P_{12} = -\frac{k\sigma_\lambda^2\sigma_\mu^2}{D}, \quad K^* = \frac{\sigma_\lambda^2}{D}, \quad \Delta^* = \frac{\sigma_\mu^2}{D}")
-    for name, value, unit in (("lambda_variance", whole.P[-1, 0, 0], "u²"), ("mu_variance", whole.P[-1, 1, 1], "u²"), ("covariance", whole.P[-1, 0, 1], "u²")):
-        r.value(name, value, unit, agrees=answer, routes=routes)
+    r.math(r"P_{11} = \frac{\sigma_\lambda^2(\sigma_w^2 + k\sigma_\mu^2)}{D}, \quad P_{22} = \frac{\sigma_\mu^2(\sigma_w^2 + k\sigma_\lambda^2)}{D}, \quad P_{12} = -\frac{k\sigma_\lambda^2\sigma_\mu^2}{D}, \quad K^* = \frac{\sigma_\lambda^2}{D}, \quad \Delta^* = \frac{\sigma_\mu^2}{D}.", "closed")
+    for name, value, letter in (("lambda_variance", whole.P[-1, 0, 0], "P_{11}"), ("mu_variance", whole.P[-1, 1, 1], "P_{22}"), ("covariance", whole.P[-1, 0, 1], "P_{12}")):
+        r.value(name, value, "u²", symbol=letter, agrees=answer, routes=routes)
     gain = alone(p)
     for i, name in enumerate(("lambda_gain", "mu_gain")):
         r.value(name, gain[i], agrees=answer, routes=("batch, last sample 1 and all others 0", "closed form"))
@@ -186,7 +184,7 @@ def closed_forms(r, p, answer, y, experiment, system, short, small, whole, scale
     for label, name, (i, j) in zip(D, ("lambda_variance", "mu_variance", "covariance"), ((0, 0), (1, 1), (0, 1)), strict=True):
         r.check(label, small.P_plus[1:, i, j], [one[name] for one in closed], ("Kalman filter", "closed form"))
     floor = update(system.P0, [[1.0, 1.0]], [[0.0]]).P_plus[0, 0]
-    r.value("variance_floor", floor, "u²", agrees=answer, routes=("λ + μ measured without noise", "closed form"))
+    r.value("variance_floor", floor, "u²", symbol=r"P_{11}\;(k \to \infty)", agrees=answer, routes=("λ + μ measured without noise", "closed form"))
     r.says("As k grows, $P_{11}$ falls to the floor {floor} u², which is what remains when λ + μ is known exactly. At k = {k} it is {now} u².", floor=floor, k=p.k, now=whole.P[-1, 0, 0])
     r.check("σ_μ²λ̂ = σ_λ²μ̂ at every k", p.sigma_mu2 * whole.x[:, 0], p.sigma_lambda2 * whole.x[:, 1], ("estimate of λ", "estimate of μ"), scale=scale.max() ** 3)
     separate(r, p, y[:short], experiment)
@@ -207,7 +205,7 @@ def compared(r, name, filtered, batch, C):
 
 def separate(r, p, y, experiment):
     """Friedland's form."""
-    r.says("**Separate bias.** The augmented filter splits in two (Friedland 1969): one filter of the signal that knows of no error, and one of the error that takes the innovations of the first for measurements. For a constant error in (i), and in (iii) with a constant error of variance {v} in the place of the AR(1) sequence, both forms are equal:", v=AR_SLOW_VARIANCE)
+    r.says("**Separate bias.** The augmented filter splits in two {ref:friedland}: one filter of the signal that knows of no error, and one of the error that takes the innovations of the first for measurements. For a constant error in (i), and in (iii) with a constant error of variance {v} in the place of the AR(1) sequence, both forms give the same estimates and covariances.", v=AR_SLOW_VARIANCE)
     signal = bayes.model(constants(p, count=1).ignoring())
     plane, G = moving_state(slow=False), [[1.0]]
     biased = bayes.augmented(plane, G, [[AR_SLOW_VARIANCE]], [AR_SLOW_MEAN])
@@ -226,7 +224,7 @@ def numerics(r, p, whole):
     if not sl * sm:
         r.says("**Rounding** has nothing to destroy here: one of λ and μ is known beforehand.")
         return
-    r.says("**Rounding.** λ and μ stay uncertain while their sum becomes known ever better: the variance of λ + μ is the small difference of large numbers in P. A filter of 200 averages of q samples each shows the loss for large k = 200q; the exact variance is $\\sigma_w^2(\\sigma_\\lambda^2 + \\sigma_\\mu^2)/D$. In the last column the risk (15) is computed by its inverses.")
+    r.says("**Rounding.** λ and μ stay uncertain while their sum becomes known ever better: the variance of λ + μ is the small difference of large numbers in P. A filter of 200 averages of q samples each shows the loss for large k = 200q; the exact variance is $\\sigma_w^2(\\sigma_\\lambda^2 + \\sigma_\\mu^2)/D$. In the last column of {tab:rounding} the risk is computed by the inverses of (15).")
     rows, ones = [], np.full(DENSE, p.lam + p.mu)
     for q in (1.0, 1e3, 1e6, 1e9):
         problem, k = constants(p, noise=np.full(DENSE, sw / q)), DENSE * q
@@ -238,32 +236,19 @@ def numerics(r, p, whole):
         rows.append((k, *errors, abs(kept / exact - 1), abs(by_hand.by_inverses(sl, sm, k / sw) / risk - 1)))
     r.table("rounding", ["k", "(I − KT)M", "Joseph", "Potter, P formed", "batch, root kept", "risk by (15)"], rows,
             "Relative errors of the variance of λ + μ by five routes, and of the risk by inverses.")
-    r.says("Every form that hands over P as a matrix of doubles loses the variance of λ + μ in proportion to k, Joseph's form included: an entry of P holds no more than 16 digits, and the sum of the four entries is what is left of them. Checks of such forms therefore allow a relative error of $10^{-14}k(\\sigma_\\lambda^2 + \\sigma_\\mu^2)/\\sigma_w^2$ where that exceeds 10⁻⁸ (here it is {allowed}). What keeps the variance is a root of P, asked for the combination itself, or a root carried through the recursion, sample by sample:", allowed=1e-14 * p.k * (sl + sm) / sw)
+    r.says("Every form that hands over P as a matrix of doubles loses the variance of λ + μ in proportion to k, Joseph's form included: an entry of P holds no more than 16 digits, and the sum of the four entries is what is left of them. Checks of such forms therefore allow a relative error of $10^{-14}k(\\sigma_\\lambda^2 + \\sigma_\\mu^2)/\\sigma_w^2$ where that exceeds 10⁻⁸ (here it is {allowed}). What keeps the variance is a root of P, asked for the combination itself, or a root carried through the recursion, sample by sample ({tab:rounding}).", allowed=1e-14 * p.k * (sl + sm) / sw)
     exact = sw * (sl + sm) / (sw + p.k * (sl + sm))
     r.check("variance of λ + μ after k samples", whole.P[-1].sum(), exact, ("square-root recursion", "closed form"), scale=max(exact, 1e-6 * (sl + sm)))
 
 
-def conclusions(r, p):
-    """What the numbers say."""
-    v = {name: value.value for name, value in r.values.items()}
-    lines = [text("Batch, recursion and conditioning of the joint distribution give the same estimates to {d} of the prior spread, for constant, polynomial and moving signals, white and coloured noise, inside the record and beyond it.", d=v["batch_minus_recursive_max"])]
-    if p.sigma_lambda2 * p.sigma_mu2:
-        lines.append(text("A constant signal and a constant error are never separated: λ̂/μ̂ = {ratio} at every k, and the variance of λ̂ stays above {floor} u² (it is {now} u² at k = {k}). Only λ + μ is found.", ratio=p.sigma_lambda2 / p.sigma_mu2, floor=v["variance_floor"], now=v["lambda_variance"], k=p.k))
-    else:
-        lines.append(text("One of λ and μ is known beforehand, so the samples tell of the other alone: the variance of λ̂ is {now} u² at k = {k}.", now=v["lambda_variance"], k=p.k))
-    if v["lambda_variance"]:
-        lines.append(text("Ignoring μ gives a variance of {naive} u² at k = {k}, {ratio} times the optimal one.", naive=v["naive_variance"], k=p.k, ratio=v["naive_variance"] / v["lambda_variance"]))
-    if v["naive_minimum_k"] is not None:
-        lines.append(text("Beyond k = {k} more data make the estimator that ignores μ worse.", k=v["naive_minimum_k"]))
-    lines.append("The printed 7 % and 15 % are one ordinary draw about 8.26 % and −13.39 %, and do not vanish with k." if v["verdict_statement"] else "The printed 7 % and 15 % are no ordinary draw of the model.")
-    lines.append(largest(r))
-    r.items(lines)
-
-
 PARTS = Skeleton(
+    result=result,
+    key="figure2",
     analysis=(examples, part_batch, part_recursive),
     plan=plan,
     experiment=(part_figure1, part_figure2, part_statement),
+    discussion=discussion,
+    answers=answers,
     conclusions=conclusions,
 )
 

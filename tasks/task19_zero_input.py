@@ -180,6 +180,12 @@ def part_c(r, p, answer, system, sampled, steps):
     r.says("Agreement means that the difference is halved with the period, or is 0 for every period. {tab:limit} meets this: the filters agree, and the shorter the period, the more nearly is the difference its leading term." if agrees and p.beta else
            "Agreement means that the difference is halved with the period, or is 0 for every period. {tab:limit} meets this: there is no difference beyond rounding." if agrees else
            "Agreement means that the difference is halved with the period, or is 0 for every period. {tab:limit} does not meet this.")
+    sawteeth(r, p, answer, system, shown, between)
+
+
+def sawteeth(r, p, answer, system, shown, between):
+    """The discrete filters over the continuous one, and how far they are from it."""
+    count = len(shown.t) - 1
     fine = covariances(discretise(system, p.dt / 4), 4 * count)
     close = np.linspace(0.0, shown.t[min(count, 12)], 201)
     schedules = {text("Δt = {dt} s", dt=p.dt): shown, text("Δt = {dt} s", dt=p.dt / 4): fine}

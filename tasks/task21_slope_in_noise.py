@@ -210,6 +210,12 @@ def part_c(r, p, system, steps):
     r.order("order of what the leading term leaves", np.abs([e - leading * T / n for n, e in zip(halves, errors, strict=True)]), 2.0, ("discrete filter", "closed form of the error"))
     r.table("limit", ["Δt, s", "P⁺ − P(t), m²/s²", "leading term, m²/s²"], [(T / n, e, leading * T / n) for n, e in zip(halves, errors, strict=True)],
             "The discrete filter at t = {T} s, where the gain is largest, as the period is halved.", T=T)
+    falling(r, p, system, shown, steps)
+
+
+def falling(r, p, system, shown, steps):
+    """The variances on logarithmic and on linear axes."""
+    T = scale(p)
     t = np.geomspace(min(p.dt, T) / 4, max(steps * p.dt, 100 * T), 241)
     curve = varying.transient(system, t)
     figure = plots.lines(t, {"continuous P(t)": curve.P[:, 0, 0]}, xlabel=TIME, ylabel="variance P, m²/s²", log="xy",

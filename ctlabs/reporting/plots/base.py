@@ -73,19 +73,22 @@ def lines(
     log: str = "",
     marker: str = "",
     steps: bool = False,
+    pairs: bool = False,
     ylim: tuple[float, float] | None = None,
 ) -> Figure:
     """Curves over a common x; ``points`` are marked, ``straight`` are dashed reference lines.
 
     ``ordered`` colours a family by its order, ``log`` names the logarithmic axes ("x", "y", "xy"),
-    ``steps`` puts whole numbers on the horizontal axis.
+    ``steps`` puts whole numbers on the horizontal axis; of ``pairs`` the second curve has the colour of the first, dashed.
     """
     import matplotlib as mpl
 
     figure, ((axes,),) = panels(height=4.2)
     colours = mpl.colormaps["cividis"](np.linspace(0.0, 0.92, len(curves))) if ordered else [None] * len(curves)
-    for (name, y), colour in zip(curves.items(), colours, strict=True):
-        axes.plot(x, y, label=name, color=colour, marker=marker)
+    for i, ((name, y), colour) in enumerate(zip(curves.items(), colours, strict=True)):
+        second = pairs and i % 2 == 1
+        shared = axes.lines[-1].get_color() if second else colour
+        axes.plot(x, y, label=name, color=shared, marker=marker, linestyle="--" if second else "-")
     for name, (px, py) in (straight or {}).items():
         axes.plot(px, py, color=GREY, linestyle="--", linewidth=1.2, label=name)
     for name, (px, py) in (points or {}).items():
