@@ -5,11 +5,12 @@ import math
 import numpy as np
 
 from ctlabs.filtering import updates
+from ctlabs.labs.portrait import mean_error
 from ctlabs.models.nonlinear import NonlinearModel
 from ctlabs.montecarlo import chance
 from ctlabs.reporting import plots
 from ctlabs.reporting.report import EXACT
-from ctlabs.text import text
+from ctlabs.text import Uncertain, text
 
 #: Sensor of z1 and variance of v1.
 H1, R1 = 2.0, 1.0
@@ -42,14 +43,14 @@ def part_c(r, p, answer):
     """Sequential and simultaneous, both readings."""
     r.section("c", "Sequential and simultaneous updates agree")
     r.says("**Thinking first.** With independent noises the likelihood is a product, so that")
-    r.math(r"p(x \mid Z_{i-1}, z_1, z_2) \propto p(x \mid Z_{i-1})\,p(z_1 \mid x)\,p(z_2 \mid x)")
+    r.math(r"p(x \mid Z_{i-1}, z_1, z_2) \propto p(x \mid Z_{i-1})\,p(z_1 \mid x)\,p(z_2 \mid x)", "product")
     r.says("and it does not matter whether the factors are multiplied at once or one after another. For linear sensors all factors are Gaussian; for positive variances exponents add up: $1/P^+ = 1/P^- + h_1^2/R_1 + h_2^2/R_2$.")
-    r.says("**Explicitly**, also for $R_2 = 0$. With $P = P(t_i^-)$, $\\nu_j = z_j - h_j\\hat{x}(t_i^-)$, after z1:")
+    r.says("**Explicitly**, also for $R_2 = 0$. With $P = P(t_i^-)$, $\\nu_j = z_j - h_j\\hat{x}(t_i^-)$, after $z_1$:")
     r.math(r"P_1 = \frac{PR_1}{R_1 + h_1^2P}, \qquad \hat x_1 = \hat x^- + \frac{Ph_1}{R_1 + h_1^2P}\,\nu_1")
-    r.says("Then z2 with $P_1$, $\\hat{x}_1$ and the innovation $z_2 - h_2\\hat{x}_1$; clearing fractions,")
-    r.math(r"P^+ = \frac{P_1R_2}{R_2 + h_2^2P_1} = \frac{PR_1R_2}{\Delta}, \qquad \hat x^+ = \hat x^- + \frac P\Delta\,(h_1R_2\nu_1 + h_2R_1\nu_2), \qquad \Delta = R_1R_2 + P(h_1^2R_2 + h_2^2R_1)")
+    r.says("Then $z_2$ with $P_1$, $\\hat{x}_1$ and the innovation $z_2 - h_2\\hat{x}_1$; clearing fractions,")
+    r.math(r"P^+ = \frac{P_1R_2}{R_2 + h_2^2P_1} = \frac{PR_1R_2}{\Delta}, \qquad \hat x^+ = \hat x^- + \frac P\Delta\,(h_1R_2\nu_1 + h_2R_1\nu_2), \qquad \Delta = R_1R_2 + P(h_1^2R_2 + h_2^2R_1)", "sequential")
     r.says("Simultaneously, Δ is the determinant of $S = HPH^T + R$ and Cramer's rule gives")
-    r.math(r"K = PH^TS^{-1} = \frac P\Delta\begin{bmatrix} h_1 & h_2 \end{bmatrix}\begin{bmatrix} h_2^2P + R_2 & -h_1h_2P \\ -h_1h_2P & h_1^2P + R_1 \end{bmatrix} = \frac P\Delta\begin{bmatrix} h_1R_2 & h_2R_1 \end{bmatrix}, \qquad P^+ = (1 - KH)P = \frac{PR_1R_2}\Delta")
+    r.math(r"K = PH^TS^{-1} = \frac P\Delta\begin{bmatrix} h_1 & h_2 \end{bmatrix}\begin{bmatrix} h_2^2P + R_2 & -h_1h_2P \\ -h_1h_2P & h_1^2P + R_1 \end{bmatrix} = \frac P\Delta\begin{bmatrix} h_1R_2 & h_2R_1 \end{bmatrix}, \qquad P^+ = (1 - KH)P = \frac{PR_1R_2}\Delta", "joint")
     r.says("The same numbers; they are symmetric in the two measurements, so the order does not matter either. ∎")
     prior, R2 = answer["prior"], float(second(p.t)[1])
     R = np.diag([R1, R2])
@@ -57,9 +58,9 @@ def part_c(r, p, answer):
     first = updates.joint(x, P, z[:1], [[H1]], [[R1]])
     r.value("after_z1", pair(first), agrees=answer, routes=("filter", "formula"), kind=EXACT)
     H = np.array([[H1], [float(second(p.t)[0])]])
-    r.says("**First reading.** The printed $\\sin x(t_i)$ is most probably $(\\sin t_i)\\,x(t_i)$: the sheet gives the variance as a function of time too, $\\cos^2t_i$, and asks for exact agreement, which needs a linear sensor. At t = {t} s $h = (2, {h2})$ and R = diag(1, {R2}).", t=p.t, h2=H[1, 0], R2=R2)
+    r.says("**First reading.** The printed $\\sin x(t_i)$ is most probably $(\\sin t_i)\\,x(t_i)$: the sheet gives the variance as a function of time too, $\\cos^2t_i$, and asks for exact agreement, which needs a linear sensor. At $t = {t}$ s $h = (2, {h2})$ and $R = \\mathrm{diag}(1, {R2})$.", t=p.t, h2=H[1, 0], R2=R2)
     if R2 == 0:
-        r.says("Here $\\cos t = 0$ (at the rounding of t): z2 is a perfect measurement, and both ways end with the variance 0.")
+        r.says("Here $\\cos t = 0$ (at the rounding of $t$): $z_2$ is a perfect measurement, and both ways end with the variance 0.")
     routes = ("updates by the filter", "closed form, P·R1·R2/Δ")
     one, other = updates.sequential(x, P, z, H, R), updates.joint(x, P, z, H, R)
     r.value("linear_sequential", pair(one), agrees=answer, routes=("one after another", routes[1]))
@@ -76,7 +77,7 @@ def pair(estimate):
 
 def extended(r, p, answer, x, P, z, R):
     """The literal reading, with the exact posterior as the judge."""
-    r.says("**Second reading, literally** $z_2 = \\sin(x(t_i)) + v_2$. The extended filter replaces the sine by a straight line, $\\sin x \\approx \\sin\\xi + \\cos\\xi\\,(x - \\xi)$. For one straight line the proof above holds, so sequential and simultaneous agree **if the point ξ is the same**, $\\xi = \\hat{x}^-$; the second innovation is then $z_2 - \\sin\\hat{x}^- - \\cos\\hat{x}^-(\\hat{x}_1 - \\hat{x}^-)$. The ordinary sequential filter takes the newest estimate, $\\xi = \\hat{x}_1$: another line, another result.")
+    r.says("**Second reading, literally** ({ref:jazwinski, chapter 8}) $z_2 = \\sin(x(t_i)) + v_2$. The extended filter replaces the sine by a straight line, $\\sin x \\approx \\sin\\xi + \\cos\\xi\\,(x - \\xi)$. For one straight line the proof above holds, so sequential and simultaneous agree **if the point ξ is the same**, $\\xi = \\hat{x}^-$; the second innovation is then $z_2 - \\sin\\hat{x}^- - \\cos\\hat{x}^-(\\hat{x}_1 - \\hat{x}^-)$. The ordinary sequential filter takes the newest estimate, $\\xi = \\hat{x}_1$: another line, another result.")
     found = {order: updates.extended(x, P, z, sensor, slope_at, R, order) for order in updates.ORDERS}
     r.value("ekf_joint", pair(found["joint"]), agrees=answer, routes=("both at once", "closed form, P·R1·R2/Δ"))
     r.value("ekf_sequential_fixed", pair(found["fixed"]), agrees=answer, routes=("one after another, line at x̂⁻", "closed form, P·R1·R2/Δ"))
@@ -85,16 +86,17 @@ def extended(r, p, answer, x, P, z, R):
     reverse = updates.extended(x, P, z[::-1], lambda y: sensor(y)[::-1], lambda y: slope_at(y)[::-1], R[::-1, ::-1], "relinearised")
     judge = exact(answer["after_z1"], p.z2, R[1, 1])
     r.value("exact_posterior", judge, agrees=answer, routes=("Gauss–Legendre panels" if not perfect(p.z2, R[1, 1]) else "weights of the roots of sin x = z2", "double exponential quadrature"))
-    r.says("The judge is the exact posterior, $p(x) \\propto N(x; \\hat{x}_1, P_1)\\exp[-(z_2 - \\sin x)^2/(2R_2)]$ by quadrature: z1 enters exactly, as its sensor is linear.")
+    r.says("The judge is the exact posterior, $p(x) \\propto N(x; \\hat{x}_1, P_1)\\exp[-(z_2 - \\sin x)^2/(2R_2)]$ by quadrature: $z_1$ enters exactly, as its sensor is linear.")
     if perfect(p.z2, R[1, 1]):
-        r.says("With $R_2 = {R2}$ it is discrete: the posterior sits on the solutions of $\\sin x = z_2$, each with the weight of $N(x; \\hat{x}_1, P_1)$ there (the slope |cos x| is the same at all of them; where |z2| > 1, the points nearest to a solution). An extended filter claims certainty about one point of its straight line.", R2=R[1, 1])
+        r.says("With $R_2 = {R2}$ it is discrete: the posterior sits on the solutions of $\\sin x = z_2$, each with the weight of $N(x; \\hat{x}_1, P_1)$ there (the slope $|\\cos x|$ is the same at all of them; where $|z_2| > 1$, the points nearest to a solution). An extended filter claims certainty about one point of its straight line.", R2=R[1, 1])
     rows = [
-        ("after z1", *answer["after_z1"]), ("extended, both at once (or one after another, fixed line)", *pair(found["joint"])),
-        ("extended, z1 then z2 relinearised", *pair(found["relinearised"])), ("extended, z2 then z1 (z1 is linear, so the line is at x̂⁻ again)", *pair(reverse)), ("exact posterior", *judge),
+        ("after $z_1$", *answer["after_z1"]), ("extended, both at once (or one after another, fixed line)", *pair(found["joint"])),
+        ("extended, $z_1$ then $z_2$ relinearised", *pair(found["relinearised"])), ("extended, $z_2$ then $z_1$ (which is linear, so that the line is at $\\hat x^-$ again)", *pair(reverse)), ("exact posterior", *judge),
     ]
     sd = math.sqrt(judge[1])
     r.table("readings", ["literal reading", "estimate", "variance", "distance from the exact mean, in exact σ"],
             [(*row, abs(row[1] - judge[0]) / sd if sd > 1e-9 else None) for row in rows], "The literal reading: what each way of updating gives.")
+    r.says("{tab:readings} has the results of all ways.")
     densities(r, answer, found, p.z2, R[1, 1])
 
 
@@ -152,11 +154,12 @@ def densities(r, answer, found, z2, R2):
 
     judge = np.exp(log_posterior(grid, m, P1, z2, R2))
     curves = {
-        "before": normal(x, P), "after z1": normal(m, P1), "exact posterior": judge / (judge.sum() * (grid[1] - grid[0])),
-        "both at once": normal(*pair(found["joint"])), "z1, then z2 relinearised": normal(*pair(found["relinearised"])),
+        "before": normal(x, P), "after $z_1$": normal(m, P1), "exact posterior": judge / (judge.sum() * (grid[1] - grid[0])),
+        "both at once": normal(*pair(found["joint"])), "$z_1$, then $z_2$ relinearised": normal(*pair(found["relinearised"])),
     }
     r.figure("densities", plots.lines(grid, curves, xlabel=ESTIMATE, ylabel="probability density"),
-             "The literal reading: densities of x before and after the measurements. The exact posterior is no normal curve; the extended filters replace it by one.")
+             "The literal reading: densities of $x$ before and after the measurements.")
+    r.says("In {fig:densities} the exact posterior is no normal curve; each extended filter replaces it by one, about the point and with the width that its straight line gives.")
 
 
 def one_update(x, P, R2):
@@ -178,7 +181,7 @@ def literal(r, p, answer, experiment):
     for level in LEVELS:
         system = one_update(x, level * P, R2)
         grid = points(x, level * P, R2)
-        designs = {"both at once": system, "z1, then z2 relinearised": lambda s=system: updates.SequentialExtended(s)}
+        designs = {"both at once": system, "$z_1$, then $z_2$ relinearised": lambda s=system: updates.SequentialExtended(s)}
         if grid is not None:
             designs["exact posterior mean"] = lambda s=system, g=grid: updates.PointMass(s, g)
         first = level * P / (1 + H1**2 * level * P)
@@ -186,11 +189,12 @@ def literal(r, p, answer, experiment):
             stats = experiment.statistics(system, design, steps=1, first=0, stream=1)
             if name == "exact posterior mean":
                 r.chance(text("Gaussianised innovations, P⁻ = {P}", P=level * P), chance.nis(stats), ("ensemble", "exact distribution of Bayes' rule"))
-            rows.append((level * P, name, stats.rms[0, 0], stats.rms_se[0, 0], stats.bias[0, 0], float(stats.nees[0]) if stats.nees_dof[0] else None, math.sqrt(first)))
-    r.table("literal", ["P⁻", "filter", "RMS error", "its standard error", "mean error", "NEES", "σ after z1 alone"], rows,
-            "The literal reading at t = {t} s: errors over {runs} runs on the same data. NEES is 1 for a filter whose variance is right on average (— where it claims to be certain).", t=p.t, runs=experiment.runs)
+            rows.append((level * P, name, Uncertain(float(stats.rms[0, 0]), float(stats.rms_se[0, 0])), mean_error(stats, 0), float(stats.nees[0]) if stats.nees_dof[0] else None, math.sqrt(first)))
+    r.table("literal", ["$P^-$", "filter", "RMS error", "mean error", "NEES", "σ after $z_1$ alone"], rows,
+            "The literal reading at $t = {t}$ s: errors over {runs} runs on the same data, with standard errors. NEES is 1 for a filter whose variance is right on average; a dash where it claims to be certain.", t=p.t, runs=experiment.runs)
     if len(rows) < 3 * len(LEVELS):
         r.says("Where $\\sqrt{R_2}$ is too narrow for a grid of {count} points the exact filter is left out; its posterior sits near the solutions of $\\sin x = z_2$.", count=POINTS)
+    r.says("{tab:literal} compares the ways for three prior variances.")
     for level in LEVELS:
         r.says(compared([row for row in rows if row[0] == level * P]))
 
@@ -205,8 +209,8 @@ def points(x, P, R2):
 def compared(rows):
     """A sentence on the mean squares for one prior variance."""
     (_joint, again), P = rows[:2], rows[0][0]
-    gap = _joint[2] - again[2]
-    clear = abs(gap) > CLEAR * math.hypot(_joint[3], again[3])
+    gap = _joint[2].value - again[2].value
+    clear = abs(gap) > CLEAR * math.hypot(_joint[2].error, again[2].error)
     words = "relinearising is better" if clear and gap > 0 else "relinearising is worse" if clear else "the two extended filters do not differ clearly"
     line = "For $P^- = {P}$ {words} (RMS {again} against {joint}, called clear from {clear} standard errors)"
     return text(line, "; the exact mean has {best}." if len(rows) > 2 else ".", P=P, words=words, again=again[2], joint=_joint[2], clear=CLEAR, best=rows[-1][2])

@@ -24,7 +24,7 @@ def time_scale(p):
 
 def overlay(r, p, answer, system, sampled):
     """P(t) between P⁻ and P⁺."""
-    r.says("**P(t) lies between the teeth.** Over one period the continuous filter gains Q dt and loses by measuring at the same time. If the whole gain comes first and the whole loss after it (the discrete filter from $t_{i-1}^+$ to $t_i^+$), the loss $\\dot{P} = -P^2/R$ acts on larger variances, so it ends lower; if the loss comes first (from $t_{i-1}^-$ to $t_i^-$), higher. Both maps increase with P, and they begin with $P^+ = P_0$ and, after one period, $P^- = P_0 + Q\\,dt \\ge P(t_1)$. By induction $P(t_i^+) \\le P(t_i) \\le P(t_i^-)$ for every period and every i ≥ 1. ∎")
+    r.says("**P(t) lies between the teeth.** Over one period the continuous filter gains $Q\\,dt$ and loses by measuring at the same time. If the whole gain comes first and the whole loss after it (the discrete filter from $t_{i-1}^+$ to $t_i^+$), the loss $\\dot{P} = -P^2/R$ acts on larger variances, so it ends lower; if the loss comes first (from $t_{i-1}^-$ to $t_i^-$), higher. Both maps increase with $P$, and they begin with $P^+ = P_0$ and, after one period, $P^- = P_0 + Q\\,dt \\ge P(t_1)$. By induction $P(t_i^+) \\le P(t_i) \\le P(t_i^-)$ for every period and every $i \\ge 1$. ∎ {fig:sawtooth} shows it.")
     count = min(max(math.ceil(4 * time_scale(p) / p.dt), 8), 200)
     shown = covariances(sampled, count)
     between = bucy.transient(system, shown.t).P[:, 0, 0]
@@ -44,8 +44,7 @@ def overlay(r, p, answer, system, sampled):
                            limit=answer["variance_steady_continuous"])
     r.figure("sawtooth", figure,
              "The sawtooth of the discrete filter over the variance of the continuous one, for the given period and a quarter of it.")
-    figure = plots.gains(t, bucy.transient(system, t).K, shown, names=["gain K, or K/dt"], units=["1/s"], xlabel=TIME)
-    r.figure("gains", figure, "The continuous gain, and that of the discrete filter divided by its period.")
+    r.says("In {fig:sawtooth} the teeth of a quarter of the period are a quarter as high, and $P(t)$ stays between them: the bounds $P^-$ and $P^+$ close in on it from both sides." if p.Q else "In {fig:sawtooth} nothing is lost between the measurements, and $P(t)$ passes through the steps at their ends.")
 
 
 def limits(r, p, answer, system):
@@ -57,9 +56,9 @@ def limits(r, p, answer, system):
                 [by_hand.variance(p.Q, p.R, p.P0, t) for t in coarse.t], ("recursion", "closed form"), SOLVER)
         return
     r.says("**dt → 0.** With $x = \\kappa\\,dt$ the steady state of (b) is $P^\\mp = P_\\infty(\\sqrt{1 + x^2/4} \\pm x/2)$. Expanded in x:")
-    r.math(r"P^\mp = P_\infty\Bigl(1 \pm \frac{x}{2} + \frac{x^2}{8} + \dots\Bigr), \qquad \frac{P^- + P^+}{2} = P_\infty\Bigl(1 + \frac{x^2}{8} + \dots\Bigr)")
+    r.math(r"P^\mp = P_\infty\Bigl(1 \pm \frac{x}{2} + \frac{x^2}{8} + \dots\Bigr), \qquad \frac{P^- + P^+}{2} = P_\infty\Bigl(1 + \frac{x^2}{8} + \dots\Bigr)", "orders")
     r.math(r"\frac{K}{dt} = \kappa\Bigl(1 - \frac x2 + \dots\Bigr), \qquad \frac{\ln(1-K)}{dt} = -\frac{2}{dt}\,\mathrm{arsinh}\frac x2 = -\kappa\Bigl(1 - \frac{x^2}{24} + \dots\Bigr)")
-    r.says("So the bounds and the gain approach the continuous filter at first order, the mean of the bounds and the pole at second. The last column takes P⁺ at t = 1/κ, on the way from P0.")
+    r.says("So the bounds and the gain approach the continuous filter at first order, the mean of the bounds and the pole at second. {tab:limits} and {fig:limits} show it; $P^+$ at $t = 1/\\kappa$ is on the way from $P_0$.")
     scale, rate = time_scale(p), math.sqrt(p.Q / p.R)
     periods = [scale / n for n in (8, 16, 32, 64)]
     systems = [discretise(system, dt) for dt in periods]
@@ -111,4 +110,4 @@ def orders(r, p, answer, system, scale, periods, target, errors):
         points={"the given dt": ([p.dt] * 3, [answer["prior_variance_steady"] - target, target - answer["posterior_variance_steady"], 0.5 * (answer["prior_variance_steady"] + answer["posterior_variance_steady"]) - target])},
     )
     r.figure("limits", figure,
-             "How the steady variances of the discrete filter approach that of the continuous one as the period is shortened.")
+             "How the steady variances of the discrete filter approach that of the continuous one as the period is shortened; dashed, the slopes of {eq:orders}.")

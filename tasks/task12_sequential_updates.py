@@ -16,15 +16,16 @@ from dataclasses import replace
 
 import numpy as np
 from ctlabs.tasks._task12_updates import H1, LEVELS, R1, literal, pair, part_c, second
+from ctlabs.tasks._task12_words import answers, conclusions, discussion, result
 from ctlabs.tasks.answers import task12 as by_hand
 
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import kalman_filter, updates
 from ctlabs.labs.experiment import Experiment, covariances, filtered
-from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.portrait import agreement, portrait, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
-from ctlabs.reporting import plots
+from ctlabs.reporting.drawing import Curve, Drawing, Panel
 from ctlabs.reporting.params import LabParameters, Real, Variance, given
 from ctlabs.reporting.report import EXACT, SOLVER, Report
 from ctlabs.text import text
@@ -39,21 +40,21 @@ META = {
 #: Measurement times of the experiment with the linear reading, fewer where x would outgrow the rounding of its error.
 STEPS = 25
 STEP = "measurement number i"
-IMPOSSIBLE = "R12² > R1·R2: no noises have such a covariance"
+IMPOSSIBLE = "R₁₂² > R₁R₂: no noises have such a covariance"
 
 
 class Parameters(LabParameters):
     """What may be changed."""
 
     Phi: Real = given(0.7, unit="1", meaning="transition factor")
-    b: Real = given(0.2, unit="1", meaning="mean of the process noise")
+    b: Real = given(0.2, unit="1", meaning="mean of the process noise", symbol="b")
     Q: Variance = given(0.01, unit="1", meaning="variance of the process noise")
-    x_posterior: Real = given(4.0, unit="1", meaning="estimate at the previous time, after its update")
-    P_posterior: Variance = given(1.0, unit="1", meaning="its error variance")
+    x_posterior: Real = given(4.0, unit="1", meaning="estimate at the previous time, after its update", symbol=r"\hat x(t_{i-1}^+)")
+    P_posterior: Variance = given(1.0, unit="1", meaning="its error variance", symbol="P(t_{i-1}^+)")
     z1: Real = given(3.0, unit="1", meaning="first measurement")
     z2: Real = given(1.0, unit="1", meaning="second measurement")
     t: Real = given(1.0, unit="s", meaning="time of the measurements (and their period in the experiment)")
-    R12: Real = given(0.3, unit="1", meaning="covariance of v1 and v2 in part (d)")
+    R12: Real = given(0.3, unit="1", meaning="covariance of v1 and v2 in part (d)", symbol="R_{12}")
 
 
 def model(p, t, R12=0.0):
@@ -70,24 +71,24 @@ def model(p, t, R12=0.0):
 def part_a(r, p, answer):
     """Propagation."""
     r.section("a", "Propagation to the next measurement")
-    r.says("$\\hat{x}(t_{i-1}^+)$ is the conditional mean of $x(t_{i-1})$ given all measurements so far, $P(t_{i-1}^+)$ the variance of its error. The mean of a sum is the sum of the means, whatever the distributions; the noise enters with its mean b:")
-    r.math(r"\hat x(t_i^-) = E[\Phi x(t_{i-1}) + w_d(t_{i-1}) \mid Z_{i-1}] = \Phi\,\hat x(t_{i-1}^+) + b")
-    r.says("The error of the prediction is $e(t_i^-) = \\Phi e(t_{i-1}^+) - [w_d(t_{i-1}) - b]$. The noise is white and independent of x(t0) and of the measurement noises, hence of everything in $e(t_{i-1}^+)$: no cross term, and the *central* moment of the noise, not $E[w_d^2] = Q + b^2$, is added:")
-    r.math(r"P(t_i^-) = \Phi^2P(t_{i-1}^+) + Q, \qquad Q = E\{[w_d - b]^2\}")
+    r.says("$\\hat{x}(t_{i-1}^+)$ is the conditional mean of $x(t_{i-1})$ given all measurements so far, $P(t_{i-1}^+)$ the variance of its error ({ref:maybeck, section 5.3}). The mean of a sum is the sum of the means, whatever the distributions; the noise enters with its mean $b$:")
+    r.math(r"\hat x(t_i^-) = E[\Phi x(t_{i-1}) + w_d(t_{i-1}) \mid Z_{i-1}] = \Phi\,\hat x(t_{i-1}^+) + b", "mean")
+    r.says("The error of the prediction is $e(t_i^-) = \\Phi e(t_{i-1}^+) - [w_d(t_{i-1}) - b]$. The noise is white and independent of $x(t_0)$ and of the measurement noises, hence of everything in $e(t_{i-1}^+)$: no cross term, and the *central* moment of the noise, not $E[w_d^2] = Q + b^2$, is added:")
+    r.math(r"P(t_i^-) = \Phi^2P(t_{i-1}^+) + Q, \qquad Q = E\{[w_d - b]^2\}", "variance")
     schedule, system = covariances(model(p, np.array([0.0, p.t])), 1), model(p, np.array([0.0, p.t]))
     mean = filtered(system, [[p.z1, p.z2]]).x_minus[1, 0]
     r.value("prior", [mean, schedule.P_minus[1, 0, 0]], agrees=answer, routes=("filter", "formula"), kind=EXACT)
-    r.says("With $\\hat{x}(t_{i-1}^+) = {x}$ and $P(t_{i-1}^+) = {P}$: $\\hat{x}(t_i^-) = {mean}$, $P(t_i^-) = {variance}$. (The sheet asks for $\\hat{x}(t_{i-1}^-)$, a misprint for $\\hat{x}(t_i^-)$.)",
+    r.says("With $\\hat{x}(t_{i-1}^+) = {x}$ and $P(t_{i-1}^+) = {P}$: $\\hat{x}(t_i^-) = {mean}$, $P(t_i^-) = {variance}$. The sheet asks for $\\hat{x}(t_{i-1}^-)$, a misprint for $\\hat{x}(t_i^-)$.",
            x=p.x_posterior, P=p.P_posterior, mean=mean, variance=schedule.P_minus[1, 0, 0])
 
 
 def part_b(r, p, answer):
     """What 'independent white' says."""
     r.section("b", "Is \"independent white\" Gaussian said twice?")
-    r.says("*White* is about one sequence in time: its values at different instants are uncorrelated, and if the sequence is Gaussian (its values jointly so), independent. If \"independent\" meant the same thing, it would be redundant. Here it says of **two** sequences that no values of v1 and v2, at any two instants, depend on each other, and that does not follow from each being white and Gaussian. So the phrase is not redundant. It leaves unsaid that both are independent of x(t0) and of $w_d$, which (a) uses.")
-    r.says("Three pairs, each member white and Gaussian with variances 1 and R2, that are not independent:")
+    r.says("*White* is about one sequence in time: its values at different instants are uncorrelated, and if the sequence is Gaussian (its values jointly so), independent. If \"independent\" meant the same thing, it would be redundant. Here it says of **two** sequences that no values of $v_1$ and $v_2$, at any two instants, depend on each other, and that does not follow from each being white and Gaussian. So the phrase is not redundant. It leaves unsaid that both are independent of $x(t_0)$ and of $w_d$, which (a) uses.")
+    r.says("Three pairs, each member white and Gaussian with variances 1 and $R_2$, that are not independent:")
     r.items(["$v_2$ correlated with $v_1$ at the same instant: part (d).",
-             "$v_2(t_i) = \\sqrt{R_2}\\,v_1(t_{i-1})$: no correlation at any one instant, and R is diagonal. The error before the update already contains $v_1(t_{i-1})$, so that the filter's own variance is wrong.",
+             "$v_2(t_i) = \\sqrt{R_2}\\,v_1(t_{i-1})$: no correlation at any one instant, and $R$ is diagonal. The error before the update already contains $v_1(t_{i-1})$, so that the filter's own variance is wrong.",
              "$v_2(t_i) = s_i\\sqrt{R_2}\\,v_1(t_i)$ with a random sign $s_i$: uncorrelated at all instants, both normal, yet not jointly normal: $E[v_1^2v_2^2] = 3R_2$ instead of $R_2$. The linear filter does not notice (it uses covariances only), but it is no longer the conditional mean."])
     P = answer["prior"][1]
     h2, R2 = (float(v) for v in second(p.t))
@@ -105,13 +106,13 @@ def part_b(r, p, answer):
     r.check("true variance for the delayed noise", actual.P_plus[1:, 0, 0], by_hand.lagged(p, P, R2, h2, steps),
             ("joint covariance of truth and filter", "recursion by hand with E[e⁺v1] = K1"), SOLVER)
     best = covariances(truth, steps).P_plus[-1, 0, 0]
-    r.table("independence", ["filter for v2 = √R2·v1 of the time before", "error variance"], [
+    r.table("independence", ["filter for a $v_2$ that is the $v_1$ of the time before", "error variance"], [
         ["believes in independence: claimed", actual.claimed.P_plus[-1, 0, 0]],
         ["believes in independence: true", actual.P_plus[-1, 0, 0]],
         ["knows the noise", best],
-    ], "Why independence of the two sequences has to be said: the second pair, sensors and R2 held at their values for t, after {steps} measurements.", steps=steps)
+    ], "Why independence of the two sequences has to be said: the second pair, sensors and $R_2$ held at their values for $t$, after {steps} measurements.", steps=steps)
     r.value("verdict_b", False)
-    r.says("The verdict (redundant: no) rests on the criterion that a pair exists which is white and Gaussian, each for itself, and not independent.")
+    r.says("So the words are not redundant: {tab:independence} shows a pair, white and Gaussian each for itself and not independent, for which the filter claims a wrong variance.")
 
 
 def length(p):
@@ -123,19 +124,19 @@ def length(p):
 def part_d(r, p, answer):
     """Sufficient and necessary."""
     r.section("d", "The property of R")
-    r.says("**Sufficient:** R is diagonal (block-diagonal, if groups of measurements are processed together): the noises of what is processed separately are uncorrelated. The proof of (c) used nothing else.")
-    r.says("**Necessary?** Sequential processing that ignores the rest of R is the simultaneous update with $D = \\mathrm{diag}\\,R$. Both estimates agree for all data iff the gains do. With $S_D = HPH^T + D$, $S = HPH^T + R$ invertible,")
-    r.math(r"PH^TS_D^{-1} = PH^TS^{-1} \iff PH^TS_D^{-1}(S - S_D) = 0 \iff PH^TS_D^{-1}(R - D) = 0")
-    r.says("If the columns of $PH^T$ are independent (P nonsingular and H of full row rank) this forces $R = D$: then the property is necessary. In general it is not:")
-    r.items(["$H = (0, 1, -1)^T$, $R = \\begin{bmatrix} 1 & a & a \\\\ a & 1 & 0 \\\\ a & 0 & 1 \\end{bmatrix}$ for a scalar state: z1 sees only noise, which is correlated equally with $v_2$ and $v_3$ and cancels in $z_2 - z_3$. R is nonsingular for $2a^2 < 1$ and not diagonal, H has three rows and rank 1, and both ways agree.",
-             "$PH^T = 0$: what is known already is not changed by any measurement, whatever R."])
+    r.says("**Sufficient:** $R$ is diagonal (block-diagonal, if groups of measurements are processed together): the noises of what is processed separately are uncorrelated. The proof of (c) used nothing else.")
+    r.says("**Necessary?** Sequential processing that ignores the rest of $R$ is the simultaneous update with $D = \\mathrm{diag}\\,R$. Both estimates agree for all data iff the gains do. With $S_D = HPH^T + D$, $S = HPH^T + R$ invertible,")
+    r.math(r"PH^TS_D^{-1} = PH^TS^{-1} \iff PH^TS_D^{-1}(S - S_D) = 0 \iff PH^TS_D^{-1}(R - D) = 0", "gains")
+    r.says("If the columns of $PH^T$ are independent ($P$ nonsingular and $H$ of full row rank) this forces $R = D$: then the property is necessary. In general it is not:")
+    r.items(["$H = (0, 1, -1)^T$, $R = \\begin{bmatrix} 1 & a & a \\\\ a & 1 & 0 \\\\ a & 0 & 1 \\end{bmatrix}$ for a scalar state: $z_1$ sees only noise, which is correlated equally with $v_2$ and $v_3$ and cancels in $z_2 - z_3$. $R$ is nonsingular for $2a^2 < 1$ and not diagonal, $H$ has three rows and rank 1, and both ways agree.",
+             "$PH^T = 0$: what is known already is not changed by any measurement, whatever $R$."])
     a, state = 0.6, ([1.0], [[0.5]])
     H, R = np.array([[0.0], [1.0], [-1.0]]), np.array([[1, a, a], [a, 1, 0], [a, 0, 1]])
     data = [0.7, 1.9, -0.4]
     ways = [pair(f(*state, data, H, each)) for f, each in ((updates.sequential, np.eye(3)), (updates.joint, R))]
     r.check("counterexample: equal though R is not diagonal", ways[0], ways[1], ("sequential, correlations ignored", "both at once"))
     r.value("verdict_d", False)
-    r.says("The verdict (necessary in general: no) is this counterexample. It gives {x} and {P} both ways, for a = {a}.", x=ways[0][0], P=ways[0][1], a=a)
+    r.says("So it is not necessary in general: for $a = {a}$ the first example gives the estimate {x} and the variance {P} both ways.", x=ways[0][0], P=ways[0][1], a=a)
     correlated(r, p, answer)
 
 
@@ -143,8 +144,8 @@ def correlated(r, p, answer):
     """The sheet's own pair of measurements with correlated noises."""
     x, P = answer["prior"]
     h2, R2 = (float(v) for v in second(p.t))
-    r.says("**For the sheet's own z1, z2** (linear reading, scalar x, two rows) $R - D$ has the determinant $-R_{12}^2$ and $PH^T \\ne 0$ if P > 0, so a diagonal R *is* necessary. The variance alone can agree without it: for $h_2 \\ne 0$ at $R_{12} = 2h_1h_2/(h_1^2/R_1 + h_2^2/R_2)$ both ways claim the same $P^+$ with different estimates. Before a correlated pair is processed sequentially it is decorrelated, $R = LDL^T$, $z' = L^{-1}z$ and $H' = L^{-1}H$ (H too):")
-    r.math(r"l_{21} = \frac{R_{12}}{R_1}, \qquad z_2' = z_2 - l_{21}z_1, \qquad h_2' = h_2 - l_{21}h_1, \qquad d_2 = R_2 - \frac{R_{12}^2}{R_1}")
+    r.says("**For the pair of the sheet** (linear reading, scalar $x$, two rows) $R - D$ has the determinant $-R_{12}^2$ and $PH^T \\ne 0$ if $P > 0$, so a diagonal $R$ *is* necessary. The variance alone can agree without it: for $h_2 \\ne 0$ at $R_{12} = 2h_1h_2/(h_1^2/R_1 + h_2^2/R_2)$ both ways claim the same $P^+$ with different estimates. Before a correlated pair is processed sequentially it is decorrelated, $R = LDL^T$, $z' = L^{-1}z$ and $H' = L^{-1}H$ ({ref:maybeck, chapter 7}):")
+    r.math(r"l_{21} = \frac{R_{12}}{R_1}, \qquad z_2' = z_2 - l_{21}z_1, \qquad h_2' = h_2 - l_{21}h_1, \qquad d_2 = R_2 - \frac{R_{12}^2}{R_1}", "decorrelate")
     if answer["correlated_joint"] is None:
         for name in ("correlated_joint", "correlated_sequential_naive", "correlated_sequential_decorrelated", "naive_actual_variance"):
             r.value(name, None, reason=IMPOSSIBLE)
@@ -166,12 +167,13 @@ def correlated(r, p, answer):
     true = sensitivity.actual(truth, replace(truth, R=np.diag(np.diag(R))), 1, first=0).P_plus[0, 0, 0]
     r.value("naive_actual_variance", true, agrees=answer, routes=("joint covariance of truth and filter", "(1 − KH)²P + KRKᵀ"))
     r.holds("no filter is better than the one that uses R12", [true - whole.P[0, 0]], ("true variance of the naive filter", "variance of the joint update"), size=P or 1.0)
-    r.table("correlated", [text("R12 = {R12}", R12=p.R12), "estimate", "claimed variance", "true variance"], [
+    r.table("correlated", [text("$R_{12} = {R12}$", R12=p.R12), "estimate", "claimed variance", "true variance"], [
         ("both at once, or decorrelated and one after another", *pair(whole), float(whole.P[0, 0])),
-        ("one after another, R12 ignored", *pair(naive), true),
+        ("one after another, $R_{12}$ ignored", *pair(naive), true),
     ], "Correlated noises: $l_{21} = {l}$, $d = {d}$, $h_2' = {h}$.", l=new.L[1, 0], d=list(new.d), h=new.H[1, 0])
+    r.says("{tab:correlated} has the numbers.")
     if singular and R2:
-        r.says("Here $R_{12}^2 = R_1R_2$: R is singular, $d_2 = 0$, and $z_2'$ is a perfect measurement of $h_2'x$.")
+        r.says("Here $R_{12}^2 = R_1R_2$: $R$ is singular, $d_2 = 0$, and $z_2'$ is a perfect measurement of $h_2'x$.")
     by_correlation(r, x, P, h2, R2, p)
 
 
@@ -188,15 +190,17 @@ def by_correlation(r, x, P, h2, R2, p):
     levels = np.linspace(-0.999, 0.999, 401) * largest_R12
     K1, K2 = by_hand.gains(P, h2, R2)
     curves = {
-        "joint, or decorrelated": [by_hand.both(x, P, h2, 0, 0, R2, c)[1] for c in levels],
-        "R12 ignored: claimed": np.full(len(levels), by_hand.both(x, P, h2, 0, 0, R2, 0.0)[1]),
-        "R12 ignored: true": (1 - 2 * K1 - h2 * K2) ** 2 * P + K1**2 + 2 * K1 * K2 * levels + K2**2 * R2,
+        "R₁₂ used: joint, or decorrelated": [by_hand.both(x, P, h2, 0, 0, R2, c)[1] for c in levels],
+        "R₁₂ ignored: claimed": np.full(len(levels), by_hand.both(x, P, h2, 0, 0, R2, 0.0)[1]),
+        "R₁₂ ignored: true": (1 - 2 * K1 - h2 * K2) ** 2 * P + K1**2 + 2 * K1 * K2 * levels + K2**2 * R2,
     }
     meet = 2 * H1 * h2 / (H1**2 / R1 + h2**2 / R2)
-    marked = {"equal variance, different estimates": ([meet], [by_hand.both(x, P, h2, 0, 0, R2, meet)[1]])} if abs(h2) > 1e-9 else {}
-    r.figure("correlation", plots.lines(levels, curves, xlabel="covariance R12 of the noises (a pure number)", ylabel="error variance (a pure number)",
-                                        points=marked),
-             "Error variances against the covariance of the noises. The naive filter claims the same whatever R12; its true variance is never below the joint one and touches it at R12 = 0 only.")
+    drawn = [Curve(name, levels, values, colour, style) for (name, values), (colour, style) in zip(curves.items(), (("blue", "line"), ("black", "dash"), ("orange", "line")), strict=True)]
+    if abs(h2) > 1e-9:
+        drawn.append(Curve("equal claims, different estimates", [meet], [by_hand.both(x, P, h2, 0, 0, R2, meet)[1]], "green", "points", size=7.0))
+    r.figure("correlation", Drawing("Correlation", "covariance R₁₂ of the noises (a pure number)", (Panel("error variance (a pure number)", tuple(drawn), kind="count"),)),
+             "Error variances of one update against the covariance of the noises.")
+    r.says("In {fig:correlation} the filter that ignores $R_{12}$ claims the same whatever it is. Its true variance is never below the joint one and touches it at $R_{12} = 0$ only; towards the ends, where one noise is a multiple of the other, the joint update can cancel them and the naive one cannot.")
     nu = [p.z1 - 2 * x, p.z2 - h2 * x]
     r.check("variance at the crossing", by_hand.both(x, P, h2, *nu, R2, meet)[1], float(updates.sequential([x], [[P]], [p.z1, p.z2], [[H1], [h2]], np.diag([R1, R2])).P[0, 0]),
             ("joint, correlated, by Cramer's rule", "sequential, R12 ignored"))
@@ -204,14 +208,14 @@ def by_correlation(r, x, P, h2, R2, p):
 
 def plan(r, p, answer, experiment):
     """Every number chosen."""
-    r.says("Two ensembles. The linear reading is filtered over {steps} measurements at $t_i = it$, with $H = (2, \\sin t_i)$ and $R = \\mathrm{diag}(1, \\cos^2t_i)$, all of it time-varying; then the same with noises of a constant correlation coefficient. The literal reading is studied in one update, repeated over the runs with x drawn from $N(\\hat{x}^-, P^-)$, because there the exact posterior is at hand.", steps=length(p))
+    r.says("{tab:plan} lists what was chosen for two ensembles. The linear reading is filtered over {steps} measurements at $t_i = it$, with $H = (2, \\sin t_i)$ and $R = \\mathrm{diag}(1, \\cos^2t_i)$, all of it time-varying; then the same with noises of a constant correlation coefficient. The literal reading is studied in one update, repeated over the runs with $x$ drawn from $N(\\hat{x}^-, P^-)$, because there the exact posterior is at hand.", steps=length(p))
     coefficient = correlation(p, answer)
     r.table("plan", ["quantity", "value", "why"], [
         ["measurements, linear reading", length(p), "several periods of sin and cos, and of the filter's memory"],
         ["period, s", p.t, "the sheet's time t, so that the first measurement is that of (c)"],
         ["start", [p.x_posterior, p.P_posterior], "the sheet's estimate and variance"],
-        ["correlation coefficient", coefficient, "that of R12 at t, at most 0.99 either way; — where no such noises exist"],
-        ["prior variances, literal reading", [level * answer["prior"][1] for level in LEVELS], "the sheet's P⁻, a tenth and ten times of it: how far the straight line is trusted"],
+        ["correlation coefficient", coefficient, "that of $R_{12}$ at $t$, at most 0.99 either way; a dash where no such noises exist"],
+        ["prior variances, literal reading", [level * answer["prior"][1] for level in LEVELS], "the $P^-$ of the sheet, a tenth and ten times of it: how far the straight line is trusted"],
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "all filters of a comparison see the same data"],
     ], "Plan of the experiment.")
@@ -228,12 +232,14 @@ def correlation(p, answer):
 def part_e(r, p, answer, experiment):
     """The linear reading over many measurements."""
     r.section("e", "Experiment")
-    r.says("**The linear reading.**")
+    r.says("**The linear reading.** {fig:errors} and {fig:ensemble} are the filter with both measurements.", " The bands breathe with $\\sin t_i$ and $\\cos^2t_i$: where the second measurement is good they are narrow.")
     steps = length(p)
     t = np.arange(steps + 1) * p.t
     system = model(p, t)
-    portrait(r, experiment, system, steps)
-    r.says("(The measurements drawn over the record are $z_1 = 2x + v_1$, in their own scale.)")
+    stats = portrait(r, experiment, system, steps, figures={
+        "errors": "The innovations are those of the first measurement.",
+        "ensemble": "The second measurement varies in time, and with it the theory."})
+    said = {"measured": rms(stats), "sd": float(covariances(system, steps).sd_plus[-1, 0])}
     some = experiment.histories(system, steps=steps)
     one = kalman_filter(system, some.z[1:, :, 0], algorithm="sequential")
     scale = float(np.abs(some.x_plus).max()) or 1.0
@@ -242,8 +248,8 @@ def part_e(r, p, answer, experiment):
     r.check("first measurement of the experiment", some.P_plus[1, 0, 0], answer["linear_joint"][1], ("recursion", "closed form of (c)"), scale=answer["prior"][1] or 1.0)
     coefficient = correlation(p, answer)
     if coefficient is None:
-        r.says("The correlated ensemble is left out: at t no noises have the covariance R12 ($R_{12}^2 > R_1R_2$).")
-        return
+        r.says("The correlated ensemble is left out: at $t$ no noises have the covariance $R_{12}$ ($R_{12}^2 > R_1R_2$).")
+        return said
     truth = model(p, t, coefficient * np.sqrt(second(t)[1]))
     naive = replace(truth, R=system.R)
     new, by = updates.decorrelated(truth)
@@ -255,55 +261,25 @@ def part_e(r, p, answer, experiment):
     wrong, actual = experiment.statistics(truth, naive, steps=steps), sensitivity.actual(truth, naive, steps)
     agreement(r, "correlated, R12 ignored", wrong, actual.P_plus, consistent=False)
     claimed, i = actual.claimed.P_plus, np.arange(1, steps + 1)
-    curves = {"R12 used": seen.sd_plus[1:, 0], "R12 ignored: claimed": np.sqrt(claimed[1:, 0, 0]), "R12 ignored: true": np.sqrt(actual.P_plus[1:, 0, 0])}
-    r.figure("correlated", plots.lines(i, curves, xlabel=STEP, ylabel="σ of the error (a pure number)", steps=True, marker=".",
-                                       points={"ensemble": (i, wrong.rms[1:, 0]), "_": (i, stats.rms[1:, 0])}),
-             "Correlated noises with the coefficient {rho}: the filter that ignores it believes in the wrong variance. Dots: RMS of the ensemble for the lines with and without R12.", rho=coefficient)
+    curves = (Curve("R₁₂ used: theory", i, seen.sd_plus[1:, 0], "blue"), Curve("R₁₂ used: ensemble", i, stats.rms[1:, 0], "blue", "points", size=3.0),
+              Curve("R₁₂ ignored: true", i, np.sqrt(actual.P_plus[1:, 0, 0]), "orange"), Curve("R₁₂ ignored: ensemble", i, wrong.rms[1:, 0], "orange", "square", size=3.0),
+              Curve("R₁₂ ignored: claimed", i, np.sqrt(claimed[1:, 0, 0]), "black", "dash"))
+    r.figure("correlated", Drawing("Correlated", STEP, (Panel("σ of the error (a pure number)", curves, kind="count"),), whole=True),
+             "Correlated noises with the coefficient {rho:3}: standard deviations of theory (lines) and RMS errors of {runs} runs (points), with $R_{12}$ used and ignored.", rho=coefficient, runs=experiment.runs)
     mean = float(np.mean(actual.P_plus[1:, 0, 0]) / np.mean(seen.P_plus[1:, 0, 0])) if seen.P_plus[1:].any() else 1.0
-    r.says("With the coefficient {rho} the naive filter's true variance is on average {mean} times that of the filter that uses R12; it claims {claim} times its true one.", rho=coefficient, mean=mean,
+    r.says("In {fig:correlated} the filter that ignores the correlation has on average {mean:3} times the variance of the one that uses it, and claims {claim:3} times its own true one; the ensemble follows the true curves, whatever is claimed.", rho=coefficient, mean=mean,
            claim=float(np.mean(claimed[1:]) / np.mean(actual.P_plus[1:])) if actual.P_plus[1:].any() else 1.0)
-
-
-def conclusions(r, p, answer):
-    """What the numbers say."""
-    values = {name: value.value for name, value in r.values.items()}
-    judge, sd = values["exact_posterior"], math.sqrt(values["exact_posterior"][1])
-    lines = [
-        text("The prediction is {prior} (estimate, variance); z1 makes it {first}.", prior=values["prior"], first=values["after_z1"]),
-        text("Linear reading: one after another and both at once give the same, {both}, because the noises are independent.", both=values["linear_joint"]),
-    ]
-    if answer["prior"][1] == 0:
-        lines.append("The state is known beforehand, so no way of updating changes it.")
-    else:
-        off = {"both at once": values["ekf_joint"], "z2 relinearised after z1": values["ekf_sequential_relinearised"]}
-        far = {name: abs(value[0] - judge[0]) for name, value in off.items()}
-        near = min(far, key=far.get)
-        differ = abs(far["both at once"] - far["z2 relinearised after z1"]) > 1e-9
-        lines.append(text("Literal reading: the extended filter gives {joint} at once and {again} relinearised; the exact posterior has {judge}.{nearer}",
-                          joint=values["ekf_joint"], again=values["ekf_sequential_relinearised"], judge=judge,
-                          nearer=text(" For these data the estimate nearer to it is that of \"{near}\".", near=near) if differ else ""))
-        claims = [value[1] for value in off.values()]
-        if max(claims) <= 1e-12 < min(far.values()):
-            lines.append(text("With a perfect z2 both extended filters claim certainty, and both are wrong, by {far}: a straight line about a wrong point is believed without reserve.", far=list(far.values())))
-        elif sd > 1e-9 and max(claims) < judge[1]:
-            lines.append("Both extended filters claim less variance than the exact posterior has: the straight line makes them overconfident for these data.")
-    lines.append("\"Independent\" and \"white\" are two statements: white concerns one noise in time, independent concerns the two noises.")
-    if values["correlated_joint"] is None:
-        lines.append(text("A correlated pair with R12 = {R12} does not exist at this t, as R12² exceeds R1·R2 = {product}.", R12=p.R12, product=R1 * float(second(p.t)[1])))
-    elif p.R12 == 0:
-        lines.append("With R12 = 0 the \"correlated\" case is the independent one, and all three ways agree.")
-    else:
-        lines.append(text("With R12 = {R12} ignoring the correlation gives {naive} instead of {joint}; its true variance is {true}. Decorrelated by $L^{-1}$, one after another is again both at once.",
-                          R12=p.R12, naive=values["correlated_sequential_naive"], joint=values["correlated_joint"], true=values["naive_actual_variance"]))
-    lines.append("A diagonal R is sufficient; it is necessary where $PH^T$ has independent columns, and for the sheet's own pair whenever $P^- > 0$, but not in general.")
-    lines.append(largest(r))
-    r.items(lines)
+    return said
 
 
 PARTS = Skeleton(
+    result=result,
+    key="densities",
     analysis=(part_a, part_b, part_c, part_d),
     plan=plan,
     experiment=(part_e, literal),
+    discussion=discussion,
+    answers=answers,
     conclusions=conclusions,
 )
 

@@ -13,22 +13,23 @@ import math
 from dataclasses import replace
 
 import numpy as np
+from ctlabs.tasks import _task14_figures as figures
+from ctlabs.tasks import _task14_words as words
 from ctlabs.tasks.answers import task14 as by_hand
 from pydantic import model_validator
 
 from ctlabs.analysis import scheduling
 from ctlabs.labs.experiment import Experiment, covariances
-from ctlabs.labs.portrait import agreement, largest
+from ctlabs.labs.portrait import agreement, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
-from ctlabs.reporting import plots
 from ctlabs.reporting.params import Count, LabParameters, Positive, Real, given
 from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import text
 
 META = {
     "name": "task14",
-    "title": "Where to take two map fixes",
+    "title": "Where to take the map fixes",
     "source": "Semushin & Tsyganova 2001, task 14",
     "parts": ["a", "b", "c", "d", "e", "f"],
 }
@@ -37,13 +38,13 @@ META = {
 class Parameters(LabParameters):
     """What may be changed."""
 
-    sigma: Positive = given(30.0, unit="m", meaning="root of P0, Qd and R in (a) and (b)")
-    sigma_high: Positive = given(90.0, unit="m", meaning="its place in P0 in (c), in Qd in (d), in R in (e)")
-    limit_rms: Positive = given(75.0, unit="m", meaning="largest RMS before a fix, (b) to (e)")
-    horizon: Count = given(10, unit="1", meaning="number of instants; the RMS at t = horizon counts")
-    fixes: Count = given(2, unit="1", meaning="number of fixes that can be afforded")
+    sigma: Positive = given(30.0, unit="m", meaning="root of $P_0$, $Q_d$ and $R$ in (a) and (b)")
+    sigma_high: Positive = given(90.0, unit="m", meaning="its place in $P_0$ in (c), in $Q_d$ in (d), in $R$ in (e)", symbol=r"\sigma_{\mathrm{high}}")
+    limit_rms: Positive = given(75.0, unit="m", meaning="largest RMS before a fix, (b) to (e)", symbol="L")
+    horizon: Count = given(10, unit="1", meaning="number of instants; the RMS at the one after them counts", symbol="N")
+    fixes: Count = given(2, unit="1", meaning="number of fixes that can be afforded", symbol="m")
     u: Real = given(1.0, unit="m", meaning="known displacement in a period (in the simulation only)")
-    x0_mean: Real = given(0.0, unit="m", meaning="mean of x(t0) (in the simulation only)")
+    x0_mean: Real = given(0.0, unit="m", meaning="mean of x(t0) (in the simulation only)", symbol=r"\bar x_0")
 
     @model_validator(mode="after")
     def _enough_instants(self):
@@ -68,46 +69,78 @@ def planned(p, system, instants):
     return replace(system, R=R)
 
 
-TITLES = {
-    "a": "The least RMS at the end, no other condition",
-    "b": "A fix only while the RMS is within the limit",
-    "c": "A larger initial variance",
-    "d": "A larger process noise",
-    "e": "A larger measurement noise",
-}
+def part_a(r, p, systems, every, answer):
+    """No other condition: why the last instants."""
+    r.section("a", "The least RMS at the end, no other condition")
+    r.says("The covariance does not depend on data ({ref:maybeck, section 5.3}), so a plan can be made before the flight. Between fixes the variance grows by $Q_d$ a period; a fix adds information:")
+    r.math(r"P(t_{i+1}^-) = P(t_i^+) + Q_d, \qquad P(t_i^+) = h(P(t_i^-)) \;\text{at a fix}, \qquad h(P) = \frac{PR}{P + R}, \qquad P(t_i^+) = P(t_i^-) \;\text{elsewhere}", "variance")
+    r.model(systems["a"])
+    r.value("pairs", len(every["a"].rms), agrees=answer, routes=("enumeration", "binomial coefficient"), kind=EXACT)
+    r.says("**Why a fix is worth more later.** Compare a fix at $t_i$ with the same fix at $t_{i+1}$. Just after $t_{i+1}$ the first has left $h(P) + Q_d$, the second leaves $h(P + Q_d)$. The slope of $h$ is")
+    r.math(r"h'(P) = \left(\frac{R}{P + R}\right)^2 < 1 \;\text{for}\; P > 0, \qquad \text{hence} \qquad h(P + Q_d) < h(P) + Q_d", "exchange")
+    r.says("In words: the early fix leaves the noise of the next period untouched, the late one shrinks it together with the rest. Whatever follows is an increasing function of $P$, for both $h(P)$ and $P + Q_d$ rise with $P$; so a smaller variance after $t_{i+1}$ is a smaller one ever after. **Moving a fix to the next instant, if that is free, lowers the variance at every later instant.** By such moves, the last fix first, every selection turns into the one of the last instants, and it gets better with each move: without another condition the last instants are the best. ∎")
+    solve(r, p, "a", systems["a"], every["a"], answer)
+
+
+def part_b(r, p, systems, every, answer):
+    """With the limit: how far a fix can be moved."""
+    r.section("b", "A fix only while the RMS is within the limit")
+    r.says("Now a fix at $t_i$ needs $P(t_i^-) \\le L^2$ with the limit $L$. By {eq:exchange} a move to the next instant still lowers all later variances, so it keeps the limit at all later fixes; only at its own new instant may the limit forbid it. **In the best selection, therefore, no fix can be moved:** each stands directly before the next fix, at the last instant, or as late as the limit allows. For a fix before which $n$ periods have passed since the variance was $P$ this means")
+    r.math(r"P + nQ_d \le L^2, \qquad n \le \frac{L^2 - P}{Q_d}", "latest")
+    r.says("(The limit is read on the RMS *before* a fix, since that is when the picture must lie on the map. The words of the sheet could also be read as setting it on the RMS *after* a fix; how many selections would then be possible is in {tab:plans}.)")
+    solve(r, p, "b", systems["b"], every["b"], answer)
+
+
+def part_c(r, p, systems, every, answer):
+    """A larger P0."""
+    r.section("c", "A larger initial variance")
+    solve(r, p, "c", systems["c"], every["c"], answer)
+
+
+def part_d(r, p, systems, every, answer):
+    """A larger Qd."""
+    r.section("d", "A larger process noise")
+    solve(r, p, "d", systems["d"], every["d"], answer)
+
+
+def part_e(r, p, systems, every, answer):
+    """A larger R."""
+    r.section("e", "A larger measurement noise")
+    solve(r, p, "e", systems["e"], every["e"], answer)
 
 
 def solve(r, p, part, system, every, answer):
-    """One part: the best plan by search, by complete enumeration, and what is missing where there is none."""
-    r.section(part, TITLES[part])
+    """One part: the best plan by search, by complete enumeration, and why it is the best, or what is missing where there is none."""
     P0, Qd, R, limit = by_hand.cases(p)[part]
-    if part == "a":
-        r.says("The covariance does not depend on data, so a plan can be made before the flight. Between fixes the variance grows by $Q_d$ a period; a fix adds information:")
-        r.math(r"P(t_{i+1}^-) = P(t_i^+) + Q_d, \qquad \frac1{P(t_i^+)} = \frac1{P(t_i^-)} + \frac1R \;\text{at a fix}, \qquad P(t_i^+) = P(t_i^-) \;\text{elsewhere}")
-        r.model(system)
-        r.value("pairs", len(every.rms), agrees=answer, routes=("enumeration", "binomial coefficient"), kind=EXACT)
-    r.says("$P_0 = {start}$ m², $Q_d = {noise}$ m², $R = {error}$ m²", ", the RMS before a fix at most {limit} m." if limit else ", no limit.", start=P0, noise=Qd, error=R, limit=limit)
+    r.says("Here $P_0 = {start}$ m², $Q_d = {noise}$ m², $R = {error}$ m²", ", and $L = {limit}$ m." if limit else ", without a limit.", start=P0, noise=Qd, error=R, limit=limit)
     plan = scheduling.best(system, p.fixes, p.horizon, limit=limit)
     none = "no selection keeps the limit"
-    routes = ("search by dominated covariances", "every selection tried")
+    routes, letter = ("search by dominated covariances", "every selection tried"), text("({part})", part=part)
     r.value(f"{part}_best_pair", None if plan.instants is None else list(plan.instants), reason=none, agrees=answer, routes=routes)
     r.value(f"{part}_terminal_rms", plan.rms, "m", reason=none, agrees=answer, routes=routes)
     r.value(f"{part}_feasible_pairs", int(every.feasible(limit).sum()), agrees=answer, routes=("enumeration as arrays", "every selection tried"), kind=EXACT)
     if plan.instants is None:
         r.check("least limit that some selection keeps", plan.needed, answer[f"{part}_needed"], routes)
-        free = scheduling.best(system, p.fixes, p.horizon)
-        r.says("No selection keeps the limit of {limit} m: the least limit that one keeps is {needed} m. Without a limit the best selection would be {pair} with {rms} m at the end, but its RMS before a fix reaches {worst} m.",
-               limit=limit, needed=plan.needed, pair=list(free.instants), rms=free.rms, worst=free.worst)
-        fewer = fewer_fixes(system, p, limit)
-        if fewer:
-            r.says("Still possible within the limit: {count} of {wanted} fixes, at {pair}, with {rms} m at the end.", count=len(fewer.instants), wanted=p.fixes, pair=list(fewer.instants), rms=fewer.rms)
-        else:
-            r.says("Not even one fix can be taken within the limit.")
+        missing(r, p, (P0, Qd, R, limit), plan, scheduling.best(system, p.fixes, p.horizon), fewer_fixes(system, p, limit))
+        return
+    r.check(text("fixes that can be moved, {part}", part=letter), words.movable(P0, Qd, R, limit, plan.instants, p.horizon), 0, ("best selection", "no move is left"), EXACT)
+    r.says("Of {all} selections {count} keep the limit, and the best of them is {pair}: RMS {rms:4} m at the end." if limit else "The best of {all} selections is {pair}: RMS {rms:4} m at the end.",
+           pair=words.named(plan.instants), rms=plan.rms, count=int(every.feasible(limit).sum()), all=len(every.rms))
+    if limit:
+        r.items(words.reasons(P0, Qd, R, plan.instants, p.horizon))
+
+
+def missing(r, p, case, plan, free, fewer):
+    """Why no selection keeps the limit, and what is still possible."""
+    P0, Qd, R, limit = case
+    if limit**2 < P0:
+        r.says("At the start the RMS is {start:4} m already, above the limit of {limit} m, and without a fix it only grows: no fix can be taken at all.", start=math.sqrt(P0), limit=limit)
     else:
-        r.says("The best selection is {pair}: {rms} m at the end; {count} of {all} selections are possible.", pair=list(plan.instants), rms=plan.rms, count=int(every.feasible(limit).sum()), all=len(every.rms))
-    if limit is not None:
-        r.says("The sheet's words set the limit on the RMS *after* a fix. Read so, {posterior} of {all} selections would pass; the limit is read on the RMS *before* it, since that is when the picture must lie on the map.",
-               posterior=answer[f"{part}_feasible_posterior"], all=len(every.rms))
+        r.says("The variance is within the limit at the start, but after what fixes can be taken it has grown beyond the limit at the instant of a later one: even right after a fix with R = {R} m² a period adds {Q} m² to what is left.", R=R, Q=Qd)
+    r.says("The least limit that some selection keeps is {needed:4} m. Without a limit the best selection would be {pair} with {rms:4} m at the end, but its RMS before a fix reaches {worst:4} m.",
+           needed=plan.needed, pair=words.named(free.instants), rms=free.rms, worst=free.worst)
+    if fewer:
+        r.says("Still possible within the limit: {count} of {wanted} fixes, at {pair}, with {rms:4} m at the end.", count=len(fewer.instants), wanted=p.fixes, pair=words.named(fewer.instants), rms=fewer.rms)
 
 
 def fewer_fixes(system, p, limit):
@@ -119,30 +152,29 @@ def fewer_fixes(system, p, limit):
     return None
 
 
-def parts_a_to_e(r, p, systems, every, answer):
-    """The five sets of numbers, one after another."""
-    for part in "abcde":
-        solve(r, p, part, systems[part], every[part], answer)
-
-
-def plan(r, experiment, every):
+def plan(r, p, experiment, every):
     """Every number chosen."""
+    r.says("{tab:plan} lists what was chosen: the search needs no random numbers, the ensemble follows each best plan.")
     r.table("plan", ["quantity", "value", "why"], [
         ["selections tried in each part", len(every["a"].rms), "all of them"],
+        ["instants, and fixes among them", [p.horizon, p.fixes], "given"],
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "the same for every plan"],
     ], "Plan of the experiment.")
 
 
 def part_f(r, p, systems, every, answer, experiment):
-    """All selections as a figure, the optimum's variance, the ensemble."""
+    """All selections, the flights under the best plans, the ensemble."""
     r.section("f", "All selections, and the ensemble")
-    rows, curves = [], {}
+    figures.selections(r, p, every, answer)
+    if p.fixes == 2:
+        figures.moves(r, p, every, answer)
+    figures.limits(r, p, every)
+    rows, flights = [], {}
     for part, system in systems.items():
         limit = by_hand.cases(p)[part][3]
-        posterior = answer[f"{part}_feasible_posterior"]
-        rows.append((part, limit, answer[f"{part}_best_pair"], answer[f"{part}_terminal_rms"], answer[f"{part}_feasible_pairs"], posterior, answer[f"{part}_needed"]))
         pair = answer[f"{part}_best_pair"]
+        rows.append((text("({part})", part=part), limit, "none" if pair is None else words.named(pair), answer[f"{part}_terminal_rms"], answer[f"{part}_feasible_pairs"], answer[f"{part}_feasible_posterior"], answer[f"{part}_needed"]))
         if pair is None:
             continue
         timed = planned(p, system, pair)
@@ -151,40 +183,23 @@ def part_f(r, p, systems, every, answer, experiment):
         agreement(r, text("plan of ({part})", part=part), stats, schedule.P_plus)
         r.check(text("RMS at the end, plan of ({part})", part=part), schedule.sd_minus[-1, 0], answer[f"{part}_terminal_rms"], ("filter with R = ∞ elsewhere", "every selection tried"))
         r.check(text("gains at the fixes, plan of ({part})", part=part), schedule.K[pair, 0, 0], answer[f"{part}_gains"], ("recursion", "information of the fixes"))
-        curves[text("({part}) fixes at {pair}", part=part, pair=", ".join(map(str, pair)))] = (schedule, stats)
+        flights[part] = (pair, limit, schedule, stats)
     r.table("plans", ["part", "limit, m", "best selection", "RMS at the end, m", "selections possible", "possible if read after the fix", "least limit that can be kept, m"], rows,
-            "The best selections. Their RMS at the end is that of the prediction at t = horizon.")
-    if p.fixes == 2:
-        r.figure("pairs", plots.pairs(every["b"].instants, every["b"].rms, every["b"].feasible(p.limit_rms), xlabel="first fix, instant number", ylabel="second fix, instant number", label="RMS at the end, m", best=answer["b_best_pair"]),
-                 "RMS at the end of every pair, numbers of (b). Crossed out: pairs whose RMS before a fix exceeds the limit. Framed: the best pair that remains.")
-    else:
-        order = np.sort(every["b"].rms)
-        r.figure("selections", plots.lines(range(1, len(order) + 1), {"all selections": order, "possible ones": np.where(np.arange(len(order)) < every["b"].feasible(p.limit_rms).sum(), np.sort(np.where(every["b"].feasible(p.limit_rms), every["b"].rms, np.inf)), np.nan)}, xlabel="rank, number of selections", ylabel="RMS at the end, m", log="x"),
-                 "RMS at the end of every selection, in order; all, and those that keep the limit of (b).")
-    if curves:
-        r.figure("variance", plots.sawtooth({name: schedule for name, (schedule, _stats) in curves.items()}, xlabel="instant number", ylabel="variance, m²", columns=min(3, len(curves))),
-                 "Error variance along the flight under the best plans.")
-        figure = plots.lines(range(p.horizon + 1), {name: schedule.sd_plus[:, 0] for name, (schedule, _stats) in curves.items()}, xlabel="instant number", ylabel="RMS of the position error, m",
-                             points={"_" * i + "ensembles": (range(p.horizon + 1), stats.rms[:, 0]) for i, (_schedule, stats) in enumerate(curves.values())}, steps=True)
-        r.figure("ensemble", figure, "RMS of the position error under the best plans: theory and ensembles.")
+            "The best selections; their RMS at the end is that of the prediction for the last instant.")
+    figures.flights(r, flights, experiment)
+    return {"measured": rms(flights["a"][3], unit="m")}
 
 
-def conclusions(r, p, answer):
-    """What the numbers say."""
-    lines = [text("Without a limit the best selection is {pair}: {rms} m at the end.", pair=answer["a_best_pair"], rms=answer["a_terminal_rms"])]
-    for part in "bcde":
-        pair = answer[f"{part}_best_pair"]
-        if pair is None:
-            lines.append(text("({part}) No selection keeps the limit of {limit} m; {needed} m would be the least.", part=part, limit=p.limit_rms, needed=answer[f"{part}_needed"]))
-        else:
-            lines.append(text("({part}) The best selection that keeps the limit is {pair}: {rms} m at the end.", part=part, pair=pair, rms=answer[f"{part}_terminal_rms"]))
-    if answer["b_best_pair"] and answer["b_best_pair"] != answer["a_best_pair"]:
-        lines.append(text("The limit costs {loss} m at the end: an early fix is spent to keep the vehicle on the map.", loss=answer["b_terminal_rms"] - answer["a_terminal_rms"]))
-    lines.append(largest(r))
-    r.items(lines)
-
-
-PARTS = Skeleton(analysis=(parts_a_to_e,), plan=plan, experiment=(part_f,), conclusions=conclusions)
+PARTS = Skeleton(
+    result=words.result,
+    key="pairs",
+    analysis=(part_a, part_b, part_c, part_d, part_e),
+    plan=plan,
+    experiment=(part_f,),
+    discussion=words.discussion,
+    answers=words.answers,
+    conclusions=words.conclusions,
+)
 
 
 def report(p, experiment: Experiment) -> Report:

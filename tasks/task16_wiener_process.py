@@ -13,13 +13,14 @@ import math
 
 import numpy as np
 from ctlabs.tasks._task16_limits import TIME, limits, overlay, time_scale
+from ctlabs.tasks._task16_words import answers, conclusions, discussion, result
 from ctlabs.tasks.answers import task16 as by_hand
 from ctlabs.tasks.answers.task16 import TIMES, WITHIN
 
 from ctlabs.filtering import bucy, settling, settling_step, steady
 from ctlabs.labs.comparison import fine
 from ctlabs.labs.experiment import Experiment, covariances
-from ctlabs.labs.portrait import largest, tested
+from ctlabs.labs.portrait import mean_error, rms, tested
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
@@ -57,15 +58,15 @@ def part_a(r, p, answer, system):
     """The continuous filter."""
     r.section("a", "The continuous filter, its steady state and transfer function")
     r.model(system)
-    r.says("The Kalman–Bucy filter of this model, with $\\hat{x}(0) = \\bar{x}_0$ and $P(0) = P_0$:")
-    r.math(r"\dot{\hat x} = K\,(z - \hat x), \qquad K(t) = \frac{P(t)}{R}, \qquad \dot P = Q - \frac{P^2}{R}")
+    r.says("The filter of Kalman and Bucy ({ref:kalman_bucy}; {ref:maybeck, section 5.11}) of this model, with $\\hat{x}(0) = \\bar{x}_0$ and $P(0) = P_0$:")
+    r.math(r"\dot{\hat x} = K\,(z - \hat x), \qquad K(t) = \frac{P(t)}{R}, \qquad \dot P = Q - \frac{P^2}{R}", "filter")
     if p.Q:
         r.says("**The variance.** Put $P_\\infty = \\sqrt{QR}$ and $\\kappa = \\sqrt{Q/R}$, so that $\\dot{P} = (P_\\infty - P)(P_\\infty + P)/R$. The ratio $\\rho = (P - P_\\infty)/(P + P_\\infty)$ then obeys")
         r.math(r"\dot\rho = \frac{2P_\infty\dot P}{(P + P_\infty)^2} = -2\kappa\,\rho, \qquad \rho(t) = \frac{P_0 - P_\infty}{P_0 + P_\infty}\,e^{-2\kappa t}")
-        r.math(r"P(t) = P_\infty\,\frac{P_0 + P_\infty\tanh\kappa t}{P_\infty + P_0\tanh\kappa t}")
+        r.math(r"P(t) = P_\infty\,\frac{P_0 + P_\infty\tanh\kappa t}{P_\infty + P_0\tanh\kappa t}", "variance")
         r.says("**The limit.** $|\\rho(0)| \\le 1$ for every $P_0 \\ge 0$, so $\\rho(t) \\to 0$ and $P(t) \\to P_\\infty$, $K(t) \\to P_\\infty/R = \\kappa$, whatever $P_0$ is. ∎")
-        r.says("**Invariance.** With the constant gain κ the filter is $\\dot{\\hat{x}} = -\\kappa\\hat{x} + \\kappa z$: its coefficients do not depend on time, so a record that comes later by T gives the same estimate later by T. From zero initial conditions")
-        r.math(r"\frac{\hat x(s)}{z(s)} = \frac{\kappa}{s + \kappa}, \qquad \kappa = \sqrt{Q/R}")
+        r.says("**Invariance.** With the constant gain κ the filter is $\\dot{\\hat{x}} = -\\kappa\\hat{x} + \\kappa z$: its coefficients do not depend on time, so a record that comes later gives the same estimate, as much later. From zero initial conditions")
+        r.math(r"\frac{\hat x(s)}{z(s)} = \frac{\kappa}{s + \kappa}, \qquad \kappa = \sqrt{Q/R}", "transfer")
     else:
         r.says("Without process noise $\\dot{P} = -P^2/R$, hence $1/P(t) = 1/P_0 + t/R$: the variance and the gain tend to zero, and in the limit the filter takes no notice of the measurements.")
     routes = ("Riccati equation", "closed form")
@@ -75,8 +76,8 @@ def part_a(r, p, answer, system):
 def steady_and_transient(r, p, answer, system, routes):
     """The steady state, the verdict, and P(t)."""
     limit = bucy.steady(system)
-    r.value("variance_steady_continuous", limit.P[0, 0], "m²", agrees=answer, routes=routes)
-    r.value("gain_steady_continuous", limit.K[0, 0], "1/s", agrees=answer, routes=routes)
+    r.value("variance_steady_continuous", limit.P[0, 0], "m²", symbol=r"P_\infty", agrees=answer, routes=routes)
+    r.value("gain_steady_continuous", limit.K[0, 0], "1/s", symbol=r"K_\infty", agrees=answer, routes=routes)
     num, den = bucy.transfer_function(system)
     r.value("filter_transfer_function", [num, den])
     for name, found, expected in zip(
@@ -101,28 +102,32 @@ def steady_and_transient(r, p, answer, system, routes):
     figure = plots.transient(t, {"P(t)": curve}, limits={"P(t)": limit.P[0, 0]}, xlabel=TIME,
                              ylabel="error variance, m²",
                              marks={"settled within 1 %": settled} if settled and settled <= t[-1] else None)
-    r.figure("transient", figure, "Error variance of the continuous filter and its limit.")
+    r.figure("transient", figure, "Error variance of the continuous filter, its limit (dashed), and the instant from which it stays within 1 % of it." if settled and settled <= t[-1] else "Error variance of the continuous filter and its limit (dashed).")
+    r.says("{fig:transient} shows $P(t)$ on its way to the limit." if p.Q else "{fig:transient} shows $P(t)$ on its way to 0.")
 
 
 def part_b(r, p, answer, system, sampled):
     """The discrete model and filter."""
     r.section("b", "The discrete model, its filter and transfer function")
-    r.says("Over one period x changes by the integral of w, whose variance is Q dt. The average of v over a period has the variance R/dt, so one measurement with this noise is worth the continuous one over a period (that x itself moves while it is averaged is left out; the difference vanishes with dt):")
-    r.math(r"x(t_{i+1}) = x(t_i) + w_d(t_i), \quad z(t_i) = x(t_i) + v_d(t_i), \qquad Q_d = Q\,dt, \quad R_d = \frac{R}{dt}")
+    r.says("Over one period $x$ changes by the integral of $w$, whose variance is $Q\\,dt$. The average of $v$ over a period has the variance $R/dt$, so one measurement with this noise is worth the continuous one over a period:")
+    r.math(r"x(t_{i+1}) = x(t_i) + w_d(t_i), \quad z(t_i) = x(t_i) + v_d(t_i), \qquad Q_d = Q\,dt, \quad R_d = \frac{R}{dt}", "sampled")
+    r.says("**What is left out.** While $z$ is averaged, $x$ itself moves. The average over the period that ends at $t_i$ is")
+    r.math(r"\frac1{dt}\int_{t_{i-1}}^{t_i}z\,dt = x(t_i) + \frac1{dt}\int_{t_{i-1}}^{t_i}v\,dt - \frac1{dt}\int_{t_{i-1}}^{t_i}(\tau - t_{i-1})\,w(\tau)\,d\tau", "average")
+    r.says("with a last term of the variance $Q\\,dt/3$. Beside the variance $R/dt$ of the noise this is the fraction $Q\\,dt^2/(3R) = (\\kappa\\,dt)^2/3$, here {share:2}: it vanishes like $dt^2$, faster than the difference of first order between $P^\\pm$ and $P(t)$ that sampling itself makes. So the model takes the measurement as one of $x(t_i)$.", share=p.Q * p.dt**2 / (3 * p.R))
     r.model(sampled)
     r.check("Q_d", sampled.Qd, [[p.Q * p.dt]], ("integral of ΦGQGᵀΦᵀ", "by hand"), EXACT)
     r.check("R_d", sampled.R, [[p.R / p.dt]], ("model", "by hand"), EXACT)
-    r.says("The filter, from $\\hat{x}(t_0^+) = \\bar{x}_0$ and $P(t_0^+) = P_0$:")
-    r.math(r"\hat x(t_i^-) = \hat x(t_{i-1}^+), \qquad P(t_i^-) = P(t_{i-1}^+) + Q_d")
-    r.math(r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R_d}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = K(t_i)R_d")
-    r.says("**Steady state.** With $P^- = P^+ + Q_d$ the update $P^+ = P^-R_d/(P^- + R_d)$ becomes $P^-P^+ = Q_dR_d = QR$: the geometric mean of the two bounds is the continuous limit for every period, and their difference is Q dt. Hence")
-    r.math(r"P^\mp = \pm\frac{Q\,dt}{2} + \sqrt{QR + \frac{Q^2dt^2}{4}}, \qquad K = \frac{P^+}{R_d}, \qquad 1 - K = \frac{P^+}{P^-}")
-    r.says("The filter with this gain is $\\hat{x}(t_i^+) = (1-K)\\hat{x}(t_{i-1}^+) + Kz(t_i)$, an average of the measurements with weights that fall geometrically. Its transfer function from z to $\\hat{x}^+$ is")
-    r.math(r"H(z) = \frac{K}{1 - (1-K)z^{-1}}")
+    r.says("The filter ({ref:maybeck, section 5.3}), from $\\hat{x}(t_0^+) = \\bar{x}_0$ and $P(t_0^+) = P_0$:")
+    r.math(r"\hat x(t_i^-) = \hat x(t_{i-1}^+), \qquad P(t_i^-) = P(t_{i-1}^+) + Q_d", "prediction")
+    r.math(r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R_d}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = K(t_i)R_d", "update")
+    r.says("**Steady state.** With $P^- = P^+ + Q_d$ the update $P^+ = P^-R_d/(P^- + R_d)$ becomes $P^-P^+ = Q_dR_d = QR$: the geometric mean of the two bounds is the continuous limit for every period, and their difference is $Q\\,dt$. Hence")
+    r.math(r"P^\mp = \pm\frac{Q\,dt}{2} + \sqrt{QR + \frac{Q^2dt^2}{4}}, \qquad K = \frac{P^+}{R_d}, \qquad 1 - K = \frac{P^+}{P^-}", "steady")
+    r.says("The filter with this gain is $\\hat{x}(t_i^+) = (1-K)\\hat{x}(t_{i-1}^+) + Kz(t_i)$, an average of the measurements with weights that fall geometrically. Its transfer function from $z$ to $\\hat{x}^+$ is")
+    r.math(r"H(z) = \frac{K}{1 - (1-K)z^{-1}}", "pulse")
     limit, routes = steady.solve(sampled), ("Riccati equation", "closed form")
-    r.value("prior_variance_steady", limit.P_minus[0, 0], "m²", agrees=answer, routes=routes)
-    r.value("posterior_variance_steady", limit.P_plus[0, 0], "m²", agrees=answer, routes=routes)
-    r.value("gain_steady", limit.K[0, 0], agrees=answer, routes=routes)
+    r.value("prior_variance_steady", limit.P_minus[0, 0], "m²", symbol=r"\bar P^-", agrees=answer, routes=routes)
+    r.value("posterior_variance_steady", limit.P_plus[0, 0], "m²", symbol=r"\bar P^+", agrees=answer, routes=routes)
+    r.value("gain_steady", limit.K[0, 0], symbol=r"\bar K", agrees=answer, routes=routes)
     r.value("filter_z_transfer_function", list(steady.transfer_function(sampled)), agrees=answer, routes=routes)
     r.says("Here $P^- = {prior}$ m², $P^+ = {posterior}$ m², $K = {gain}$; the pole is $1 - K = {pole}$.",
            prior=limit.P_minus[0, 0], posterior=limit.P_plus[0, 0], gain=limit.K[0, 0], pole=1 - limit.K[0, 0])
@@ -140,13 +145,11 @@ def frequency(r, p, system, sampled, limit):
     num, den = steady.transfer_function(sampled)
     figure = plots.bode({names[0]: bucy.filter_system(system), names[1]: (num, den, p.dt)}, omega, marks={"κ": rate})
     r.figure("bode", figure,
-             "Bode plot of both steady filters. The discrete one is periodic in frequency and shown up to its Nyquist frequency.")
+             "Bode plot of both steady filters; the discrete one up to half the sampling frequency.")
     pole = float(limit.P_plus[0, 0] / limit.P_minus[0, 0])
-    figure = plots.poles({names[0]: bucy.steady(system).poles, text("discrete, dt = {dt} s, $\\ln(1-K)/dt$", dt=p.dt): [math.log(pole) / p.dt]})
-    r.figure("poles", figure,
-             "Poles: that of the continuous filter at −κ = {pole} 1/s, and that of the discrete filter carried to the plane of s, {other} 1/s.",
-             pole=-rate, other=math.log(pole) / p.dt)
+    r.says("In {fig:bode} both filters pass what is slow and attenuate what is faster than κ, the continuous one like $\\kappa/\\omega$ without end. The discrete one follows it where a period is short beside $1/\\omega$; at half the sampling frequency it has its least gain, and beyond it repeats itself.")
     # asinh(x/2) = −½ ln((1−K)) of the closed forms: 1 − K = P⁺/P⁻ with P∓ = √(QR)·e^(±asinh(κ dt/2)).
+    pole = float(limit.P_plus[0, 0] / limit.P_minus[0, 0])
     r.check("the discrete filter's pole in the plane of s", math.log(pole) / p.dt,
             -2 * math.asinh(rate * p.dt / 2) / p.dt, ("Riccati equation", "closed form −2 asinh(κ dt/2)/dt"))
 
@@ -156,7 +159,7 @@ def plan(r, p, experiment, system):
     scale = time_scale(p)
     steps = min(max(math.ceil(10 * scale / p.dt), 20), 400)
     close = fine(system, p.dt, steps, scale)
-    r.says("The continuous filter cannot be run on a computer as it stands, since white noise has no values. It is replaced by the discrete filter with a period δ much shorter than its time constant, on measurements with the variance R/δ; the variance of this filter differs from P(t) by O(δ), and the table of part (c) says by how much. The same paths of x serve both filters in the pictures of single runs.")
+    r.says("{tab:plan} lists what was chosen. The continuous filter cannot be run on a computer as it stands, since white noise has no values. It is replaced by the discrete filter with a period δ much shorter than its time constant, on measurements with the variance $R/\\delta$; the variance of this filter differs from $P(t)$ by $O(\\delta)$, and {tab:ensemble} says by how much. The same paths of x serve both filters in the pictures of single runs.")
     r.table("plan", ["quantity", "value", "why"], [
         ["period of the discrete filter dt, s", p.dt, "given"],
         ["its measurements", steps, "ten time constants, but 20 at least and 400 at most"],
@@ -172,17 +175,17 @@ def plan(r, p, experiment, system):
 def part_c(r, p, answer, system, sampled):
     """Settling of both, and the sawtooth over P(t)."""
     r.section("c", "Settling, the limit dt → 0, and the simulated filters")
-    r.says("**Definition.** A filter has settled at the first time from which its error variance (P(t), or $P(t_i^+)$ after each measurement) stays within 1 % of its limit. The gain is proportional to this variance and settles at the same time.")
+    r.says("**Definition.** A filter has settled at the first time from which its error variance ($P(t)$, or $P(t_i^+)$ after each measurement) stays within 1 % of its limit. The gain is proportional to this variance and settles at the same time.")
     r.says("**In continuous time** the band is $|P - P_\\infty| \\le 0.01P_\\infty$, that is $|\\rho| \\le 0.01/(2 \\pm 0.01)$ with + from above and − from below. **In discrete time** the ratio $(P^+ - P^+_\\infty)/(P^+ + P^-_\\infty)$ shrinks by $(1-K)^2$ with each measurement, since it is the map $P \\to R_d(P + Q_d)/(P + Q_d + R_d)$ written in its fixed points $P^+_\\infty$ and $-P^-_\\infty$. Both give the time by a logarithm:")
-    r.math(r"t_s = \frac{1}{2\kappa}\ln\frac{|\rho(0)|}{0.01/(2 \pm 0.01)}, \qquad k_s = \left\lceil\frac{\ln(|\rho_d(0)|/\rho_{d,s})}{-2\ln(1-K)}\right\rceil")
+    r.math(r"t_s = \frac{1}{2\kappa}\ln\frac{|\rho(0)|}{0.01/(2 \pm 0.01)}, \qquad k_s = \left\lceil\frac{\ln(|\rho_d(0)|/\rho_{d,s})}{-2\ln(1-K)}\right\rceil", "settling")
     r.says("where $\\rho_d(0)$ is that ratio at $P_0$ and $\\rho_{d,s}$ at the edge of the band, $P^+ = (1 \\pm 0.01)P^+_\\infty$; neither is below 0, nor $k_s$ below 1.")
     reason = "the limit is 0, and a variance that decays to 0 never stays within 1 % of it"
     when, step = bucy.settling_time(system, WITHIN), settling(sampled, WITHIN)
     routes = ("search along P(t)", "closed form")
-    r.value("settling_time", when, "s", reason="" if when is not None else reason, agrees=answer, routes=routes)
+    r.value("settling_time", when, "s", symbol="t_s", reason="" if when is not None else reason, agrees=answer, routes=routes)
     searched = step is not None or answer["settling_step"] is None
     step = step if searched else answer["settling_step"]
-    r.value("settling_step", step, reason="" if step is not None else reason)
+    r.value("settling_step", step, symbol="k_s", reason="" if step is not None else reason)
     if searched:
         r.check("settling step", step, answer["settling_step"], ("recursion", "closed form"), EXACT)
     else:
@@ -197,9 +200,9 @@ def part_c(r, p, answer, system, sampled):
             r.holds("P⁺ is outside one step earlier", before - WITHIN, ("power of the step's matrix", "definition"),
                     size=1.0)
     if when is None:
-        r.says("Without process noise there is no settling: P(t) = 1/(1/P0 + t/R) falls for ever, by half each time the elapsed time doubles.")
+        r.says("Without process noise there is no settling: $P(t) = 1/(1/P_0 + t/R)$ falls for ever, by half each time the elapsed time doubles.")
     else:
-        r.says("The continuous filter settles at {when} s, the discrete one at measurement {step}, that is at {time} s.",
+        r.says("By {eq:settling} the continuous filter settles at {when:4} s, the discrete one at measurement {step}, that is at {time} s.",
                when=when, step=step, time=step * p.dt)
     overlay(r, p, answer, system, sampled)
 
@@ -216,79 +219,47 @@ def one_path(r, experiment, sampled, close):
     figure = plots.estimates((last.t, last.truth[:, 0, 0]), tracks, xlabel=TIME, ylabel="x, m",
                              measurements=(last.t[every], last.z[every, 0, 0]) if len(runs) == 2 else None)
     r.figure("record", figure,
-             "One path of x, the discrete measurements (the noise of the continuous ones is off the scale), and what each filter makes of it.")
+             "One path of $x$, the discrete measurements (the noise of the continuous ones is off the scale), and what each filter makes of it.")
+    r.says("In {fig:record} both filters follow the same path. The continuous one takes in what comes at once, the discrete one waits for its next measurement; between them the estimate stays where it is, though straight lines are drawn.")
 
 
 def ensembles(r, p, experiment, sampled, close, steps):
     """Both filters on simulated data."""
     one_path(r, experiment, sampled, close)
-    some = experiment.histories(sampled, steps=steps, stream=2)
-    r.figure("errors", plots.errors(some, xlabel=TIME, unit="m"),
-             "The discrete filter: innovations, prediction and filtering errors of 25 runs inside the bands of the theory.")
-    rows = [
-        ensemble(r, p, experiment, "continuous (period δ)", "ensemble_continuous", close.model, close.steps, 3),
-        ensemble(r, p, experiment, "discrete", "ensemble", sampled, steps, 4),
-    ]
-    r.table("ensemble", ["filter", "to t, s", "σ of theory, m", "RMS, m", "mean error, m", "P⁺ from P(t), % at most", "settled at, s", "largest deviation, σ"], rows,
-            "The ensembles at the last instant. The deviation from P(t) is that of the variances of theory over the whole horizon; the last column is over all instants and tests.")
-    r.says("With the period δ in place of continuous time the variance differs from P(t) by {percent} % at most: what the ensemble shows of it holds for the continuous filter to that accuracy.",
-           percent=rows[0][5])
+    row, _stats = ensemble(r, p, experiment, "continuous (period δ)", close.model, close.steps, 3)
+    own, stats = ensemble(r, p, experiment, "discrete", sampled, steps, 4)
+    theory = covariances(sampled, steps)
+    r.figure("ensemble", plots.ensemble_against_theory(stats, theory.P_plus, xlabel=TIME, units=["m"]),
+             "The ensemble of the discrete filter against theory: RMS and mean of the filtering error with the bands of 95 % of ensembles; NEES and NIS averaged over the runs.")
+    r.table("ensemble", ["filter", "to t, s", "σ of theory, m", "RMS, m", "mean error, m", "P⁺ from P(t), % at most", "settled at, s"], [row, own],
+            "Both ensembles at their last instant, with standard errors. The deviation from $P(t)$ is that of the variances of theory over the whole horizon.")
+    r.says("{fig:ensemble} and {tab:ensemble} compare {runs} runs with theory. With the period δ in place of continuous time the variance differs from $P(t)$ by {percent:2} % at most: what the first ensemble shows holds for the continuous filter to that accuracy.",
+           runs=experiment.runs, percent=row[5])
+    return {"measured": rms(stats, unit="m"), "sd": float(theory.sd_plus[-1, 0])}
 
 
-def ensemble(r, p, experiment, name, key, system, steps, stream):
+def ensemble(r, p, experiment, name, system, steps, stream):
     """One of the filters against theory; the row of it."""
     stats, theory = experiment.statistics(system, steps=steps, stream=stream), covariances(system, steps)
-    worst = tested(r, name, {
+    tested(r, name, {
         "mean error": chance.bias(stats, theory.P_plus), "error variance": chance.variance(stats, theory.P_plus),
         "NEES": chance.nees(stats), "NIS": chance.nis(stats),
     })
     continuous = [by_hand.variance(p.Q, p.R, p.P0, t) for t in theory.t]
     apart = [abs(P / C - 1) for P, C in zip(theory.P_plus[:, 0, 0], continuous, strict=True) if C]
     settled = settling_step(theory.P_plus[:, :, 0], steady.solve(system).P_plus[0], WITHIN)
-    figure = plots.ensemble_against_theory(stats, theory.P_plus, xlabel=TIME, units=["m"])
-    r.figure(key, figure,
-             "Ensemble against theory, {name} filter: RMS and mean of the filtering error with the bands of 95 % of ensembles; NEES and NIS averaged over the runs.",
-             name=name)
-    return (name, theory.t[-1], theory.sd_plus[-1, 0], stats.rms[-1, 0], stats.bias[-1, 0], 100 * max(apart, default=0.0),
-            None if settled is None else max(settled, 1) * system.dt, worst)
-
-
-def conclusions(r, p, answer):
-    """What the numbers say."""
-    lines = []
-    if p.Q:
-        lines.append(text(
-            "The continuous filter tends to the low-pass κ/(s + κ) with κ = {rate} 1/s, its variance to {limit} m². P0 = {P0} m² is {where}.",
-            rate=answer["gain_steady_continuous"], limit=answer["variance_steady_continuous"], P0=p.P0,
-            where="the limit itself, so that P(t) is constant" if math.isclose(p.P0, answer["variance_steady_continuous"], rel_tol=1e-12)
-            else "above the limit, so that P(t) falls; it decides only how the limit is approached" if p.P0 > answer["variance_steady_continuous"] else "below the limit, so that P(t) rises; it decides only how the limit is approached"))
-        spread = answer["prior_variance_steady"] / answer["posterior_variance_steady"]
-        lines.append(text(
-            "The discrete filter with dt = {dt} s swings between {prior} m² before and {posterior} m² after a measurement, a ratio of {spread}; the continuous limit is their geometric mean. The period is {share} times the time constant 1/κ = {tau} s, so {words}.",
-            dt=p.dt, prior=answer["prior_variance_steady"], posterior=answer["posterior_variance_steady"], spread=spread,
-            share=p.dt * answer["gain_steady_continuous"], tau=1 / answer["gain_steady_continuous"],
-            words="it is nearly the continuous filter" if spread < 1.2 else "sampling is felt but the filter still averages several measurements" if spread < 4 else "the filter relies almost on the last measurement alone"))
-        lines.append("As dt → 0 the bounds and the gain approach the continuous values like dt, the mean of the bounds and the pole like dt², as the table shows.")
-    else:
-        lines.append(
-            "Without process noise both filters learn x exactly, like 1/t, and stop listening; there is no time-invariant filter in the limit."
-            if p.P0
-            else "x is known from the start and does not change: the gain is 0 all the time, in both filters."
-        )
-    when, step = answer["settling_time"], answer["settling_step"]
-    if when == 0 and p.Q:
-        lines.append("P0 is within 1 % of the continuous limit, so the continuous filter has settled from the start.")
-    if when is not None and p.Q:
-        lines.append(text("The variance settles within 1 % at {when} s in continuous time and at measurement {step} ({time} s) in discrete time; the two limits are different numbers.",
-                          when=when, step=step, time=step * p.dt))
-    lines.append(largest(r))
-    r.items(lines)
+    return (name, theory.t[-1], theory.sd_plus[-1, 0], rms(stats), mean_error(stats), 100 * max(apart, default=0.0),
+            None if settled is None else max(settled, 1) * system.dt), stats
 
 
 PARTS = Skeleton(
+    result=result,
+    key="sawtooth",
     analysis=(part_a, part_b),
     plan=plan,
     experiment=(part_c, limits, ensembles),
+    discussion=discussion,
+    answers=answers,
     conclusions=conclusions,
 )
 

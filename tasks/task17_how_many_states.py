@@ -15,12 +15,13 @@ import math
 import numpy as np
 from ctlabs.tasks import task16_wiener_process as lab16
 from ctlabs.tasks._task17_trap import TIME, scale, trap
+from ctlabs.tasks._task17_words import answers, conclusions, discussion, result
 from ctlabs.tasks.answers import task17 as by_hand
 from ctlabs.tasks.answers.task17 import SUM, TIMES
 
 from ctlabs.filtering import bucy, settling, steady
 from ctlabs.labs.experiment import Experiment, covariances
-from ctlabs.labs.portrait import agreement, largest, portrait
+from ctlabs.labs.portrait import agreement, portrait, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel, observability
 from ctlabs.models.discretisation import discretise
@@ -74,7 +75,7 @@ def readings(p):
 def part_a(r, p, answer, system):
     """One state, its continuous filter and the limit."""
     r.section("a", "The number of states, the continuous filter and its limit")
-    r.says("**The reading.** The sheet describes the system by a figure that is lost. The text names $x_1(0)$, $x_2(0)$, two noises and the output $x_3$; the simplest figure with these names is taken: two integrators whose outputs are added. Other readings follow below, with their numbers.")
+    r.says("**The reading.** The sheet describes the system by a figure that is lost. The text names $x_1(0)$, $x_2(0)$, two noises and the output $x_3$; the simplest figure with these names is taken, {fig:diagram}: two integrators whose outputs are added. Other readings follow in {tab:readings}, with their numbers.")
     nodes = {
         "w1": Node((0, 1), "$w_1$", "signal"), "I1": Node((1.4, 1), r"$\dfrac{1}{s}$"), "w2": Node((0, 0), "$w_2$", "signal"),
         "I2": Node((1.4, 0), r"$\dfrac{1}{s}$"), "+": Node((3.0, 1), "", "sum"), "v": Node((4.8, 0.2), "$v$", "signal"), "m": Node((4.8, 1), "", "sum"), "z": Node((6.0, 1), "$z(t)$", "signal"),
@@ -82,24 +83,24 @@ def part_a(r, p, answer, system):
     arrows = [Arrow("w1", "I1"), Arrow("w2", "I2"), Arrow("I1", "+", "$x_1$", "+"), Arrow("I2", "+", "$x_2$", "+"), Arrow("+", "m", "$x_3(t)$", "+"), Arrow("v", "m", "", "+"), Arrow("m", "z")]
     r.figure("diagram", plots.block_diagram(nodes, arrows), "The reading taken: $x_3 = x_1 + x_2$ is estimated from $z = x_3 + v$.")
     r.says("**One state.** Differentiate $x_3 = x_1 + x_2$:")
-    r.math(r"\dot x_3 = w_1 + w_2 = w, \qquad E[w(t)w(t+\tau)] = (q_1 + q_2)\,\delta(\tau), \qquad E[x_3^2(0)] = P_{01} + P_{02}")
-    r.says("$w_1$ and $w_2$ are independent, so w is white; it is independent of $x_3(0)$ and v. The past of $x_3$ therefore tells of its future only by its present value, and neither $z$ nor the quantity wanted contains $x_1$ or $x_2$ alone. One state describes the system, with $Q = q_1 + q_2 = {Q}$ m²/s and $P_0 = P_{01} + P_{02} = {P0}$ m². ∎",
+    r.math(r"\dot x_3 = w_1 + w_2 = w, \qquad E[w(t)w(t+\tau)] = (q_1 + q_2)\,\delta(\tau), \qquad E[x_3^2(0)] = P_{01} + P_{02}", "one")
+    r.says("$w_1$ and $w_2$ are independent, so $w$ is white; it is independent of $x_3(0)$ and $v$. The past of $x_3$ therefore tells of its future only by its present value, and neither $z$ nor the quantity wanted contains $x_1$ or $x_2$ alone. One state describes the system, with $Q = q_1 + q_2 = {Q}$ m²/s and $P_0 = P_{01} + P_{02} = {P0}$ m². ∎",
            Q=p.q1 + p.q2, P0=p.P01 + p.P02)
     r.model(system)
-    r.value("states_required", observability.analyse(unreduced(p)).rank, agrees=answer, routes=("staircase of the two-state model", "rank of the Hankel matrix of w → z"), kind=EXACT)
-    r.says("The second route of the check is the order of the transfer function from $(w_1, w_2)$ to z, which is $(1/s, 1/s)$: both inputs act through the same pole.")
-    r.says("**The filter**, with $\\hat{x}_3(0) = 0$ and $P(0) = P_0$, is that of a Wiener process (lab 16):")
-    r.math(r"\dot{\hat x}_3 = K\,(z - \hat x_3), \qquad K(t) = \frac{P(t)}{R}, \qquad \dot P = q_1 + q_2 - \frac{P^2}{R}")
+    r.value("states_required", observability.analyse(unreduced(p)).rank, symbol="n", agrees=answer, routes=("staircase of the two-state model", "rank of the Hankel matrix of w → z"), kind=EXACT)
+    r.says("The second route of the check is the order of the transfer function from $(w_1, w_2)$ to $z$, which is $(1/s, 1/s)$: both inputs act through the same pole.")
+    r.says("**The filter**, with $\\hat{x}_3(0) = 0$ and $P(0) = P_0$, is that of a Wiener process (lab 16; {ref:kalman_bucy}):")
+    r.math(r"\dot{\hat x}_3 = K\,(z - \hat x_3), \qquad K(t) = \frac{P(t)}{R}, \qquad \dot P = q_1 + q_2 - \frac{P^2}{R}", "filter")
     limit, routes = bucy.steady(system), ("Riccati equation", "closed form")
     invariant = bool(limit.poles[0].real < 0)
     if invariant:
         r.math(r"P(t) = P_\infty\,\frac{P_0 + P_\infty\tanh\kappa t}{P_\infty + P_0\tanh\kappa t}, \qquad P_\infty = \sqrt{(q_1+q_2)R}, \quad \kappa = \sqrt{\frac{q_1+q_2}{R}}")
         r.says("**The limit.** $\\tanh\\kappa t \\to 1$, hence $P(t) \\to P_\\infty$ and $K(t) \\to \\kappa$ for every $P_0$. The filter for $t \\to \\infty$ is")
-        r.math(r"\dot{\hat x}_3 = \kappa\,(z - \hat x_3), \qquad \frac{\hat x_3(s)}{z(s)} = \frac{\kappa}{s + \kappa}")
+        r.math(r"\dot{\hat x}_3 = \kappa\,(z - \hat x_3), \qquad \frac{\hat x_3(s)}{z(s)} = \frac{\kappa}{s + \kappa}", "limit")
     else:
         r.says("Without process noise $1/P(t) = 1/P_0 + t/R$: variance and gain tend to zero, and for $t \\to \\infty$ the filter takes no notice of the measurements.")
-    r.value("variance_steady_continuous", limit.P[0, 0], "m²", agrees=answer, routes=routes)
-    r.value("gain_steady_continuous", limit.K[0, 0], "1/s", agrees=answer, routes=routes)
+    r.value("variance_steady_continuous", limit.P[0, 0], "m²", symbol=r"P_\infty", agrees=answer, routes=routes)
+    r.value("gain_steady_continuous", limit.K[0, 0], "1/s", symbol=r"K_\infty", agrees=answer, routes=routes)
     num, den = bucy.transfer_function(system)
     r.value("filter_transfer_function", [num, den])
     for name, found, expected in zip(("numerator", "denominator"), (num, den), answer["filter_transfer_function"], strict=True):
@@ -112,41 +113,41 @@ def part_a(r, p, answer, system):
 
 def figure_lost(r, p, answer):
     """Other readings of the figure."""
-    r.says("**Other readings of the figure.** With blocks 1/(s+1) in both branches one state suffices again, since the poles are equal; with different poles, or an integrator after the sum, two are needed. The error variance of $x_3$ in the limit is")
+    r.says("**Other readings of the figure.** With blocks $1/(s+1)$ in both branches one state suffices again, since the poles are equal; with different poles, or an integrator after the sum, two are needed. The error variance of $x_3$ in the limit is then, in this order (the second for $1/(s+1)$ and $1/(s+2)$),")
     r.math(r"R\Bigl(\sqrt{1+\tfrac{q_1+q_2}{R}}-1\Bigr), \qquad R\Bigl(\sqrt{5+\tfrac{q_1+q_2}{R}+2\sqrt{4+\tfrac{4q_1+q_2}{R}}}-3\Bigr), \qquad \sqrt2\,R\Bigl(\tfrac{q_1+q_2}{R}\Bigr)^{1/4}")
-    r.says("These come from the spectra alone: $P_\\infty$ is R times the sum of the filter's poles less that of the plant's, taken positive, where the filter's poles are the stable zeros of $1 + S_{x_3}(s)/R$.")
+    r.says("These come from the spectra alone: $P_\\infty$ is $R$ times the sum of the poles of the filter less that of the plant, taken positive, where the poles of the filter are the stable zeros of $1 + S_{x_3}(s)/R$.")
     cases = readings(p)
     found = [bucy.steady(case).P for _name, case, _c in cases]
     limits = [float(np.array(c) @ P @ np.array(c)) for P, (_name, _case, c) in zip(found, cases, strict=True)]
     r.check("limits of the other readings", limits, answer["other_readings"], ("Riccati equation", "spectral factorisation"))
     rows = [("two integrators, added (taken)", 1, answer["variance_steady_continuous"], answer["gain_steady_continuous"])]
     rows += [(name, case.n, limit, limit / p.R) for (name, case, _c), limit in zip(cases, limits, strict=True)]
-    r.table("readings", ["reading", "states", "P∞, m²", "gain of x3, 1/s"], rows, "The same question for other readings of the lost figure.")
+    r.table("readings", ["reading", "states", "$P_\\infty$, m²", "gain of $x_3$, 1/s"], rows, "The same question for other readings of the lost figure.")
 
 
 def part_b(r, p, answer, system, double):
     """The discrete filter and its steady state."""
     r.section("b", "The discrete filter; is a steady state reached?")
     sampled, Q = discretise(system, p.dt), p.q1 + p.q2
-    r.says("Over a period $x_3$ changes by the integral of w; a measurement equivalent to the continuous one over a period has the variance R/dt:")
+    r.says("Over a period $x_3$ changes by the integral of $w$; a measurement equivalent to the continuous one over a period has the variance $R/dt$ (lab 16 says what is left out):")
     r.math(r"x_3(t_{i+1}) = x_3(t_i) + w_d(t_i), \quad z(t_i) = x_3(t_i) + v_d(t_i), \qquad Q_d = (q_1+q_2)\,dt, \quad R_d = \frac R{dt}")
     r.model(sampled)
     r.check("Q_d", sampled.Qd, [[Q * p.dt]], ("integral of ΦGQGᵀΦᵀ", "by hand"), EXACT)
     r.check("R_d", sampled.R, [[p.R / p.dt]], ("model", "by hand"), EXACT)
-    r.math(r"\hat x_3(t_i^-) = \hat x_3(t_{i-1}^+), \quad P(t_i^-) = P(t_{i-1}^+) + Q_d, \quad K(t_i) = \frac{P(t_i^-)}{P(t_i^-)+R_d}, \quad P(t_i^+) = K(t_i)R_d")
+    r.math(r"\hat x_3(t_i^-) = \hat x_3(t_{i-1}^+), \quad P(t_i^-) = P(t_{i-1}^+) + Q_d, \quad K(t_i) = \frac{P(t_i^-)}{P(t_i^-)+R_d}, \quad P(t_i^+) = K(t_i)R_d", "discrete")
     r.math(r"\hat x_3(t_i^+) = \hat x_3(t_i^-) + K(t_i)\,[z(t_i) - \hat x_3(t_i^-)], \qquad \hat x_3(t_0^+) = 0, \quad P(t_0^+) = P_{01} + P_{02}")
     r.says("In a steady state $P^-P^+ = Q_dR_d$ and $P^- - P^+ = Q_d$, hence")
-    r.math(r"P^\mp = \pm\frac{Q_d}2 + \sqrt{Q_dR_d + \frac{Q_d^2}4}, \qquad K = \frac{P^+}{R_d}, \qquad 1-K = \frac{P^+}{P^-}")
+    r.math(r"P^\mp = \pm\frac{Q_d}2 + \sqrt{Q_dR_d + \frac{Q_d^2}4}, \qquad K = \frac{P^+}{R_d}, \qquad 1-K = \frac{P^+}{P^-}", "steady")
     limit, routes = steady.solve(sampled), ("Riccati equation", "closed form")
-    r.value("prior_variance_steady", limit.P_minus[0, 0], "m²", agrees=answer, routes=routes)
-    r.value("posterior_variance_steady", limit.P_plus[0, 0], "m²", agrees=answer, routes=routes)
-    r.value("gain_steady", limit.K[0, 0], agrees=answer, routes=routes)
+    r.value("prior_variance_steady", limit.P_minus[0, 0], "m²", symbol=r"\bar P^-", agrees=answer, routes=routes)
+    r.value("posterior_variance_steady", limit.P_plus[0, 0], "m²", symbol=r"\bar P^+", agrees=answer, routes=routes)
+    r.value("gain_steady", limit.K[0, 0], symbol=r"\bar K", agrees=answer, routes=routes)
     reached = bool(abs(limit.poles[0]) < 1)
     r.value("verdict_b", reached)
     step = answer["settling_step"]
     r.value("settling_step", step, reason="the limit is 0, and a variance that decays to 0 never stays within 1 % of it")
     settled(r, p, answer)
-    r.says("**Verdict.** A steady state is reached if the gain tends to a constant with which the filter is stable, that is, with its pole inside the unit circle.")
+    r.says("**Is it reached?** A steady state is reached if the gain tends to a constant with which the filter is stable, that is, with its pole inside the unit circle.")
     if reached:
         r.says("Yes: $P^- = {prior}$ m², $P^+ = {posterior}$ m², $K = {gain}$, and the pole is $1 - K = {pole}$. $P^+$ is within 1 % of its limit from measurement {step} on.",
                prior=limit.P_minus[0, 0], posterior=limit.P_plus[0, 0], gain=limit.K[0, 0], pole=limit.poles[0].real, step=step)
@@ -154,7 +155,7 @@ def part_b(r, p, answer, system, double):
             r.says("For the two-state filter the answer would be no: its $P_{11}$ and $P_{22}$ have no limit, in discrete time either, although the part of it that matters is this very filter.")
         lab16.frequency(r, twin(p), system, sampled, limit)
     else:
-        r.says("No: without process noise the gain tends to 0 and the pole to 1; the limit is no filter at all. ({words})",
+        r.says("No: without process noise the gain tends to 0 and the pole to 1; the limit is no filter at all. {words}",
                words="Here even $x_3(0)$ is known, so the gain is 0 from the start." if not p.P01 + p.P02 else "The variance falls like 1/t for ever.")
     many = covariances(discretise(double, p.dt), 40)
     few = covariances(sampled, 40)
@@ -185,11 +186,11 @@ def plan(r, p, experiment):
     tau = scale(p)
     steps = min(max(math.ceil(10 * tau / p.dt), 20), 300)
     fine = 600
-    r.says("The truth is simulated with both states, as in the figure: $x_1$ and $x_2$ with noises of their own. The one-state filter sees only z. If one state did not suffice, its errors would contradict its own variance.")
+    r.says("{tab:plan} lists what was chosen. The truth is simulated with both states, as in {fig:diagram}: $x_1$ and $x_2$ with noises of their own. The one-state filter sees only $z$. If one state did not suffice, its errors would contradict its own variance.")
     r.table("plan", ["quantity", "value", "why"], [
         ["period dt, s", p.dt, "given"],
         ["measurements", steps, "ten time constants, but 20 at least and 300 at most"],
-        ["period δ in place of continuous time, s", tau / 100, "a hundredth of the time constant; measurements of variance R/δ"],
+        ["period δ in place of continuous time, s", tau / 100, "a hundredth of the time constant; measurements of variance $R/\\delta$"],
         ["steps of length δ", fine, "six time constants"],
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "another stream of random numbers for each ensemble"],
@@ -201,9 +202,9 @@ def experiment_b(r, p, answer, experiment, system, double, steps, fine):
     """The filters on simulated data."""
     sampled, truth = discretise(system, p.dt), discretise(double, p.dt)
     lab16.overlay(r, twin(p), answer, system, sampled)
-    r.says("**The discrete filter.** The standard experiment with the one-state model:")
-    portrait(r, experiment, sampled, steps, prefix="discrete_", limits=(answer["prior_variance_steady"], answer["posterior_variance_steady"]))
-    r.says("**One state on two-state data.** The data now come from $x_1$ and $x_2$; the error is $\\hat{x}_3 - (x_1 + x_2)$. Beside it the two-state filter on the same data, and the filter with the period δ for the continuous one:")
+    stats = portrait(r, experiment, sampled, steps, prefix="discrete_", figures={"ensemble": "The data are those of the one-state model."})
+    r.says("**The discrete filter.** {fig:discrete_ensemble} compares the one-state filter with theory on data of its own model.")
+    r.says("**One state on two-state data.** The data now come from $x_1$ and $x_2$; the error is $\\hat{x}_3 - (x_1 + x_2)$. Beside it in {tab:ensemble} are the two-state filter on the same data, and the filter with the period δ for the continuous one.")
     quick, half = discretise(double, scale(p) / 100), discretise(system, scale(p) / 100)
     rows = []
     for stream, (name, data, design, compare, count) in enumerate((
@@ -211,40 +212,29 @@ def experiment_b(r, p, answer, experiment, system, double, steps, fine):
         ("two states", truth, truth, None, steps),
         ("one state, period δ", quick, half, SUM, fine),
     )):
-        stats = experiment.statistics(data, design, steps=count, stream=1 + stream // 2, compare=compare)
+        own = experiment.statistics(data, design, steps=count, stream=1 + stream // 2, compare=compare)
         theory = covariances(design, count)
-        worst = agreement(r, name, stats, theory.P_plus)
-        rows.append((name, design.states[0], theory.t[-1], theory.sd_plus[-1, 0], stats.rms[-1, 0], worst))
-    r.table("ensemble", ["filter", "error of", "to t, s", "σ of theory, m", "RMS error, m", "largest deviation, σ"], rows, "The ensembles at the last instant. The last column is over all instants and tests.")
+        agreement(r, name, own, theory.P_plus)
+        rows.append((name, f"${design.states[0][0]}_{design.states[0][1]}$", theory.t[-1], theory.sd_plus[-1, 0], rms(own)))
+    r.table("ensemble", ["filter", "error of", "to t, s", "σ of theory, m", "RMS error, m"], rows, "The ensembles at the last instant, with standard errors.")
     one, two = (experiment.histories(truth, design, steps=steps, stream=1) for design in (sampled, truth))
     size = float(np.abs(one.x_plus).max()) or 1.0
     r.check("x̂1 + x̂2 = x̂3, run by run", two.x_plus.sum(axis=1), one.x_plus[:, 0], ("two-state filter", "one-state filter"), scale=size)
-    tracks = {"one state: x3": (one.t, one.x_plus[:, 0, 0], one.sd_plus[:, 0]), "two states: x1 alone": (two.t, two.x_plus[:, 0, 0], two.sd_plus[:, 0])}
-    figure = plots.estimates((one.t, one.truth[:, :, 0].sum(axis=1)), tracks, xlabel=TIME, ylabel="x3 and x1, m", measurements=(one.t[1:], one.z[1:, 0, 0]))
-    r.figure("record", figure, "One run: x3, its measurements and estimate, and beside it the estimate of x1 alone by the two-state filter. The sums of its two estimates are those of x3, run by run.")
-
-
-def conclusions(r, p, answer):
-    """What the numbers say."""
-    Q, P0, limit = p.q1 + p.q2, p.P01 + p.P02, answer["variance_steady_continuous"]
-    lines = [text("One state is enough: x3 is a Wiener process of strength {Q} m²/s. Which part of it came from w1 and which from w2, no measurement tells and nobody asked.", Q=Q)]
-    if Q:
-        where = "P0 is the limit itself, so that P(t) is constant" if math.isclose(P0, limit, rel_tol=1e-12) else "P(t) falls to it" if P0 > limit else "P(t) rises to it"
-        lines.append(text("The continuous filter tends to κ/(s + κ) with κ = {rate} 1/s and the variance {limit} m²; from P0 = {P0} m² {where}.", rate=answer["gain_steady_continuous"], limit=limit, P0=P0, where=where))
-        lines.append(text("The discrete filter reaches a steady state: {prior} m² before and {posterior} m² after a measurement, within 1 % from measurement {step} on ({time} s).",
-                          prior=answer["prior_variance_steady"], posterior=answer["posterior_variance_steady"], step=answer["settling_step"], time=answer["settling_step"] * p.dt))
-    else:
-        lines.append("Without process noise x3 is a constant; the filters learn it like 1/t and have no steady state other than the gain 0." if P0 else "x3 is zero from the start and stays so: the gain is 0 all the time.")
-    lines.append(text("The two-state filter is not wrong: its sum agrees with the one-state filter to rounding. But its P11 grows by {rate} m² per second in the end, it has no steady state, and a solver asked for one has to refuse and say why.", rate=answer["growth_rate_x1"]) if answer["growth_rate_x1"]
-                 else "The two-state filter is not wrong: its sum agrees with the one-state filter to rounding. Its P11 has a limit here, but one that depends on P01 and P02, and a steady solver has to refuse.")
-    lines.append(largest(r))
-    r.items(lines)
+    tracks = {"one state: $x_3$": (one.t, one.x_plus[:, 0, 0], one.sd_plus[:, 0]), "two states: $x_1$ alone": (two.t, two.x_plus[:, 0, 0], two.sd_plus[:, 0])}
+    figure = plots.estimates((one.t, one.truth[:, :, 0].sum(axis=1)), tracks, xlabel=TIME, ylabel="$x_3$ and $x_1$, m", measurements=(one.t[1:], one.z[1:, 0, 0]))
+    r.figure("record", figure, "One run: $x_3$, its measurements and its estimate, and the estimate of $x_1$ alone by the two-state filter.")
+    r.says("In {fig:record} the estimate of $x_3$ follows its path, while the band of $x_1$ alone grows wider: nothing in the data says how the sum is shared. The sum of the two estimates of the two-state filter is the estimate of $x_3$, run by run." if answer["growth_rate_x1"] else "In {fig:record} the estimate of $x_3$ follows its path; the sum of the two estimates of the two-state filter is the estimate of $x_3$, run by run.")
+    return {"measured": rms(stats, unit="m"), "sd": float(covariances(sampled, steps).sd_plus[-1, 0])}
 
 
 PARTS = Skeleton(
-    analysis=(part_a, trap, figure_lost, part_b),
+    result=result,
+    key="two_states",
+    analysis=(part_a, trap, figure_lost),
     plan=plan,
-    experiment=(experiment_b,),
+    experiment=(part_b, experiment_b),
+    discussion=discussion,
+    answers=answers,
     conclusions=conclusions,
 )
 

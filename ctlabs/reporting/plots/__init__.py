@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ctlabs.reporting.plots.filters import ensemble_against_theory, errors, record, sawtooth
     from ctlabs.reporting.plots.frequency import bode, poles, response
     from ctlabs.reporting.plots.records import autocorrelation, innovations, likelihood_profiles
-    from ctlabs.reporting.plots.sweeps import pairs, sweep
+    from ctlabs.reporting.plots.sweeps import pair_maps, pairs, sweep
 
 _HOME = {
     "Arrow": "diagrams",
@@ -41,6 +41,7 @@ _HOME = {
     "likelihood_profiles": "records",
     "lines": "base",
     "maps": "fields",
+    "pair_maps": "sweeps",
     "pairs": "sweeps",
     "poles": "frequency",
     "record": "filters",
@@ -72,6 +73,7 @@ __all__ = [
     "likelihood_profiles",
     "lines",
     "maps",
+    "pair_maps",
     "pairs",
     "poles",
     "record",

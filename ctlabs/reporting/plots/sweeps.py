@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,10 +12,14 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
-from ctlabs.reporting.plots.base import BLACK, ORANGE, panels, styled, whole
+from ctlabs.reporting.plots.base import BLACK, GREY, ORANGE, panels, styled, whole
+from ctlabs.text import translated
 
 if TYPE_CHECKING:
     from ctlabs.montecarlo import Sweep
+
+#: Instants of a map whose numbers can still be read.
+NUMBERED = 12
 
 
 @styled
@@ -75,4 +80,40 @@ def pairs(
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_xlabel(xlabel)
     axes.set_ylabel(ylabel)
+    return figure
+
+
+@styled
+def pair_maps(
+    instants: ArrayLike,
+    maps: Mapping[str, tuple[ArrayLike, ArrayLike, Sequence[int] | None]],
+    *,
+    xlabel: str,
+    ylabel: str,
+) -> Figure:
+    """A value for every pair (k, 2), one map for each title of ``maps``: values, which are allowed, and the best pair.
+
+    Allowed pairs are coloured, the others have grey numbers on white, the best one is framed. Up to twelve instants have their numbers.
+    """
+    import matplotlib as mpl
+
+    instants = np.asarray(instants)
+    size = int(instants.max()) + 1
+    figure, grid = panels(math.ceil(len(maps) / 2), 2, height=0.6 + 3.5 * math.ceil(len(maps) / 2))
+    colours = mpl.colors.LinearSegmentedColormap.from_list("pale", mpl.colormaps["Blues"](np.linspace(0.08, 0.55, 64)))
+    for axes, (title, (values, allowed, best)) in zip(grid.ravel(), maps.items(), strict=False):
+        values, allowed = np.asarray(values, dtype=np.float64), np.asarray(allowed, dtype=bool)
+        cells = np.full((size, size), np.nan)
+        cells[instants[:, 1], instants[:, 0]] = np.where(allowed, values, np.nan)
+        axes.imshow(cells[:, : size - 1], origin="lower", cmap=colours, aspect="auto")
+        axes.grid(visible=False)
+        for (i, j), value, good in zip(instants if size <= NUMBERED else (), values, allowed, strict=False):
+            axes.text(i, j, f"{value:.1f}", ha="center", va="center", fontsize=6.5, color=BLACK if good else GREY)
+        if best is not None:
+            axes.add_patch(Rectangle((best[0] - 0.5, best[1] - 0.5), 1, 1, fill=False, edgecolor=ORANGE, linewidth=2.0))
+        axes.set(title=translated(title), xlabel=xlabel, ylabel=ylabel)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    for axes in grid.ravel()[len(maps) :]:
+        axes.remove()
     return figure
