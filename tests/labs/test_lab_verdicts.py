@@ -5,7 +5,7 @@ import pytest
 from ctlabs.tasks.answers import task09
 
 from ctlabs.labs import catalogue as labs
-from tests.test_tasks import numbers
+from tests.labs.test_tasks import numbers
 
 LABS = labs.catalogue()
 
