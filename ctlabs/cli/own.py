@@ -133,7 +133,7 @@ def filter_(
     from ctlabs.studies import filtering, several
 
     _one_stdin(model, *data, design)
-    tables = _tables(data)
+    tables = _tables(data, model)
     chosen = _model(model, pairs, mapping, tables if design is None else ())
     other = None if design is None else _model(design, (), mapping, tables)
     folder = _folder(model, out, *data, design)
@@ -192,7 +192,7 @@ def forecast(
     from ctlabs.studies import forecasting
 
     _one_stdin(model, data, None)
-    tables = _tables([data])
+    tables = _tables([data], model)
     chosen = _model(model, pairs, mapping, tables)
     folder = _folder(model, out, data, None)
     report = forecasting.study(chosen, _record(tables, chosen, mapping), steps)
@@ -300,7 +300,7 @@ def compare(
     _one_stdin(model, data)
     if data is not None and seed is not None:
         raise ValueError(f"--seed {seed}: expected a record to simulate, received {data}; leave --seed out, or the data")
-    tables = [] if data is None else _tables([data])
+    tables = [] if data is None else _tables([data], model)
     chosen = _model(model, pairs, mapping, tables)
     folder = _folder(model, out, data)
     record = None if data is None else _record(tables, chosen, mapping)
@@ -312,9 +312,7 @@ def compare(
 @_options
 @click.argument("data", metavar="DATA.csv", nargs=-1, required=True)
 @reading
-@click.option(
-    "--free", required=True, metavar="a,b", help="The constants to estimate; their values are where the search starts."
-)
+@click.option("--free", metavar="a,b", default="", help="The constants to estimate; their values are where the search starts.")
 @click.option(
     "--starts", metavar="N", default=0, callback=whole(0), help="Search from N more starts, chosen around the first."
 )
@@ -344,8 +342,11 @@ def fit(
     from ctlabs.studies import fitting
 
     _one_stdin(model, *data)
-    tables = _tables(data)
+    tables = _tables(data, model)
     chosen = _model(model, pairs, mapping, tables)
+    if not free:
+        msg = f"{chosen.name}: expected the constants to estimate, received none: --free {','.join(chosen.constants) or 'a,b'} takes all"
+        raise ValueError(msg)
     folder = _folder(model, out, *data)
     report = fitting.study(chosen, _records(tables, chosen, mapping), free.split(","), starts, _searching())
     if report.values.get("interrupted"):
@@ -484,10 +485,15 @@ def _declared(model: ModelFile, mapping: Mapping, tables: Sequence[tuple[bytes, 
     return model.declaring(met)
 
 
-def _tables(data: Sequence[str]) -> list[tuple[bytes, str]]:
-    """The bytes of the tables, each with its name."""
-    from ctlabs.files import decode, reading
+def _tables(data: Sequence[str], model: str = "") -> list[tuple[bytes, str]]:
+    """The bytes of the tables, each with its name; a model where a table is expected was meant the other way round."""
+    from ctlabs.files import decode, modelfile, reading
 
+    for each in data:
+        if model and not Path(each).exists() and each in [entry.name for entry in modelfile.gallery()]:
+            command = click.get_current_context().command_path
+            msg = f"{each}: expected a table, received a model, which comes first: {command} {each} {model}"
+            raise ValueError(msg)
     return [(decode.content(each, reading.source_of(each)), reading.source_of(each)) for each in data]
 
 
