@@ -189,7 +189,7 @@ REFUSED = [
     (["simulate", "nile.toml", "--design", "constant_velocity", "--runs", "5"], r"design: expected states among .*"),
     (["compare", "nile.toml", "--algorithms", "ud,x"], r"algorithm x: expected all or some of .*, received an unknown name"),
     (["fit", "nile.toml", "flow.csv"], r"nile\.toml: expected the constants to estimate, received none: --free \S+ takes all"),
-    (["filter", "flow.csv", "local_level"], r"local_level: expected a table, received a model, which comes first: ctlabs \S* ?local_level flow\.csv"),
+    (["filter", "flow.csv", "local_level"], r"local_level: expected a table, .* first: ctlabs \S* ?local_level flow\.csv"),
     (["fit", "nile.toml", "flow.csv", "--free", "s"], r"--free s: expected one of q, r, received an unknown name"),
     (["analyse", "nile.toml", "--out", "."], r"--out \.: expected a folder of its own for the results, received the current one"),
     (["analyse", "nile.toml", "--out", "flow.csv"], r"--out flow\.csv: expected a folder or none, received a file"),
