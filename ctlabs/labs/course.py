@@ -16,7 +16,7 @@ from ctlabs.labs.catalogue import VARIANTS, Lab, catalogue, folder, variant
 from ctlabs.labs.sheets import bibliography
 from ctlabs.reporting import render
 from ctlabs.reporting.cells import verdict
-from ctlabs.reporting.mathml import font
+from ctlabs.reporting.mathfont import font
 from ctlabs.text import _, fill, translated
 
 
@@ -102,8 +102,9 @@ def write_index(out: Path) -> None:
     method.write(out)
     render.replace(out / "README.md", _markdown(found))
     books = [render.inline(bibliography()[key]) for key in course().books]
+    equations = "".join(render.inline(row.result) for row in found.values())
     page = render.environment().get_template("index.html").render(
-        topics=course().topics, rows=found, halves=_halves(found), books=books, inline=render.inline, short=_short, font=font(),
+        topics=course().topics, rows=found, halves=_halves(found), books=books, inline=render.inline, short=_short, font=font(equations),
         mark=render.MARK, _=_,
     )  # fmt: skip
     render.replace(out / "index.html", page)

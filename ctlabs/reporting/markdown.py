@@ -17,6 +17,8 @@ from ctlabs.reporting.report import Check, Copy, Equation, Heading, Picture, Rep
 from ctlabs.text import _, fill, translated
 
 Reader = Literal["repository", "page"]
+#: Instead of the copy of the key figure, where pictures are not shown.
+SMALL = "the key figure, small"
 
 
 def markdown(report: Report, reader: Reader = "repository") -> str:
@@ -74,7 +76,7 @@ def _copy(report: Report, copy: Copy) -> Iterable[str]:
     """A small copy of a figure that leads to it."""
     if not any(isinstance(block, Picture) and block.name == copy.name for block in report.blocks):
         return
-    yield f"[![{_('the key figure, small')}](figures/{copy.name}.png)](#fig-{copy.name})"
+    yield f"[![{_(SMALL)}](figures/{copy.name}.png)](#fig-{copy.name})"
     yield fill(_("*The key figure is {{fig:{name}}}.*"), name=copy.name).replace("{{", "{").replace("}}", "}")
 
 

@@ -2,14 +2,9 @@ r"""Equations for a page: LaTeX as MathML, and the style of its matrices."""
 
 from __future__ import annotations
 
-import base64
 import re
-from functools import cache, lru_cache
+from functools import lru_cache
 from html import escape
-from pathlib import Path
-
-#: STIX Two Math, as much of it as equations need (templates/math-license.txt).
-FONT = Path(__file__).parent / "templates" / "math.woff2"
 
 #: Brackets of matrices as borders: not every machine has a font whose brackets grow.
 STYLE = """
@@ -22,16 +17,6 @@ mtable.ctl-matrix { margin: 0 .15em; --stroke: linear-gradient(currentColor, cur
 _MATRIX = re.compile(r"<mo>&#x0005B;</mo><mtable>(.*?)</mtable><mo>&#x0005D;</mo>", re.DOTALL)
 _DOTTED = re.compile(r"<mover><mi>([xy])</mi><mo>&#x002D9;</mo></mover>")
 _BAR = '<mo stretchy="false">&#x0007C;</mo>'
-
-
-@cache
-def font() -> str:
-    """The style of equations: a mathematical font inside the page, for not every machine has one, and without one indices go astray."""
-    data = base64.b64encode(FONT.read_bytes()).decode()
-    return (
-        f'@font-face {{ font-family: "ctlabs math"; src: url(data:font/woff2;base64,{data}) format("woff2"); }}\n'
-        'math { font-family: "ctlabs math", "STIX Two Math", "Cambria Math", "Latin Modern Math", math; }\n'
-    )
 
 
 @lru_cache(maxsize=1024)

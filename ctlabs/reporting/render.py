@@ -31,8 +31,9 @@ from ctlabs.reporting.cells import plain_words, reasons
 from ctlabs.reporting.crossrefs import ANCHOR, END, FOLD, TITLE
 from ctlabs.reporting.drawing import Drawing
 from ctlabs.reporting.keeping import keep
-from ctlabs.reporting.markdown import markdown
-from ctlabs.reporting.mathml import STYLE, font, lines, mathml
+from ctlabs.reporting.markdown import SMALL, markdown
+from ctlabs.reporting.mathfont import font
+from ctlabs.reporting.mathml import STYLE, lines, mathml
 from ctlabs.reporting.paper import to_matplotlib
 from ctlabs.reporting.params import plain
 from ctlabs.reporting.report import Picture, Report, Table
@@ -40,6 +41,10 @@ from ctlabs.text import Uncertain, _, number, translated
 
 #: Resolution of figures, dots per inch.
 DPI = 130
+#: Colours of a figure: those of its curves with their shades.
+COLOURS = 64
+#: The small copy of the key figure, as a share of the figure.
+COPY = 0.5
 #: What tells an index of ours from somebody's README.md or index.html.
 MARK = "<!-- index written by ctlabs -->"
 #: Lists of at most so many elements are short enough for a terminal.
@@ -69,14 +74,25 @@ def html(report: Report, pictures: dict[str, bytes]) -> str:
     contents = [(int(level), name, title) for level, title, name in re.findall(rf"<h([23])[^>]*>(.*?){ANCHOR.pattern}</h\1>", body)]
     body = ANCHOR.sub(r'<a id="\1"></a>', body)
     for name, data in pictures.items():
-        body = body.replace(
-            f'src="figures/{name}.png"', f'src="data:image/png;base64,{base64.b64encode(data).decode()}"'
-        )
+        source, small = f'src="figures/{name}.png"', f' alt="{_(SMALL)}"'
+        if source + small in body:
+            body = body.replace(source + small, f'src="{embedded(data, COPY)}"{small}')
+        body = body.replace(source, f'src="{embedded(data)}"')
     template = environment().get_template("report.html")
     return template.render(
         title=translated(report.meta["title"]), body=body, contents=contents, around=report.around, matrices=STYLE,
-        font=font() if "<math" in body else "", _=_,
+        font=font(body) if "<math" in body else "", _=_,
     )
+
+
+def embedded(picture: bytes, share: float = 1.0) -> str:
+    """A PNG for the inside of a page: as WebP, which loses nothing and takes fewer bytes; ``share`` of its width."""
+    image, packed = Image.open(io.BytesIO(picture)).convert("RGB"), io.BytesIO()
+    if share < 1:
+        image = image.resize((max(1, int(share * image.width)), max(1, int(share * image.height))), Image.Resampling.LANCZOS)
+        image = image.quantize(COLOURS // 2, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE).convert("RGB")
+    image.save(packed, "webp", lossless=True)
+    return f"data:image/webp;base64,{base64.b64encode(packed.getvalue()).decode()}"
 
 
 def inline(text: str) -> str:
@@ -129,7 +145,7 @@ def png(figure: Drawing | Figure) -> bytes:
     FigureCanvasAgg(figure)
     raw = io.BytesIO()
     figure.savefig(raw, format="png", facecolor="white", dpi=DPI)
-    image = Image.open(raw).convert("RGB").quantize(256, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+    image = Image.open(raw).convert("RGB").quantize(COLOURS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
     packed = io.BytesIO()
     image.save(packed, format="png", optimize=True)
     return packed.getvalue()

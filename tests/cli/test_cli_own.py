@@ -17,6 +17,7 @@ from ctlabs.reporting import render
 from ctlabs.studies import filtering, forecasting
 from tests.cli.test_cli import Console, files
 from tests.nile import FLOW
+from tests.reference import PNG
 from tests.studies.test_studies import GAPS, NILE
 
 
@@ -32,7 +33,7 @@ def ctlabs(capsys, tmp_path, monkeypatch) -> Console:
 @pytest.fixture
 def plain(monkeypatch):
     """Figures that cost nothing: their pixels are not what is tested here."""
-    monkeypatch.setattr(render, "png", lambda _figure: b"png")
+    monkeypatch.setattr(render, "png", lambda _figure: PNG)
 
 
 def table(values) -> str:

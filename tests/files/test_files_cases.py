@@ -15,6 +15,7 @@ import pytest
 from ctlabs import cli, read_model, read_record
 from ctlabs.cli.records import reading
 from ctlabs.reporting import render
+from tests.reference import PNG
 
 FILES = Path(__file__).parents[1] / "cases" / "files"
 CASES = json.loads((FILES / "expected.json").read_text(encoding="utf-8"))["cases"]
@@ -58,7 +59,7 @@ def tries():
 def test_a_file_is_read_as_it_was_meant_or_refused_with_what_helps(case, one, tmp_path, monkeypatch, capsys):
     """Exit 0 with the right numbers, or exit 2 with one line that names file, line, both readings and the option to paste."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(render, "png", lambda _figure: b"png")
+    monkeypatch.setattr(render, "png", lambda _figure: PNG)
     for name in case["files"]:
         shutil.copy(FILES / name, tmp_path / name)
     words = shlex.split(one["command"])[1:]

@@ -15,6 +15,7 @@ from ctlabs.files import clock, datafile, look, modelfile
 from ctlabs.files.mapping import Mapping
 from ctlabs.reporting import render
 from tests.cli.test_cli import Console
+from tests.reference import PNG
 
 MODEL = """format = 1
 kind = "continuous"
@@ -42,7 +43,7 @@ LOG = "stamp;pos [mm];temp\n1717156800000;1500;20\n1717156801000;-9999;21\n17171
 @pytest.fixture
 def ctlabs(capsys, tmp_path, monkeypatch) -> Console:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(render, "png", lambda _figure: b"png")
+    monkeypatch.setattr(render, "png", lambda _figure: PNG)
     return Console(capsys)
 
 

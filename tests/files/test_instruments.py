@@ -12,6 +12,7 @@ import pytest
 from ctlabs.reporting import render
 from tests import cases
 from tests.cli.test_cli import Console
+from tests.reference import PNG
 
 NAMES = sorted(path.stem for path in cases.INSTRUMENTS.glob("*.toml"))
 
@@ -20,7 +21,7 @@ NAMES = sorted(path.stem for path in cases.INSTRUMENTS.glob("*.toml"))
 def analysed(capsys: Any, tmp_path: Path, monkeypatch: Any) -> Any:
     """``ctlabs analyse`` of a file: the values, the text of the report, what it printed."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(render, "png", lambda _figure: b"png")
+    monkeypatch.setattr(render, "png", lambda _figure: PNG)
     console = Console(capsys)
 
     def run(path: Path) -> tuple[dict[str, Any], str, str]:

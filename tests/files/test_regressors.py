@@ -17,7 +17,7 @@ from ctlabs.filtering import log_likelihood
 from ctlabs.reporting import render
 from ctlabs.studies import analysis, comparison, filtered, filtering, fitting, forecasting, several, simulation
 from tests import reference
-from tests.reference import EXACT, close
+from tests.reference import EXACT, PNG, close
 
 DEMAND = """format = 1
 kind = "discrete"
@@ -578,7 +578,7 @@ class TestCalendar:
 def test_days_are_the_periods_of_a_discrete_model_when_it_is_told(tmp_path, monkeypatch, capsys):
     """A file of days and a model of dt = 1: refused with --dt 86400, with which the command runs, and leaves an instant for a lost day."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(render, "png", lambda _figure: b"png")
+    monkeypatch.setattr(render, "png", lambda _figure: PNG)
     (tmp_path / "d.csv").write_text("date,flow\n2021-01-01,900\n2021-01-02,950\n2021-01-04,870\n2021-01-05,930\n", encoding="utf-8")
     words = ["filter", "local_level", "d.csv", "--time", "date:iso", "--t0", "first", "--out", "out"]
     with pytest.raises(SystemExit):

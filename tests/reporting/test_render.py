@@ -1,5 +1,6 @@
 """Reports become files: whole or not at all, the same bytes for the same numbers, pages that need no server."""
 
+import base64
 import csv
 import io
 import json
@@ -11,15 +12,18 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
+from fontTools.ttLib import TTFont
 from PIL import Image
 
 from ctlabs.labs import catalogue as labs
 from ctlabs.models import ContinuousModel
 from ctlabs.reporting import plots, render
+from ctlabs.reporting.mathfont import font
 from ctlabs.reporting.mathml import lines
 from ctlabs.reporting.params import LabParameters, Variance, VariancesOrInf, given
 from ctlabs.reporting.report import Report
 from tests.labs.test_tasks import default
+from tests.reference import PNG
 
 META = {"name": "task99", "title": "Gains < 1 & variances", "source": "A book, task 99", "parts": ["a", "b"]}
 ROUTES = ("recursion", "closed form")
@@ -119,7 +123,7 @@ def complaints(text: str) -> list[str]:
 def self_contained(text: str) -> bool:
     """Whether a page asks for nothing outside itself."""
     page = Page(text)
-    inside = all(reference.startswith(("data:image/png;base64,", "#")) for reference in page.references)
+    inside = all(reference.startswith(("data:image/webp;base64,", "#")) for reference in page.references)
     return inside and not page.tags & {"script", "link", "iframe", "object"} and not re.search(r"@import|url\((?!data:)", text)
 
 
@@ -164,7 +168,7 @@ class TestFolder:
     @pytest.mark.parametrize("before", [True, False], ids=["over a report", "the first report"])
     def test_an_interrupted_write_leaves_what_was_there(self, tmp_path, monkeypatch, error, stage, before):
         """Whatever fails while files are made, the previous report is whole and nothing else remains."""
-        monkeypatch.setattr(render, "png", lambda figure: b"a picture, drawn quickly")
+        monkeypatch.setattr(render, "png", lambda figure: PNG)
         if before:
             render.write(sample(1), tmp_path / "task99")
         previous = files(tmp_path)
@@ -181,7 +185,7 @@ class TestFolder:
     @pytest.mark.parametrize("interrupted", [1, 2])
     def test_an_interrupt_between_the_renames_puts_the_previous_report_back(self, tmp_path, monkeypatch, interrupted):
         """Ctrl-C right after the old folder was moved away, or while the new one takes its place."""
-        monkeypatch.setattr(render, "png", lambda figure: b"a picture, drawn quickly")
+        monkeypatch.setattr(render, "png", lambda figure: PNG)
         render.write(sample(1), tmp_path / "task99")
         previous, rename, calls = files(tmp_path), Path.rename, []
 
@@ -226,11 +230,28 @@ class TestFigures:
 
 
 class TestPage:
+    def test_a_picture_inside_a_page_is_the_picture(self):
+        """To the last dot; the small copy has half its width."""
+        picture = render.png(next(block.figure for block in sample().blocks if hasattr(block, "figure")))
+        inside = [base64.b64decode(render.embedded(picture, share).split(",")[1]) for share in (1.0, 0.5)]
+        whole, small = (Image.open(io.BytesIO(data)) for data in inside)
+        assert np.array_equal(np.asarray(whole), np.asarray(Image.open(io.BytesIO(picture)).convert("RGB")))
+        assert small.width == whole.width // 2
+
+    def test_a_page_has_the_signs_of_its_equations(self):
+        """The font inside a page has them, in italics too, the same bytes for the same signs, and no others."""
+        pages = ["<math><mi>x</mi><mo>+</mo><mi>&#x003A6;</mi></math> y", "<math><mi>y</mi></math>"]
+        first, second = (TTFont(io.BytesIO(base64.b64decode(re.search("base64,([^)]*)", font(page))[1]))).getBestCmap() for page in pages)
+        assert {ord("x"), ord("+"), 0x3A6, 0x1D465, 0x1D6F7} <= set(first)
+        assert not {ord("y"), 0x1D466} & set(first)
+        assert {ord("y"), 0x1D466} <= set(second)
+        assert font(pages[0]) == font(pages[0] + "z")
+
     def test_the_page_needs_nothing_from_outside(self):
         """No script, no style sheet, no picture and no link that asks a server."""
-        text = render.html(sample(figures=("curve", "family")), {"curve": b"png", "family": b"png"})
+        text = render.html(sample(figures=("curve", "family")), {"curve": PNG, "family": PNG})
         assert self_contained(text)
-        assert Page(text).references.count("data:image/png;base64,cG5n") == 2
+        assert Page(text).references.count(render.embedded(PNG)) == 2
 
     @pytest.mark.parametrize(
         "addition",
@@ -300,7 +321,7 @@ class TestPage:
     def test_the_page_of_every_lab_is_whole(self, name):
         """Each lab's page needs no server and shows every equation."""
         report = default(name)
-        pictures = {block.name: b"png" for block in report.blocks if hasattr(block, "figure")}
+        pictures = {block.name: PNG for block in report.blocks if hasattr(block, "figure")}
         text = render.html(report, pictures)
         assert complaints(text) == []
         assert self_contained(text)
