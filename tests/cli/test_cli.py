@@ -28,6 +28,10 @@ def fails(error: Exception):
     return report
 
 
+#: What a run writes beside the reports: the course, and lab 0 on the method.
+INDEX = {"README.md", "index.html", "lab0.html", "lab0.md", "lab0-variances.png"}
+
+
 class Console:
     """Runs commands in this process and keeps what they wrote."""
 
@@ -209,7 +213,7 @@ class TestRun:
         assert ctlabs("run", "7") == 0
         assert re.fullmatch(r"task07 +all 1 checks passed, \d+\.\d s: reports.task07.report\.html\n", ctlabs.out)
         assert ctlabs.err == ""
-        assert {"README.md", "index.html", "task07"} == {path.name for path in (tmp_path / "reports").iterdir()}
+        assert {*INDEX, "task07"} == {path.name for path in (tmp_path / "reports").iterdir()}
 
     def test_a_failed_check_is_exit_1_and_named(self, ctlabs, tmp_path, quick):
         """The report is written, the check that failed is named on stderr, in the report and in the index."""
@@ -290,7 +294,7 @@ class TestRun:
         """A folder per lab and two pages that link them."""
         assert ctlabs("run", "all", "--workers", "1") == 0
         names = {path.name for path in (tmp_path / "reports").iterdir()}
-        assert names == {*labs.catalogue(), "README.md", "index.html"}
+        assert names == {*labs.catalogue(), *INDEX}
 
     def test_a_real_run_writes_a_whole_report(self, once):
         """Lab 7, with few runs: text, page, results, and every figure that the text shows."""
