@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from ctlabs.labs.catalogue import catalogue
 from ctlabs.labs.sheets import Sheet, bibliography, listing, sheet
 from ctlabs.reporting.cells import cell, grid
+from ctlabs.reporting.crossrefs import without_places
 from ctlabs.reporting.report import Block, Copy, Equation, Heading, Picture, Report, Table, Text, Value
 from ctlabs.text import fill, prose, translated
 
@@ -88,7 +89,7 @@ class Skeleton:
             _questions(r, asked)
         if self.result is not None:
             sentences = [translated(each) for each in called(self.result, known)]
-            r.more["result"] = sentences[0]
+            r.more["result"] = without_places(sentences[0])
             found: list[Block] = [Heading(translated("Result"), 2, name="result"), Text(" ".join(sentences))]
             r.blocks[first:first] = found + ([Copy(self.key)] if self.key else [])
         r.blocks = numbered(r.blocks)

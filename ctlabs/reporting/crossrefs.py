@@ -28,6 +28,15 @@ def anchor(name: str) -> str:
     return f"\ue000{name}\ue001"
 
 
+def without_places(text: str) -> str:
+    """A sentence that stands outside its report: the references in brackets, which lead nowhere there, are left out.
+
+    >>> without_places("It tends to 2 ({eq:limit}, {fig:transient}).")
+    'It tends to 2.'
+    """
+    return re.sub(rf" \({_CALLED.pattern}(?:, {_CALLED.pattern})*\)", "", text)
+
+
 @dataclass
 class Places:
     """Where everything of a report is; ``cited`` are the references in order, ``missing`` what is not there."""

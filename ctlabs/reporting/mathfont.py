@@ -13,8 +13,8 @@ from pathlib import Path
 FONT = Path(__file__).parent / "templates" / "math.ttf"
 #: The first letter of each alphabet, its length, and where its italics begin, in which variables of one letter are set.
 ALPHABETS = ((ord("A"), 26, 0x1D434), (ord("a"), 26, 0x1D44E), (0x391, 25, 0x1D6E2), (0x3B1, 25, 0x1D6FC))
-#: The italic h stands apart.
-PLANCK = 0x210E
+#: The italic h, which stands apart, and the sign of a root, which an equation draws without naming it.
+ALWAYS = (0x210E, 0x221A)
 
 
 def font(page: str) -> str:
@@ -36,7 +36,7 @@ def _subset(signs: frozenset[int]) -> bytes:
     options = subset.Options(layout_features=["*"], hinting=False, notdef_outline=True, flavor="woff")
     found, packed = TTFont(io.BytesIO(FONT.read_bytes()), recalcTimestamp=False), io.BytesIO()
     chosen = subset.Subsetter(options)
-    chosen.populate(unicodes={PLANCK, *signs, *map(_italic, signs)})
+    chosen.populate(unicodes={*ALWAYS, *signs, *map(_italic, signs)})
     chosen.subset(found)
     subset.save_font(found, packed, options)
     return packed.getvalue()

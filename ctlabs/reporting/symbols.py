@@ -15,8 +15,8 @@ _TAILS = {"star": "*", "max": r"{\max}", "min": r"{\min}"}
 def symbol(name: str) -> str:
     r"""The letter of ``name`` in LaTeX; a word stays a word.
 
-    >>> [symbol(name) for name in ("Phi", "P0", "K_star", "sigma_w2", "R", "dt")]
-    ['\\Phi', 'P_0', 'K_*', '\\sigma_w^2', 'R', '\\Delta t']
+    >>> [symbol(name) for name in ("Phi", "P0", "K_star", "sigma_w2", "sigma_theta", "R", "dt")]
+    ['\\Phi', 'P_0', 'K_*', '\\sigma_w^2', '\\sigma_\\theta', 'R', '\\Delta t']
     >>> symbol("steps")
     '\\text{steps}'
     """
@@ -29,6 +29,7 @@ def symbol(name: str) -> str:
     head = rf"\{letter}" if letter in GREEK else letter
     if index is None and digits.endswith("2") and letter in GREEK:
         return f"{head}^2"
-    under = digits + (_TAILS.get(index, index) if index else "")
-    low = "" if not under else f"_{under}" if len(under) == 1 or under.startswith("{") else f"_{{{under}}}"
+    tail = "" if not index else rf"\{index}" if index in GREEK else _TAILS.get(index, index)
+    under = digits + tail
+    low = "" if not under else f"_{under}" if len(under) == 1 or (not digits and tail[0] in "{\\") else f"_{{{under}}}"
     return f"{head}{low}" + ("^2" if square else "")
