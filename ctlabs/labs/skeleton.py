@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from ctlabs.labs.catalogue import catalogue
 from ctlabs.labs.sheets import Sheet, bibliography, listing, sheet
 from ctlabs.reporting.cells import cell, grid
-from ctlabs.reporting.crossrefs import without_places
+from ctlabs.reporting.crossrefs import Places, without_places
 from ctlabs.reporting.report import Block, Copy, Equation, Heading, Picture, Report, Table, Text, Value
 from ctlabs.text import fill, prose, translated
 
@@ -172,9 +172,9 @@ def shown_value(value: Value) -> str:
 
 def _questions(r: Report, asked: Sheet) -> None:
     r.heading("Control questions", "questions")
-    said = translated("{question} *Answer: {place}.*")
+    said, places = translated("{question} *Answer: {place}.*"), Places(r)
     lines = [
-        f"{i}. " + fill(said, question=translated(question), place=place.rstrip("."))
+        f"{i}. " + fill(said, question=translated(question), place=places.there(place.rstrip(".")))
         for i, (question, place) in enumerate(asked.questions, 1)
     ]
     r.blocks.append(Text("\n".join(lines)))

@@ -64,6 +64,11 @@ class Places:
         """A text with what it calls replaced by numbers and links."""
         return _CALLED.sub(self._link, text)
 
+    def there(self, places: str) -> str:
+        """Of a list of places those that the report has, which may lack some at the corners of its parameters; all where it has none."""
+        found = [match[0] for match in _CALLED.finditer(places) if f"{match[1]}:{match[2].strip()}" in self._words]
+        return ", ".join(found) or places
+
     def _link(self, match: re.Match[str]) -> str:
         kind, name, where = match[1], match[2].strip(), match[3]
         if kind == "ref" and name in self.report.bibliography:
