@@ -7,6 +7,7 @@ private characters stand for them.
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterable
 from typing import Literal
 
@@ -44,6 +45,7 @@ def markdown(report: Report, reader: Reader = "repository") -> str:
 def _body(report: Report) -> Iterable[str]:
     """The blocks in order; of a section's checks one sentence at its end, and its values where they are not in the appendix."""
     pending: list[Value | Check] = []
+    places: Counter[str] = Counter()
     for block in [*report.blocks, Heading("", 2)]:
         if isinstance(block, Value | Check):
             pending.append(block)
@@ -55,7 +57,9 @@ def _body(report: Report) -> Iterable[str]:
             if block.text:
                 place = f"part-{block.part}" if block.part else f"sec-{block.name}" if block.name else ""
                 letter = f"({block.part}) " if block.part else ""
-                yield "#" * block.level + f" {letter}{block.text}" + (anchor(place) if place else "")
+                places[place] += 1
+                again = f"-{places[place]}" if places[place] > 1 else ""  # a part that has theory and an experiment
+                yield "#" * block.level + f" {letter}{block.text}" + (anchor(place + again) if place else "")
         elif isinstance(block, Text):
             yield block.text
         elif isinstance(block, Equation):

@@ -53,6 +53,11 @@ class TestFramed:
         """No figure without a sentence that refers to it, no reference to what is not there."""
         assert complaints(default(name)) == []
 
+    def test_every_place_is_one(self, name):
+        """No link has two ends."""
+        places = re.findall(r'<a id="([^"]*)"', markdown(default(name)))
+        assert sorted(set(places)) == sorted(places)
+
     def test_it_has_four_to_seven_figures(self, name):
         """All of them needed."""
         assert 3 <= sum(isinstance(block, Picture) for block in default(name).blocks) <= 8
