@@ -246,10 +246,17 @@ def part_e(r, p, answer, experiment):
     r.check("one record, all measurements: estimates", one.x_plus, some.x_plus[:, :, 0], ("one element after another", "both at once"), scale=scale)
     r.check("one record, all measurements: variances", one.P_plus, some.P_plus, ("one element after another", "both at once"), scale=float(some.P_plus.max()) or 1.0)
     r.check("first measurement of the experiment", some.P_plus[1, 0, 0], answer["linear_joint"][1], ("recursion", "closed form of (c)"), scale=answer["prior"][1] or 1.0)
+    correlated_ensemble(r, p, answer, experiment, t)
+    return said
+
+
+def correlated_ensemble(r, p, answer, experiment, t):
+    """The linear reading with correlated noises: what it costs to ignore that they are."""
     coefficient = correlation(p, answer)
     if coefficient is None:
         r.says("The correlated ensemble is left out: at $t$ no noises have the covariance $R_{12}$ ($R_{12}^2 > R_1R_2$).")
-        return said
+        return
+    steps, system = len(t) - 1, model(p, t)
     truth = model(p, t, coefficient * np.sqrt(second(t)[1]))
     naive = replace(truth, R=system.R)
     new, by = updates.decorrelated(truth)
@@ -269,7 +276,6 @@ def part_e(r, p, answer, experiment):
     mean = float(np.mean(actual.P_plus[1:, 0, 0]) / np.mean(seen.P_plus[1:, 0, 0])) if seen.P_plus[1:].any() else 1.0
     r.says("In {fig:correlated} the filter that ignores the correlation has on average {mean:3} times the variance of the one that uses it, and claims {claim:3} times its own true one; the ensemble follows the true curves, whatever is claimed.", rho=coefficient, mean=mean,
            claim=float(np.mean(claimed[1:]) / np.mean(actual.P_plus[1:])) if actual.P_plus[1:].any() else 1.0)
-    return said
 
 
 PARTS = Skeleton(

@@ -51,7 +51,7 @@ def course() -> Course:
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class LabRow:
     """What the index says of a lab; without a report there are no checks and no result."""
 
     lab: Lab
@@ -77,13 +77,13 @@ class Row:
         return verdict(self.checks, list(self.failed)) if self.there else fill(_("not run yet: ctlabs run {lab}"), lab=self.lab.short)
 
 
-def rows(out: Path) -> dict[str, Row]:
+def rows(out: Path) -> dict[str, LabRow]:
     """Every lab by name, with what the reports in ``out`` say."""
     starred = {letter: dict(variant(letter)) for letter in VARIANTS}
     found = {}
     for name, lab in catalogue().items():
         letters = ", ".join(letter.upper() + "*" * labs[name] for letter, labs in starred.items() if name in labs)
-        found[name] = Row(lab, course().needs.get(name, ()), letters, **_reported(out / name / "results.json"))
+        found[name] = LabRow(lab, course().needs.get(name, ()), letters, **_reported(out / name / "results.json"))
     return found
 
 
@@ -115,7 +115,7 @@ def _short(name: str) -> str:
     return catalogue()[name].short
 
 
-def _halves(found: Mapping[str, Row]) -> dict[str, list[list[tuple[str, str]]]]:
+def _halves(found: Mapping[str, LabRow]) -> dict[str, list[list[tuple[str, str]]]]:
     """The two parts of each variant: names and words of their labs, control labs with a star."""
     halves = {}
     for letter, parts in VARIANTS.items():
@@ -124,7 +124,7 @@ def _halves(found: Mapping[str, Row]) -> dict[str, list[list[tuple[str, str]]]]:
     return halves
 
 
-def _markdown(found: Mapping[str, Row]) -> str:
+def _markdown(found: Mapping[str, LabRow]) -> str:
     """The index in Markdown, for a repository."""
     lines = [
         f"# {_('Optimal filtering: worked labs')}",

@@ -24,7 +24,7 @@ META = {"name": "lab0", "title": "Lab 0. The method on one example", "source": "
 STEPS = 12
 
 
-class Parameters(LabParameters):
+class MethodParameters(LabParameters):
     """The numbers of the example."""
 
     sigma_w2: Variance = given(1.0, unit="m²/s³", meaning="strength of the white noise that drives the velocity")
@@ -34,9 +34,9 @@ class Parameters(LabParameters):
     P22: Variance = given(4.0, unit="m²/s²", meaning="variance of the velocity at the start", symbol="p_{22}^0")
 
 
-def report(p: Parameters | None = None) -> Report:
+def report(p: MethodParameters | None = None) -> Report:
     """The example as a report."""
-    p = p or Parameters()
+    p = p or MethodParameters()
     r = Report(META, p, 0, 0, framed=True, bibliography=bibliography(), around={"index": ("index.html", _("All labs"))})
     r.says(
         "Every lab goes the same way: **model, discretisation, filter, plan**. Here it is gone once, for a point that moves along a "
@@ -59,7 +59,7 @@ def _model(r: Report) -> None:
     r.says("A measurement reads the position with a white error of variance R, $z(t_i) = Hx(t_i) + v(t_i)$ with $H = [1 \\;\\; 0]$. Mean and covariance of the state at the start complete the model: three lists, **matrices, noises, start**, and nothing else.")
 
 
-def _discretisation(r: Report, p: Parameters, system: ContinuousModel) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+def _discretisation(r: Report, p: MethodParameters, system: ContinuousModel) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
     import sympy
 
     from ctlabs.models.symbolic import chain
@@ -80,7 +80,7 @@ def _discretisation(r: Report, p: Parameters, system: ContinuousModel) -> np.nda
     return numeric.Qd
 
 
-def _filter(r: Report, p: Parameters, system: ContinuousModel) -> None:
+def _filter(r: Report, p: MethodParameters, system: ContinuousModel) -> None:
     r.section("c", "The filter")
     r.says("Prediction and update follow each other {ref:maybeck, section 5.3}:")
     r.math(r"\hat x(t_i^-) = \Phi\,\hat x(t_{i-1}^+), \qquad P(t_i^-) = \Phi P(t_{i-1}^+)\Phi^T + Q_d", "prediction")
@@ -99,7 +99,7 @@ def _filter(r: Report, p: Parameters, system: ContinuousModel) -> None:
     r.figure("variances", figure, "Standard deviations of the errors after each measurement, on their way to the limits (dashed). The first measurement tells of the position, the second of the velocity.")
 
 
-def _plan(r: Report, p: Parameters, Qd: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> None:
+def _plan(r: Report, p: MethodParameters, Qd: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> None:
     r.section("d", "The plan of an experiment")
     r.says("Before a computer is asked, every number is listed with the reason for its choice ({tab:plan}). Then runs are simulated, the filter runs on their measurements, and the statistics of its errors are compared with the variances of (c): the mean with zero, the mean square with P⁺, both with bounds that come from the number of runs.")
     rows: list[list[object]] = [

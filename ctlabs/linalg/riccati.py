@@ -60,7 +60,7 @@ class Solution(NamedTuple):
     error: float
 
 
-class Equation(NamedTuple):
+class RiccatiEquation(NamedTuple):
     """A (n, n), H (m, n), Q (n, n), R (m, m), N (n, m); strengths instead of covariances if continuous."""
 
     A: Array
@@ -70,9 +70,9 @@ class Equation(NamedTuple):
     N: Manyfold
     continuous: bool
 
-    def scaled(self, x: Array, z: Array, time: float = 1.0) -> Equation:
+    def scaled(self, x: Array, z: Array, time: float = 1.0) -> RiccatiEquation:
         """The same in other units of the states, the measurements and time."""
-        return Equation(
+        return RiccatiEquation(
             self.A * x / x[:, None] * time,
             self.H * x / z[:, None],
             self.Q.scaled(time / x, 1 / x),
@@ -81,7 +81,7 @@ class Equation(NamedTuple):
             self.continuous,
         )
 
-    def without_N(self) -> Equation:
+    def without_N(self) -> RiccatiEquation:
         """Transition and noise given what the measurements tell of the noise; what is rounding of its own terms is zero."""
         N = self.N.high
         if not N.any():
@@ -92,14 +92,14 @@ class Equation(NamedTuple):
         Q = np.where(known[:, None] | known, 0.0, 0.5 * (Q + Q.T))
         return self._replace(A=self.A - M @ self.H, Q=Manyfold.of(Q), N=Manyfold.of(np.zeros_like(N)))
 
-    def reduced(self, rest: undriven.Rest) -> Equation:
+    def reduced(self, rest: undriven.Rest) -> RiccatiEquation:
         """The equation of the states kept."""
         k, M = rest.kept, rest.M
         A = self.A[np.ix_(k, k)] + self.A[np.ix_(k, rest.known)] @ M
         H = self.H[:, k] + self.H[:, rest.known] @ M
         return self._replace(A=A, H=H, Q=self.Q[np.ix_(k, k)], N=self.N[k])
 
-    def told(self, elements: Array) -> Equation:
+    def told(self, elements: Array) -> RiccatiEquation:
         """The equation with some of the measurements."""
         R = self.R[np.ix_(elements, elements)]
         return self._replace(H=self.H[elements], R=R, N=self.N[:, elements])
@@ -129,7 +129,7 @@ def solve(A: Array, H: Array, Q: Matrix, R: Array, N: Matrix | None = None, *, c
     >>> solve(one, one, one, one, continuous=True).P.high, solve(one, one, one, one, continuous=False).P.high.round(6)
     (array([[2.41421356]]), array([[1.618034]]))
     """
-    given = Equation(A, H, Manyfold.of(Q), R, Manyfold.of(np.zeros((len(A), len(H))) if N is None else N), continuous)
+    given = RiccatiEquation(A, H, Manyfold.of(Q), R, Manyfold.of(np.zeros((len(A), len(H))) if N is None else N), continuous)
     key = given.key()
     if key not in _KNOWN:
         found = _found(given)
@@ -142,7 +142,7 @@ def solve(A: Array, H: Array, Q: Matrix, R: Array, N: Matrix | None = None, *, c
 _KNOWN: dict[tuple[object, ...], Solution] = {}
 
 
-def _found(given: Equation) -> Solution:
+def _found(given: RiccatiEquation) -> Solution:
     """The solution, computed."""
     plain, continuous, R = given.without_N(), given.continuous, given.R
     rest = undriven.without(plain.A, plain.Q.high, continuous=continuous)
@@ -184,7 +184,7 @@ def stationary(A: Array, Q: Matrix, *, continuous: bool) -> Solution:
     return solve(A, np.zeros((0, n)), Q, np.zeros((0, 0)), continuous=continuous)
 
 
-def _completed(given: Equation, rest: undriven.Rest, told: Array, found: Solution) -> Solution:
+def _completed(given: RiccatiEquation, rest: undriven.Rest, told: Array, found: Solution) -> Solution:
     """The solution for all states and measurements from that of the states kept and the measurements that tell."""
     T = np.zeros((len(given.A), len(rest.kept)))
     T[rest.kept, np.arange(len(rest.kept))] = 1.0
@@ -208,7 +208,7 @@ def power(variance: Array) -> Array:
     return np.exp2(np.round(0.5 * np.log2(np.where(variance > 0, variance, 1.0))))
 
 
-def _solved(eq: Equation, plain: Equation) -> Solution:
+def _solved(eq: RiccatiEquation, plain: RiccatiEquation) -> Solution:
     """The solution of an equation; ``plain`` is the same without N, for the first approximation."""
     n, m = eq.N.high.shape
     if not n:
@@ -258,7 +258,7 @@ class _Point(NamedTuple):
     best: Array
 
 
-def _at(eq: Equation, P: Manyfold) -> _Point:
+def _at(eq: RiccatiEquation, P: Manyfold) -> _Point:
     """The equation at P, in the precision of P."""
     A, H, Q, R, N, continuous = eq
     PH = P @ H.T
@@ -283,7 +283,7 @@ class _Unproved(ArithmeticError):
 class _Newton:
     """Newton's method for one equation: residuals in a multiple of the working precision, corrections in it or, later, as well."""
 
-    def __init__(self, eq: Equation, fold: int) -> None:
+    def __init__(self, eq: RiccatiEquation, fold: int) -> None:
         self.eq, self.fold = eq, fold
         self.x = np.ones(len(eq.A))
 
@@ -321,7 +321,7 @@ class _Newton:
         msg = f"the bound {bound:.3g}" if np.isfinite(bound) else "none whose loop is provably stable"
         raise _Unproved(msg)
 
-    def _units(self, P: Manyfold) -> tuple[Equation, Manyfold, Array, Array]:
+    def _units(self, P: Manyfold) -> tuple[RiccatiEquation, Manyfold, Array, Array]:
         """The equation and P in units in which the variances are near 1, and these units."""
         variance = np.diag(P.high)
         sd = np.sqrt(np.maximum(variance, 0.0))
@@ -333,7 +333,7 @@ class _Newton:
         return self.eq.scaled(self.x, z), P.scaled(1 / self.x, 1 / self.x), self.x, z
 
 
-def _reach(eq: Equation, at: _Point, operator: Operator) -> Array | None:
+def _reach(eq: RiccatiEquation, at: _Point, operator: Operator) -> Array | None:
     """Y with −Y ⪯ P* − P ⪯ Y, or None if that cannot be shown."""
     proof = prove(operator, at.loop, at.size)
     if proof is None:

@@ -18,7 +18,7 @@ DIGITS = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Compared:
+class Agreement:
     """Two routes to one or many numbers: the element that stands for all, its scale, and the largest share of a scale."""
 
     value: float | None
@@ -26,16 +26,16 @@ class Compared:
     size: float
     share: float
 
-    def told(self, kind: float) -> Compared:
+    def told(self, kind: float) -> Agreement:
         """As it is written down: numbers that are equal up to rounding are equal, and rounding about zero is zero."""
         if self.value is None or self.expected is None or self.share > kind:
             return self
         expected = 0.0 if abs(self.expected) <= ROUNDING * self.size else self.expected
         same = self.share <= ROUNDING or abs(self.value - expected) <= ROUNDING * self.size
-        return Compared(expected if same else self.value, expected, self.size, max(self.share, ROUNDING))
+        return Agreement(expected if same else self.value, expected, self.size, max(self.share, ROUNDING))
 
 
-def compared(value: Any, expected: Any, scale: ArrayLike | None, kind: float) -> Compared:
+def compared(value: Any, expected: Any, scale: ArrayLike | None, kind: float) -> Agreement:
     """How far two routes are apart, each element in its own scale.
 
     Where they agree within ``kind`` the element of largest size stands for all: which one has the largest rounding error
@@ -43,7 +43,7 @@ def compared(value: Any, expected: Any, scale: ArrayLike | None, kind: float) ->
     """
     if value is None or expected is None:
         agree = value is None and expected is None
-        return Compared(_scalar(value), _scalar(expected), 1.0, 0.0 if agree else math.inf)
+        return Agreement(_scalar(value), _scalar(expected), 1.0, 0.0 if agree else math.inf)
     found, wanted = numbers(value), numbers(expected)
     if found.shape != wanted.shape:
         msg = f"check: expected two arrays of one shape, received {found.shape} and {wanted.shape}"
@@ -59,7 +59,7 @@ def compared(value: Any, expected: Any, scale: ArrayLike | None, kind: float) ->
     share = np.divide(difference, size, out=np.where(difference > 0, np.inf, 0.0), where=size > 0)
     largest = np.array([float(f"{abs(element):.8e}") for element in np.nan_to_num(wanted.ravel())])
     at = np.unravel_index(int(np.argmax(share if share.max() > kind else largest)), wanted.shape)
-    return Compared(_known(found[at]), _known(wanted[at]), float(size[at]), float(share.max())).told(kind)
+    return Agreement(_known(found[at]), _known(wanted[at]), float(size[at]), float(share.max())).told(kind)
 
 
 def known(x: Any, digits: int = DIGITS) -> Any:

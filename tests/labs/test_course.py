@@ -13,13 +13,14 @@ from ctlabs.labs.sheets import bibliography
 from ctlabs.reporting import render
 from ctlabs.reporting.crossrefs import complaints
 from ctlabs.reporting.report import Report
+from tests.reference import PNG
 from tests.reporting.test_render import META, ROUTES, Page, Parameters, files
 
 
 @pytest.fixture(autouse=True)
 def quickly(monkeypatch):
     """Pictures are not looked at here."""
-    monkeypatch.setattr(render, "png", lambda figure: b"a picture, drawn quickly")
+    monkeypatch.setattr(render, "png", lambda figure: PNG)
 
 
 @pytest.fixture
@@ -160,7 +161,7 @@ class TestMethod:
     @pytest.mark.parametrize("settings", [{"tau": 0.01}, {"sigma_w2": 1e-6, "R": 1e4}, {"P11": 0.0, "P22": 0.0}])
     def test_lab_0_holds_for_other_numbers(self, settings):
         """Its checks are of the method, not of one choice."""
-        assert method.report(method.Parameters(**settings)).passed
+        assert method.report(method.MethodParameters(**settings)).passed
 
     def test_its_page_is_whole(self, out):
         """It needs nothing from outside but the index."""

@@ -82,13 +82,13 @@ class Page(HTMLParser):
 
     def handle_starttag(self, tag, attrs):
         self.tags.add(tag)
-        self._math += tag == "math"
+        self._math += tag in {"math", "pre"}  # a listing is no text
         self.references += [
             value for name, value in attrs if name in {"src", "href", "srcset", "action", "data", "poster"}
         ]
 
     def handle_endtag(self, tag):
-        self._math -= tag == "math"
+        self._math -= tag in {"math", "pre"}
 
     def handle_data(self, data):
         if not self._math:
