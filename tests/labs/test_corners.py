@@ -32,7 +32,7 @@ CORNERS = [
     ("task17", {"q1": 0}),
     ("task18", {"sigma_r": 0.05}), ("task18", {"sigma_theta": 1e-9, "sigma_r": 1}),
     ("task19", {"beta": -1}), ("task19", {"alpha": 1, "beta": 1}),
-    ("task20", {"R": [100], "P0": 0}),
+    ("task20", {"R_values": [100], "P0": 0}),
     ("task21", {"P0": 0}),
     ("task22", {"a": 0}), ("task22", {"Q1": 0}),
     ("task23", {"noise_pole": 2}),
@@ -55,5 +55,5 @@ def test_a_corner_is_reported_whole(name, setting):
     assert [check for check in report.checks if not check.passed] == []
     assert complaints(report) == []
     body = markdown(report).split("## Appendix")[0]
-    assert re.findall(r'[^\n]*(?<!")\b(?:nan|NaN|None|inf)\b[^\n]*', body) == []
+    assert re.findall(r'[^\n]*(?:(?<!")\b(?:nan|NaN|inf)\b|[=:|] None\b)[^\n]*', body) == []
     assert re.findall(r"[^\n]*\(not in this report\)[^\n]*", body) == []
