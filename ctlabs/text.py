@@ -239,7 +239,7 @@ def squared(unit: str) -> str:
     if simple is None or not simple[1]:
         return f"({unit})²"
     power = 2 * int("".join(str(RAISED.index(digit)) for digit in simple[2]) or 1)
-    return simple[1] + "".join(RAISED[int(digit)] for digit in str(power))
+    return simple[1] + raised(power)
 
 
 def per(unit: str, other: str) -> str:

@@ -90,7 +90,7 @@ def embedded(picture: bytes, share: float = 1.0) -> str:
     image, packed = Image.open(io.BytesIO(picture)).convert("RGB"), io.BytesIO()
     if share < 1:
         image = image.resize((max(1, int(share * image.width)), max(1, int(share * image.height))), Image.Resampling.LANCZOS)
-        image = image.quantize(COLOURS // 2, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE).convert("RGB")
+        image = _of_few_colours(image, COLOURS // 2).convert("RGB")
     image.save(packed, "webp", lossless=True)
     return f"data:image/webp;base64,{base64.b64encode(packed.getvalue()).decode()}"
 
@@ -145,10 +145,14 @@ def png(figure: Drawing | Figure) -> bytes:
     FigureCanvasAgg(figure)
     raw = io.BytesIO()
     figure.savefig(raw, format="png", facecolor="white", dpi=DPI)
-    image = Image.open(raw).convert("RGB").quantize(COLOURS, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
     packed = io.BytesIO()
-    image.save(packed, format="png", optimize=True)
+    _of_few_colours(Image.open(raw).convert("RGB"), COLOURS).save(packed, format="png", optimize=True)
     return packed.getvalue()
+
+
+def _of_few_colours(image: Image.Image, count: int) -> Image.Image:
+    """A picture with a palette, no dot of which is scattered."""
+    return image.quantize(count, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
 
 
 def _fill(report: Report, place: Path) -> None:
