@@ -9,31 +9,30 @@ from collections.abc import Iterable, Sequence
 
 from ctlabs.montecarlo import chance
 from ctlabs.reporting.cells import cell, grid, reasons
-from ctlabs.reporting.crossrefs import END, FOLD, TITLE, anchor
-from ctlabs.reporting.report import EXACT, Check, Report
+from ctlabs.reporting.crossrefs import APPENDIX, END, FOLD, TITLE, anchor
+from ctlabs.reporting.report import Check, Report
 from ctlabs.text import _, fill, number, printed, raised, translated
 
-TWO_ROUTES = _(
+TWO_ROUTES = (
     "**Two routes.** A number is computed in two ways that share no formula, and both must agree. *Algebra* is the same number by two "
     "formulas: they may differ by rounding only, one part in 10¹² of what the number is measured by. *Solution* compares an iteration, a solver of an "
     "equation or an integration with a closed form: they may differ by one part in 10⁸. A covariance is measured in its own standard "
     "deviations, so that the smallest variance is judged like the largest. Of a list the element of largest size is shown; the difference is the "
     "largest of all. *Order* compares the rate at which an error shrinks when a step is halved with the rate of theory."
 )
-CHANCE = _(
+CHANCE = (
     "**Chance.** An ensemble of random runs cannot agree exactly. Each test knows the exact distribution of what it looks at if theory is "
     "right, and writes the worst deviation over all instants and states in standard errors (as a quantile of the normal distribution). "
     "The p-value is the probability that a right filter deviates as much somewhere in this test: values near 1 are nothing unusual, one test in "
     "twenty has a value below 0.05, and a test fails only below 10⁻⁸, so that a right report of a hundred tests fails once in a million."
 )
-KINDS = {"EXACT": _("algebra"), "SOLVER": _("solution"), "ORDER": _("order"), "CHANCE": _("chance")}
+KINDS = {"EXACT": "algebra", "SOLVER": "solution", "ORDER": "order"}
 
 
 def sentence(checks: Sequence[Check]) -> Iterable[str]:
     """How a section was confirmed, in one sentence."""
     failed = [check.name for check in checks if not check.passed]
-    routes = [check for check in checks if check.kind != "CHANCE"]
-    tests = [check for check in checks if check.kind == "CHANCE"]
+    routes, tests = _parted(checks)
     if failed:
         yield (
             fill(
@@ -67,8 +66,18 @@ def sentence(checks: Sequence[Check]) -> Iterable[str]:
         )
 
 
+def _parted(checks: Sequence[Check]) -> tuple[list[Check], list[Check]]:
+    """Comparisons of two routes, and tests of ensembles."""
+    return [check for check in checks if check.kind != "CHANCE"], [check for check in checks if check.kind == "CHANCE"]
+
+
 def _table(name: str) -> str:
     return f"{{app:{name}}}"
+
+
+def _caption(name: str, words: str) -> str:
+    """The head of a table of the appendix, which texts lead to by its name."""
+    return f"{anchor(f'app-{name}')}**{fill(_('Table {n}.'), n=APPENDIX[name])}** {translated(words)}"
 
 
 def together(tests: Sequence[Check]) -> str:
@@ -96,8 +105,7 @@ def _folded(title: str, lines: Iterable[str]) -> list[str]:
 
 
 def _checks(report: Report) -> list[str]:
-    routes = [check for check in report.checks if check.kind != "CHANCE"]
-    tests = [check for check in report.checks if check.kind == "CHANCE"]
+    routes, tests = _parted(report.checks)
     lines = []
     if routes:
         head = [
@@ -111,15 +119,15 @@ def _checks(report: Report) -> list[str]:
             "",
         ]
         lines += [
-            TWO_ROUTES,
-            f"{anchor('app-checks')}**{fill(_('Table {n}.'), n='A1')}** {_('Comparisons of two routes.')}",
+            translated(TWO_ROUTES),
+            _caption("checks", "Comparisons of two routes."),
             grid(head, map(_route, routes)),
         ]
     if tests:
         head = [_("part"), _("test"), _("deviation, σ"), _("allowed, σ"), _("p-value"), ""]
         lines += [
-            CHANCE,
-            f"{anchor('app-chance')}**{fill(_('Table {n}.'), n='A2')}** {_('Tests of ensembles against theory.')}",
+            translated(CHANCE),
+            _caption("chance", "Tests of ensembles against theory."),
             grid(head, map(_test, tests)),
         ]
     return _folded(_("A. How this was checked"), lines) if lines else []
@@ -128,7 +136,7 @@ def _checks(report: Report) -> list[str]:
 def _route(check: Check) -> list[str]:
     return [
         check.part, check.name, f"{check.route[0]} – {check.route[1]}", cell(check.value), cell(check.expected), difference(check),
-        KINDS[check.kind], _mark(check),
+        translated(KINDS[check.kind]), _mark(check),
     ]  # fmt: skip
 
 
@@ -157,7 +165,7 @@ def difference(check: Check) -> str:
     power = 12
     while power > 0 and check.share > 1.0001 * 10.0**-power:
         power -= 1
-    return f"< 10{raised(-power)}" if check.share <= EXACT * 1e12 else "—"
+    return f"< 10{raised(-power)}" if check.share <= 1 else "—"
 
 
 def _results(report: Report) -> list[str]:
@@ -180,12 +188,12 @@ def _results(report: Report) -> list[str]:
         _(
             "The names by which `ctlabs run … --set NAME=VALUE` and `results.json` know the parameters and the results; `results.json` holds all digits that are known."
         ),
-        f"{anchor('app-parameters')}**{fill(_('Table {n}.'), n='B1')}** {_('Parameters.')}",
+        _caption("parameters", "Parameters."),
         grid([_("name"), _("value"), _("unit"), _("meaning")], described),
     ]
     if values:
         lines += [
-            f"{anchor('app-results')}**{fill(_('Table {n}.'), n='B2')}** {_('Results.')}",
+            _caption("results", "Results."),
             grid([_("part"), _("name"), _("symbol"), _("value"), _("unit")], rows),
         ]
     return _folded(_("B. Parameters and results by name"), lines)
@@ -195,6 +203,6 @@ def _listing(report: Report) -> list[str]:
     if not report.listing:
         return []
     said = _(
-        "This script, with the numbers of the statement, gives the main results above; its names are those of the results."
+        "This script has the numbers of the sheet. With those of the statement it gives the main results above; its names are those of the results."
     )
     return _folded(_("C. Listing"), [said, f"```python\n{report.listing.strip()}\n```"])
