@@ -83,11 +83,14 @@ def _lab(path: Path) -> Lab:
     )
 
 
+def halves(letter: str) -> list[list[tuple[str, bool]]]:
+    """The two parts of a column of the practicum's table 2: its labs, and whether each is one of the control session's."""
+    return [[(f"task{int(word.rstrip('*')):02d}", word.endswith("*")) for word in half.split()] for half in VARIANTS[letter]]
+
+
 def variant(letter: str) -> list[tuple[str, bool]]:
-    """The labs of a column of the practicum's table 2, and whether each is one of the control session's."""
-    return [
-        (f"task{int(word.rstrip('*')):02d}", word.endswith("*")) for half in VARIANTS[letter] for word in half.split()
-    ]
+    """The labs of both parts."""
+    return [each for half in halves(letter) for each in half]
 
 
 def find(words: Iterable[str]) -> list[Lab]:

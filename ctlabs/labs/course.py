@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from ctlabs.labs import method
-from ctlabs.labs.catalogue import VARIANTS, Lab, catalogue, folder, variant
+from ctlabs.labs.catalogue import VARIANTS, Lab, catalogue, folder, halves, variant
 from ctlabs.labs.sheets import bibliography
 from ctlabs.reporting import render
 from ctlabs.reporting.cells import verdict
@@ -96,10 +96,14 @@ def _reported(path: Path) -> dict[str, Any]:
     return {}
 
 
-def write_index(out: Path) -> None:
-    """``index.html`` and ``README.md`` in ``out``: the course with its reports, pass or fail at a glance; and lab 0."""
+def write_index(out: Path, *, anew: bool = True) -> None:
+    """``index.html`` and ``README.md`` in ``out``: the course with its reports, pass or fail at a glance; and lab 0.
+
+    Lab 0 takes as long as another lab's report: not ``anew``, the one that is there stays, as the reports of the other labs do.
+    """
     found = rows(out)
-    method.write(out)
+    if anew or not (out / "lab0.html").is_file():
+        method.write(out)
     render.replace(out / "README.md", _markdown(found))
     books = [render.inline(bibliography()[key]) for key in course().books]
     equations = "".join(render.inline(row.result) for row in found.values())
@@ -117,11 +121,10 @@ def _short(name: str) -> str:
 
 def _halves(found: Mapping[str, LabRow]) -> dict[str, list[list[tuple[str, str]]]]:
     """The two parts of each variant: names and words of their labs, control labs with a star."""
-    halves = {}
-    for letter, parts in VARIANTS.items():
-        words = [[(f"task{int(word.rstrip('*')):02d}", word) for word in part.split()] for part in parts]
-        halves[letter.upper()] = [[(name, word) for name, word in part if name in found] for part in words]
-    return halves
+    return {
+        letter.upper(): [[(name, _short(name) + "*" * starred) for name, starred in half if name in found] for half in halves(letter)]
+        for letter in VARIANTS
+    }
 
 
 def _markdown(found: Mapping[str, LabRow]) -> str:
@@ -143,10 +146,10 @@ def _markdown(found: Mapping[str, LabRow]) -> str:
             table.append(f"| {title} | {translated(row.lab.title)} | {result} | {needs} | {row.variants} | {row.verdict} |")
         lines.append("\n".join(table))
     lines += [f"## {_('Variants')}", _("Twelve labs in two parts; a star marks a lab of the control session.")]
-    halves = []
+    columns = []
     for letter, parts in _halves(found).items():
         words = [" ".join(word.replace("*", r"\*") for _name, word in part) for part in parts]
-        halves.append(f"| {letter} | {' | '.join(words)} |")
-    lines.append("\n".join([f"| {_('variant')} | {_('first part')} | {_('second part')} |", "|---|---|---|", *halves]))
+        columns.append(f"| {letter} | {' | '.join(words)} |")
+    lines.append("\n".join([f"| {_('variant')} | {_('first part')} | {_('second part')} |", "|---|---|---|", *columns]))
     lines += [f"## {_('Books')}", "\n".join(f"- {bibliography()[key]}" for key in course().books), render.MARK]
     return "\n\n".join(lines) + "\n"
