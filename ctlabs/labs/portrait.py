@@ -102,17 +102,16 @@ def portrait(
     limits: tuple[float, float] | None = None,
     first: int | None = None,
     stream: int = 0,
-    figures: Mapping[str, str] | None = None,
+    figures: Mapping[str, str],
     together_steps: int = TOGETHER,
 ) -> Statistics:
     """Figures of a filter and the tests of its ensemble, into the report's present section.
 
     ``prefix`` tells the figures of several filters apart; ``state`` is the one shown, ``measurement`` the one that
     measures it; ``limits`` are its steady variances before and after an update. ``figures`` are those of :data:`FIGURES` that
-    the lab needs, each with the sentence that says what one sees in it; all five without it. ``together_steps`` are the instants
+    the lab needs, each with the sentence that says what one sees in it. ``together_steps`` are the instants
     that are tested together; an unstable state, whose rounding grows, permits fewer. Returns the statistics.
     """
-    shown = dict.fromkeys(FIGURES, "") if figures is None else figures
     name, unit = model.states[state], model.units[state]
     first = begins(model, first)
     schedule = covariances(model, steps, first)
@@ -134,17 +133,12 @@ def portrait(
             stats, schedule.P_plus, xlabel=xlabel, units=model.units, names=model.states
         ),
     }  # fmt: skip
-    for each, sees in shown.items():
+    for each, sees in figures.items():
         dotted = " Dotted: the limits." if each == "sawtooth" and limits else ""
         said = text(FIGURES[each], dotted, name=name, runs=experiment.runs)
         report.figure(f"{prefix}{each}", draw[each](), f"{said} {translated(sees)}".strip())
-    worst = agreement(report, prefix.strip("_"), stats, schedule.P_plus)
-    worst = max(worst, together(report, prefix.strip("_"), experiment, model, stream=stream, first=first, steps=together_steps))
-    if figures is None:
-        report.says(
-            "The largest deviation of the ensemble from theory, over all tests, is {worst} standard errors.",
-            worst=round(worst, 2),
-        )
+    agreement(report, prefix.strip("_"), stats, schedule.P_plus)
+    together(report, prefix.strip("_"), experiment, model, stream=stream, first=first, steps=together_steps)
     return stats
 
 

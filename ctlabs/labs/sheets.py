@@ -57,9 +57,8 @@ def sheet(name: str) -> Sheet:
 
 
 def listing(name: str) -> str:
-    """The script of the lab ``name`` in public verbs, from ``tasks/listings/NAME.py``; empty where there is none yet."""
-    path = folder() / "listings" / f"{name}.py"
-    return path.read_text(encoding="utf-8") if path.is_file() else ""
+    """The script of the lab ``name`` in public verbs, from ``tasks/listings/NAME.py``."""
+    return (folder() / "listings" / f"{name}.py").read_text(encoding="utf-8")
 
 
 @cache

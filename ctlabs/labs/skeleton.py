@@ -47,11 +47,11 @@ class Skeleton:
     analysis: tuple[Part, ...]
     plan: Part
     experiment: tuple[Part, ...]
+    discussion: Part
+    answers: Answers
     conclusions: Part
-    result: Result | None = None
-    key: str = ""
-    discussion: Part | None = None
-    answers: Answers | None = None
+    result: Result
+    key: str
 
     def report(self, meta: Mapping[str, Any], p: Parameters, experiment: Experiment, **given: Any) -> Report:
         """The report of a lab, its parts run in order.
@@ -70,28 +70,25 @@ class Skeleton:
         first = len(r.blocks)
 
         def answered() -> None:
-            _answers(r, called(self.answers, known) if self.answers else {})
+            _answers(r, called(self.answers, known))
 
         for name, heading, parts in (
             ("theory", "Part I. Theory", self.analysis),
             ("plan", "Plan of the experiment", (self.plan,)),
             ("experiment", "Part II. Experiment", self.experiment),
-            ("discussion", "Discussion", () if self.discussion is None else (self.discussion,)),
-            ("answers", "Answers, item by item", () if self.answers is None else (answered,)),
+            ("discussion", "Discussion", (self.discussion,)),
+            ("answers", "Answers, item by item", (answered,)),
             ("conclusions", "Conclusions", (self.conclusions,)),
         ):
-            if parts:
-                r.heading(heading, name)
+            r.heading(heading, name)
             r.part = r.part if name != "plan" else ""
             for part in parts:
                 known |= called(part, known) or {}
         if asked is not None and asked.questions:
             _questions(r, asked)
-        if self.result is not None:
-            sentences = [translated(each) for each in called(self.result, known)]
-            r.more["result"] = without_places(sentences[0])
-            found: list[Block] = [Heading(translated("Result"), 2, name="result"), Text(" ".join(sentences))]
-            r.blocks[first:first] = found + ([Copy(self.key)] if self.key else [])
+        sentences = [translated(each) for each in called(self.result, known)]
+        r.more["result"] = without_places(sentences[0])
+        r.blocks[first:first] = [Heading(translated("Result"), 2, name="result"), Text(" ".join(sentences)), Copy(self.key)]
         r.blocks = numbered(r.blocks)
         return r
 

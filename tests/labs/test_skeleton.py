@@ -5,7 +5,7 @@ import pytest
 from ctlabs.labs.experiment import Experiment
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.reporting.params import LabParameters, Variance, given
-from ctlabs.reporting.report import Heading, Text
+from ctlabs.reporting.report import Copy, Heading, Text
 
 META = {"name": "task99", "title": "A test", "source": "A book, task 99", "parts": ["a"]}
 
@@ -33,24 +33,49 @@ def measured(r, steps):
     return {"worst": 2.5}
 
 
+def discussion(r, worst):
+    """What one sees."""
+    r.says("{worst} is seen", worst=worst)
+
+
+def answers(steps):
+    """Each item."""
+    return {"a": f"It takes {steps}."}
+
+
+def result(worst):
+    """Read first, said last."""
+    return [f"It is {worst}.", "So.", "No more."]
+
+
 def conclusions(r, worst, steps):
     """What it comes to."""
     r.says("{worst} after {steps}", worst=worst, steps=steps)
 
 
-PARTS = Skeleton(analysis=(analysis,), plan=plan, experiment=(measured,), conclusions=conclusions)
+PARTS = Skeleton(
+    result=result, key="curve", analysis=(analysis,), plan=plan, experiment=(measured,), discussion=discussion, answers=answers,
+    conclusions=conclusions,
+)  # fmt: skip
 
 
 def test_parts_are_run_in_the_order_of_the_report():
     """Each below its heading, with what was given, and with what the parts before it have returned."""
     report = PARTS.report(META, Parameters(), Experiment(runs=7, seed=3), system="a tank")
-    assert [block.text for block in report.blocks] == [
+    copies = [block for block in report.blocks if isinstance(block, Copy)]
+    blocks = [block for block in report.blocks if not isinstance(block, Copy)]
+    assert [block.text for block in blocks] == [
+        "Result", "It is 2.5. So. No more.",
         "Part I. Theory", "a tank with Q = 0.5",
         "Plan of the experiment", "7 runs",
         "Part II. Experiment", "40 steps",
+        "Discussion", "2.5 is seen",
+        "Answers, item by item", "- **(a)** It takes 40. *→ {part:a}*",
         "Conclusions", "2.5 after 40",
     ]  # fmt: skip
-    assert [type(block) for block in report.blocks] == [Heading, Text] * 4
+    assert [type(block) for block in blocks] == [Heading, Text] * 7
+    assert copies == [Copy("curve")]
+    assert report.more["result"] == "It is 2.5."
     assert (report.meta, report.runs, report.seed) == (META, 7, 3)
 
 
