@@ -57,32 +57,31 @@ def show(lab: str) -> None:
 
 def _formats(_context: click.Context, _option: click.Parameter, asked: str) -> tuple[str, ...]:
     """The formats of ``--format``: pdf, docx, tex, html, md."""
-    known = ("pdf", "docx", "tex", "html", "md")
+    from ctlabs.labs.printing import FORMATS
+
     found = tuple(word.strip().lower() for word in asked.split(",") if word.strip())
-    if unknown := [word for word in found if word not in known]:
-        msg = f"--format: expected some of {', '.join(known)}, received {', '.join(unknown)}"
+    if unknown := [word for word in found if word not in FORMATS]:
+        msg = f"--format: expected some of {', '.join(FORMATS)}, received {', '.join(unknown)}"
         raise click.ClickException(msg)
     return found
 
 
 def _title(formats: tuple[str, ...], path: Path | None) -> dict[str, str]:
     """What the title page says; refused before anything is computed, as is a program that is missing."""
-    if path is None and not {"pdf", "docx", "tex"} & set(formats):
-        return {}
     from ctlabs.labs import printing
 
     title = {} if path is None else checked(lambda: printing.title_page(path))
-    if {"pdf", "docx", "tex"} & set(formats):
+    if printing.ON_PAPER & set(formats):
         checked(printing.programs)
     return title
 
 
 def _print(out: Path, names: list[str], formats: tuple[str, ...], title: dict[str, str]) -> None:
     """The files on paper of some reports."""
-    if not {"pdf", "docx", "tex"} & set(formats):
-        return
     from ctlabs.labs import printing
 
+    if not printing.ON_PAPER & set(formats):
+        return
     for name in names:
         for path in printing.make(out / name, formats, title):
             click.echo(f"{'':<15} {path}")
@@ -100,12 +99,13 @@ def book(out: Path, formats: tuple[str, ...], title_page: Path | None) -> int:
     """
     from ctlabs.labs import book as books
 
-    kinds = [kind for kind in formats if kind != "html"]
+    if "html" in formats or not formats:
+        raise click.ClickException("--format: expected some of pdf, docx, tex, md, for a book, received html or none")
     title = _title(formats, title_page)
     if absent := books.missing(out):
         msg = f"--out {out}: expected the reports of all labs (ctlabs run all --out {out}), received none of {', '.join(absent)}"
         raise click.ClickException(msg)
-    for kind in kinds:
+    for kind in formats:
         click.echo(str(books.write(out, kind, title)))
     return 0
 
@@ -231,7 +231,7 @@ def run(
     except Interrupted as error:
         click.echo(f"ctlabs: {error}", err=True)
         return 130
-    course.write_index(out)
+    course.write_index(out, anew=len(chosen) == len(labs.catalogue()))
     _print(out, [entry.name for entry in chosen], formats, title)
     return int(failed)
 

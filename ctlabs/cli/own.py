@@ -466,7 +466,7 @@ def _model(
     found = modelfile.load(word, check=False) if is_file else modelfile.ready(word)
     if mapping is not None:
         found = _declared(found, mapping, tables)
-        found = found.edit(("model", "dt"), mapping.dt) if mapping.dt else found
+        found = found.edit(("model", "dt"), mapping.dt) if mapping.dt is not None else found
     return _changed(found.checked(), settings(pairs)).checked()
 
 

@@ -177,7 +177,7 @@ def _on_grid(model: ModelFile, record: Record, before: int) -> Placing:
         msg = f"{where.format(record.lines[row])} expected one row at each instant, received a second at {moment(t[row])}"
         raise ValueError(msg)
     by = int(np.diff(steps).min()) if len(t) > 1 else 1
-    if by > 1 and record.mapping.unit not in ("", *RELATIVE) and not record.mapping.dt:
+    if by > 1 and record.mapping.unit not in ("", *RELATIVE) and record.mapping.dt is None:
         every = int(np.gcd.reduce(np.diff(steps).astype(np.int64)))
         own = f"{pasted(('--dt', moment(every * dt)))} makes it that, " if every == by else ""
         msg = (

@@ -49,7 +49,7 @@ class Mapping:
     time: str = ""
     unit: str = ""
     t0: str = ""
-    dt: float = 0.0
+    dt: float | None = None
     inputs: tuple[str, ...] = ()
     u0: tuple[float, ...] = ()
     regressors: Table[str, str] = field(default_factory=dict)
@@ -72,7 +72,7 @@ class Mapping:
         _one_of("--blank", self.blank, ("skip", "missing"))
         if self.decimal and self.decimal == self.thousands:
             raise ValueError(f'--thousands: expected another mark than --decimal, received "{self.thousands}" for both')
-        if not 0 <= self.dt < math.inf:
+        if self.dt is not None and not 0 < self.dt < math.inf:
             raise ValueError(f"--dt: expected a period > 0, s, received {self.dt!r}")
         if self.skip < 0:
             raise ValueError(f"--skip: expected a number of lines >= 0, received {self.skip}")

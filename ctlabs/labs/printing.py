@@ -19,7 +19,7 @@ from ctlabs.reporting.symbols import GREEK
 TEMPLATES = Path(reporting.__file__).parent / "templates"
 #: Further files of a report's folder, by what a person types; the others are always there.
 FORMATS = {"pdf": "report.pdf", "docx": "report.docx", "tex": "report.tex", "html": "report.html", "md": "report.md"}
-ON_PAPER = ("pdf", "docx", "tex")
+ON_PAPER = {"pdf", "docx", "tex"}
 #: What a title page may hold, in its order.
 KEYS = ("university", "faculty", "department", "course", "student", "group", "variant", "teacher", "city", "date")
 LABELS = {"student": "Student", "group": "Group", "variant": "Variant", "teacher": "Teacher"}

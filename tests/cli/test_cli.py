@@ -95,6 +95,9 @@ REFUSED = [
     (["run"], r"LAB\.\.\.: expected as in `ctlabs run --help`, received none"),
     (["show"], r"LAB: expected as in `ctlabs show --help`, received none"),
     (["show", "99"], r"lab 99: expected one of .*, received an unknown name"),
+    (["book", "--format", "html"], r"--format: expected some of pdf, docx, tex, md, for a book, received html or none"),
+    (["book", "--format", ""], r"--format: expected some of pdf, docx, tex, md, for a book, received html or none"),
+    (["run", "7", "--format", "odt"], r"--format: expected some of pdf, docx, tex, html, md, received odt"),
     (["nosuch"], r"command nosuch: expected one of .*fit, forecast, list, look, models, run, show.*, received an unknown name"),
     (["list", "7"], r"expected what `ctlabs list --help` shows, received another form: .*\(7\).*"),
     (

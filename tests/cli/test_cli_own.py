@@ -183,6 +183,8 @@ REFUSED = [
     (["filter", "nile.toml", "flow.csv", "--set", "q=-1"], r"nile\.toml: model\.Qd.*: .*"),
     (["filter", "nile.toml", "flow.csv", "--set", "q=[1]"], r"nile\.toml: constants\.q: expected a number, received .*"),
     (["filter", "nile.toml", "flow.csv", "--set", "q=rr"], r'nile\.toml: constants\.q: unknown name "rr".*'),
+    (["filter", "nile.toml", "flow.csv", "--dt", "0"], r"--dt: expected a period > 0, s, received 0\.0"),
+    (["filter", "nile.toml", "flow.csv", "--dt", "-1"], r"--dt: expected a period > 0, s, received -1\.0"),
     (["simulate", "nile.toml", "--runs", "0"], r"--runs: expected a whole number >= 1, received 0"),
     (["filter", "nile.toml", "flow.csv", "--seed", "3"], r"--seed 3: expected --draws N beside it .*, received none; leave --seed out"),
     (["compare", "nile.toml", "flow.csv", "--seed", "3"], r"--seed 3: expected a record to simulate, received flow\.csv; .*"),
