@@ -16,7 +16,7 @@ CORNERS = [
     ("task01", {"sigma_w2": 0}), ("task01", {"R": [1, inf, 1, 0, 1, 1, 1], "P0": 0}), ("task01", {"R": 1e-6}),
     ("task02", {"u": 0}), ("task02", {"u": -1000, "R": 1e-6}),
     ("task03", {"sigma_w2": 0}), ("task03", {"R": 1e6, "tau": 0.01}),
-    ("task04", {"tau": 100}),
+    ("task04", {"tau": 100}), ("task04", {"R": 0}),
     ("task05", {"theta": 0}), ("task05", {"sigma_theta": 0.2}), ("task05", {"D": 20000}),
     ("task06", {"R": [inf, inf]}), ("task06", {"R": [0, 1, 0], "P0": 1e6}),
     ("task07", {"Phi": 1.3, "Q": 0, "K_star": 0.1}), ("task07", {"Phi": 0}),

@@ -1,4 +1,4 @@
-"""What labs say where it matters: an alarm's margin, a filter that is worth while, and corners at which a check once failed."""
+"""What labs say where it matters: an alarm's margin, and a filter that is worth while."""
 
 import numpy as np
 import pytest
@@ -35,10 +35,3 @@ def test_decorrelation_is_worth_while_only_where_the_true_sensor_agrees(sigma_th
     report = numbers(LABS["task05"], runs=400, sigma_theta=sigma_theta)
     assert max(report.values["variance_ratio_steady"].value) > 1.1
     assert report.values["verdict_g"].value is worth
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("name", "setting"), [("task04", {"tau": 100.0}), ("task04", {"R": 0.0}), ("task01", {"R": 1e-6})])
-def test_good_parameters_pass(name, setting):
-    """A check is judged by the size of what is rounded in it."""
-    assert [check for check in numbers(LABS[name], runs=25, **setting).checks if not check.passed] == []
