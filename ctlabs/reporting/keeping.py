@@ -17,8 +17,8 @@ LOOKED_AT = {".json", ".csv", ".md"}
 def kept(old: str, new: str) -> str:
     r"""The new text, but each line of the old one that says the same.
 
-    >>> kept('{"a": 0.3333333333,\\n"b": 2}', '{"a": 0.3333333334,\\n"b": 3}')
-    '{"a": 0.3333333333,\\n"b": 3}'
+    >>> kept('{"a": 0.3333333333,\n"b": 2}', '{"a": 0.3333333334,\n"b": 3}')
+    '{"a": 0.3333333333,\n"b": 3}'
     """
     before, after = old.split("\n"), new.split("\n")
     if len(before) != len(after):
