@@ -416,11 +416,15 @@ def _suggest(report: Report) -> None:
 @contextlib.contextmanager
 def _refusing() -> Iterator[None]:
     """What the library refuses becomes the command line's one line."""
-    from ctlabs.montecarlo import BlockFailed
-
     try:
         yield
-    except (ValueError, TypeError, ArithmeticError, BlockFailed) as error:
+    except (ValueError, TypeError, ArithmeticError) as error:
+        raise click.ClickException(str(error)) from None
+    except RuntimeError as error:
+        from ctlabs.montecarlo import BlockFailed  # costs half a second that most commands need not spend
+
+        if not isinstance(error, BlockFailed):
+            raise
         raise click.ClickException(str(error)) from None
     except MemoryError:
         msg = "expected a task that fits into the memory, received a larger one: fewer steps, runs, states or rows"

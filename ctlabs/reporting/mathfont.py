@@ -11,6 +11,9 @@ from pathlib import Path
 
 #: STIX Two Math, as much of it as equations need (templates/math-license.txt).
 FONT = Path(__file__).parent / "templates" / "math.ttf"
+#: The signs of a model's matrices, and the font with them ready made: a command on one's own data need not cut it out.
+MODELS = frozenset(map(ord, "FGQRHPΦΓBDNKSCxyzuwvthcdse0123456789.,=+−×()[]…∞¯ˆ"))
+READY = FONT.with_name("math-models.woff")
 #: The first letter of each alphabet, its length, and where its italics begin, in which variables of one letter are set.
 ALPHABETS = ((ord("A"), 26, 0x1D434), (ord("a"), 26, 0x1D44E), (0x391, 25, 0x1D6E2), (0x3B1, 25, 0x1D6FC))
 #: The italic h, which stands apart, and the sign of a root, which an equation draws without naming it.
@@ -20,7 +23,8 @@ ALWAYS = (0x210E, 0x221A)
 def font(page: str) -> str:
     """The style of equations, with the signs that the equations of a page need."""
     equations = re.sub("<[^>]*>", "", "".join(re.findall("<math.*?</math>", page, re.DOTALL)))
-    data = base64.b64encode(_subset(frozenset(map(ord, unescape(equations))))).decode()
+    signs = frozenset(map(ord, unescape(equations)))
+    data = base64.b64encode(READY.read_bytes() if signs <= MODELS else subset(signs)).decode()
     return (
         f'@font-face {{ font-family: "ctlabs math"; src: url(data:font/woff;base64,{data}) format("woff"); }}\n'
         'math { font-family: "ctlabs math", "STIX Two Math", "Cambria Math", "Latin Modern Math", math; }\n'
@@ -28,17 +32,17 @@ def font(page: str) -> str:
 
 
 @lru_cache(maxsize=32)
-def _subset(signs: frozenset[int]) -> bytes:
+def subset(signs: frozenset[int]) -> bytes:
     """The font with these signs, their italics, and all sizes of what grows; the same bytes everywhere."""
-    from fontTools import subset
+    from fontTools import subset as cutter
     from fontTools.ttLib import TTFont
 
-    options = subset.Options(layout_features=["*"], hinting=False, notdef_outline=True, flavor="woff")
+    options = cutter.Options(layout_features=["*"], hinting=False, notdef_outline=True, flavor="woff")
     found, packed = TTFont(io.BytesIO(FONT.read_bytes()), recalcTimestamp=False), io.BytesIO()
-    chosen = subset.Subsetter(options)
+    chosen = cutter.Subsetter(options)
     chosen.populate(unicodes={*ALWAYS, *signs, *map(_italic, signs)})
     chosen.subset(found)
-    subset.save_font(found, packed, options)
+    cutter.save_font(found, packed, options)
     return packed.getvalue()
 
 

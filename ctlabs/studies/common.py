@@ -202,6 +202,14 @@ def delicacy(P_minus: Array, P_plus: Array, S: Array, most: int) -> float:
     return max(worst, float(np.finfo(float).eps * lessened.max()))
 
 
+def other_form(algorithm: str) -> tuple[str, str]:
+    """Another form of the filter than ``algorithm``, to check it by: its name in words, and that for ``algorithm=``.
+
+    Factors keep more digits than what they check, and cost no import of another program.
+    """
+    return (_("filterpy"), "filterpy") if algorithm == "ud" else (_("UD factors"), "ud")
+
+
 def wide(*curves: Array) -> str:
     """The axis to draw logarithmically: "y" where positive curves span more than two orders of magnitude."""
     values = np.concatenate(curves)

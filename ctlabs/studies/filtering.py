@@ -242,7 +242,7 @@ def _figures(report: Report, run: Run) -> None:
 
 
 def _second_route(report: Report, run: Run) -> None:
-    """The same estimates by the library's other filter, over the first rows of a long record, where rounding allows it."""
+    """The same estimates by another form of the filter, over the first rows of a long record, where rounding allows it."""
     if run.algorithm == "steady":
         steady_route(report, run)
         return
@@ -257,8 +257,9 @@ def _second_route(report: Report, run: Run) -> None:
         return
     steps = min(len(run.z) - 1, CHECKED)
     model = run.model.cut(steps)
-    other = kalman_filter(model, run.data[run.first : steps + 1], first=run.first, algorithm="filterpy")
-    routes = (_("this form of the filter"), _("filterpy"))
+    name, form = common.other_form(run.algorithm)
+    other = kalman_filter(model, run.data[run.first : steps + 1], first=run.first, algorithm=form)
+    routes = (_("this form of the filter"), name)
     known = np.isfinite(other.P_plus).all(axis=(1, 2))
     if not known.any():
         return

@@ -195,16 +195,17 @@ def _profiles(report: Report, model: ModelFile, found: Fit) -> None:
 
 
 def _likelihood(report: Report, found: Fit, records: list[tuple[DiscreteModel, Array]], first: int) -> None:
-    """The log-likelihood of the estimates from filterpy's innovations."""
+    """The log-likelihood of the estimates from the innovations of another form of the filter."""
     if sum(len(z) for _model, z in records) > CHECKED:
         report.says(_("The record is too long for it."))
         return
     if not np.isfinite(found.log_likelihood):
         report.says(_("The record is impossible with these estimates: there is no density to compare."))
         return
+    name, form = common.other_form("auto")
     total, count = 0.0, 0
     for model, z in records:
-        run = kalman_filter(model, z, first=first, algorithm="filterpy")
+        run = kalman_filter(model, z, first=first, algorithm=form)
         if not common.delicacy(run.P_minus, run.P_plus, run.S, 1000) < common.SINGULAR:
             report.says(_("The error covariance is nearly singular: forms of the filter differ by their rounding."))
             return
@@ -216,5 +217,5 @@ def _likelihood(report: Report, found: Fit, records: list[tuple[DiscreteModel, A
                 e, own = nu[seen], S[np.ix_(seen, seen)]
                 count += len(e)
                 total -= 0.5 * (e @ np.linalg.solve(own, e) + np.linalg.slogdet(own)[1] + seen.sum() * np.log(2 * np.pi))
-    routes = (_("compiled filter"), _("innovations of filterpy"))
+    routes = (_("compiled filter"), name)
     report.check(_("log-likelihood of the estimates"), found.log_likelihood, float(total), routes, SOLVER, scale=count + abs(total))

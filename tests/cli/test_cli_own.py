@@ -297,7 +297,7 @@ class TestRefusals:
         right = filtering.kalman_filter
 
         def torn(model, z, **more):
-            return right(model, 1.05 * z if more.get("algorithm") == "filterpy" else z, **more)
+            return right(model, 1.05 * z if more.get("algorithm") == "ud" else z, **more)
 
         monkeypatch.setattr(filtering, "kalman_filter", torn)
         assert ctlabs("filter", "nile.toml", "flow.csv") == 1

@@ -17,7 +17,7 @@ from PIL import Image
 
 from ctlabs.labs import catalogue as labs
 from ctlabs.models import ContinuousModel
-from ctlabs.reporting import plots, render
+from ctlabs.reporting import mathfont, plots, render
 from ctlabs.reporting.mathfont import font
 from ctlabs.reporting.mathml import lines
 from ctlabs.reporting.params import LabParameters, Variance, VariancesOrInf, given
@@ -397,3 +397,10 @@ class TestData:
         report = Report(META, Parameters(), 10, 1)
         render.write(report, tmp_path / "task99")
         assert json.loads((tmp_path / "task99/results.json").read_text(encoding="utf-8")) == report.results()
+
+
+def test_the_ready_font_is_the_one_that_would_be_cut_out():
+    """What the pages of models are set in, and no page with another sign."""
+    assert mathfont.READY.read_bytes() == mathfont.subset(mathfont.MODELS)
+    ready = mathfont.font("<math><mi>&#x3A6;</mi><mo>=</mo><mn>1</mn></math>")
+    assert ready == mathfont.font("<math><mi>Q</mi></math>") != mathfont.font("<math><mo>∫</mo></math>")
