@@ -14,6 +14,7 @@ import scipy.linalg
 from scipy.sparse.csgraph import connected_components
 
 from ctlabs.linalg.checks import Array
+from ctlabs.linalg.units import even
 
 ComplexArray = np.ndarray[Any, np.dtype[np.complex128]]
 
@@ -44,7 +45,7 @@ def _of_block(A: Array) -> tuple[ComplexArray, Array]:
     if n == 1:
         return A[0].astype(np.complex128), np.zeros(1)
     # Balancing is exact, and only powers of 2.
-    A = scipy.linalg.matrix_balance(A, permute=False)[0]
+    A = even(A)[0]
     values, left, right = scipy.linalg.eig(A, left=True)
     cosine = np.abs((left.conj() * right).sum(axis=0))
     size = float(np.linalg.norm(A, 2))

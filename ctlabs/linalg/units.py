@@ -14,6 +14,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dgebal
 
 from ctlabs.linalg.checks import Array
 
@@ -54,3 +55,15 @@ def balanced(A: Array, W: Array | None = None, J: Array | None = None, *, contin
     logs[:size] = np.linalg.lstsq(normal[:size, :size], right[:size], rcond=1e-12)[0].round()
     found = np.exp2(logs)
     return Units(found[:n], float(found[n]))
+
+
+def even(A: Array) -> tuple[Array, Array]:
+    """D⁻¹AD whose rows and columns have sizes that are as equal as powers of two make them, and the diagonal of D (LAPACK's gebal).
+
+    ``scipy.linalg.matrix_balance`` warns where an element of D is beyond 2⁶³, for it takes it for a row's number.
+
+    >>> even(np.array([[1.0, 2.0**90], [2.0**-90, 1.0]]))[1].tolist()
+    [1.2379400392853803e+27, 1.4615016373309029e-27]
+    """
+    scaled, _, _, units, _ = dgebal(A, scale=1, permute=0)
+    return scaled, units

@@ -24,7 +24,7 @@ import scipy.linalg
 from ctlabs.linalg import checks, lyapunov, riccati
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.staircase import ComplexArray, clusters, eigenvalues, growing, hidden
-from ctlabs.linalg.units import balanced
+from ctlabs.linalg.units import balanced, even
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.models.discretisation import interval
 
@@ -341,7 +341,7 @@ def never_seen(A: Array, H: Array, unseen: float) -> Array:
     found = hidden(A, H, unseen, unseen)
     if not found.shape[1]:
         return found
-    balanced_A, (units, _) = scipy.linalg.matrix_balance(A, permute=False, separate=True)
+    balanced_A, units = even(A)
     rows = H * units
     size = np.abs(rows).max(axis=1, initial=0.0)
     other = hidden(balanced_A, rows / np.where(size > 0, size, 1.0)[:, None], unseen, unseen)
