@@ -62,8 +62,8 @@ def even(A: Array) -> tuple[Array, Array]:
 
     ``scipy.linalg.matrix_balance`` warns where an element of D is beyond 2⁶³, for it takes it for a row's number.
 
-    >>> even(np.array([[1.0, 2.0**90], [2.0**-90, 1.0]]))[1].tolist()
-    [1.2379400392853803e+27, 1.4615016373309029e-27]
+    >>> even(np.array([[1.0, 2.0**90], [2.0**-90, 1.0]]))[0].tolist()
+    [[1.0, 2.0], [0.5, 1.0]]
     """
     scaled, _, _, units, _ = dgebal(A, scale=1, permute=0)
     return scaled, units
