@@ -1,4 +1,4 @@
-"""All labs as one document: a chapter for each topic, one bibliography, the listings; the checks stay in the reports.
+"""All labs as one document: a chapter for each topic, one bibliography, an index, the listings; the checks stay in the reports.
 
 The reports are read as they were written. Each lab's places get its name before theirs, and its references the numbers of the book.
 """
@@ -13,6 +13,7 @@ from ctlabs.labs import printing
 from ctlabs.labs.catalogue import catalogue
 from ctlabs.labs.course import course
 from ctlabs.labs.sheets import bibliography
+from ctlabs.labs.terms import index, marked
 from ctlabs.text import _, translated
 
 TITLE = "Optimal filtering: worked labs"
@@ -32,12 +33,17 @@ def missing(out: Path) -> list[str]:
 def text(out: Path) -> str:
     """The book in Markdown; its pictures lie below ``out``."""
     cited: list[str] = []
-    chapters = []
+    chapters, bodies = [], {}
     for topic in course().topics:
         chapters += [f"# {translated(topic.name)}", translated(topic.about)]
-        chapters += [_chapter(name, (out / name / "report.md").read_text(encoding="utf-8"), cited) for name in topic.labs]
+        for name in topic.labs:
+            report = (out / name / "report.md").read_text(encoding="utf-8")
+            bodies[name] = marked(name, _chapter(name, report, cited))
+            chapters.append(bodies[name])
     books = [f'{i}. <a id="ref-{key}"></a>{bibliography()[key]}' for i, key in enumerate(cited, 1)]
-    return "\n\n".join([*chapters, f"# {_('Bibliography')}", "\n".join(books)]) + "\n"
+    about = _("Each term with the places where a lab first speaks of it.")
+    parts = [*chapters, f"# {_('Bibliography')}", "\n".join(books), f"# {_('Index')}", about, index(bodies)]
+    return "\n\n".join(parts) + "\n"
 
 
 def _chapter(name: str, report: str, cited: list[str]) -> str:

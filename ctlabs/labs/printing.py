@@ -31,6 +31,9 @@ _COPY = re.compile(r"^\[!\[.*?\]\(.*?\)\]\(#.*?\)\n+.*?\n\n", re.MULTILINE)
 _WAYS = re.compile(r"^(?:\[[^\]]*\]\(\.\./[^)]*\)(?: · )?)+\n\n", re.MULTILINE)
 _FOLD = re.compile(r"^<details><summary>(.*)</summary>$", re.MULTILINE)
 _TAG = re.compile(r"\\tag\{(\d+)\}")
+#: Places of an index, whose links are the numbers of their pages on paper; Word has no words for that.
+_PAGE = re.compile(r"\[[^\]]*\]\(#(index-[^)]+)\)")
+_PAGES = {"pdf": r"`#link(<\1>)[#context str(counter(page).at(<\1>).first())]`{=typst}", "tex": r"`\\pageref{\1}`{=latex}"}
 #: In words, what LaTeX's fonts have in equations only.
 _SIGNS = {
     "✓": r"\checkmark", "∎": r"\blacksquare", "→": r"\to", "≤": r"\le", "≥": r"\ge", "∞": r"\infty", "√": r"\surd", "≈": r"\approx",
@@ -126,6 +129,7 @@ def _for_pandoc(text: str, kind: str) -> str:
     text = _HEADING.sub(r"\1 {#\2}", text)
     text = _ANCHOR.sub(r"`#metadata(none) <\1>`{=typst}" if kind == "pdf" else r"[]{#\1}", text)
     text = _PICTURE.sub(r"![\1](\2){width=92%}", text)
+    text = _PAGE.sub(_PAGES.get(kind, r"\g<0>"), text)
     if kind == "pdf":
         text = text.replace(r"\;", r"\ ")  # a thick space, which pandoc's typst has not
     if kind != "tex":

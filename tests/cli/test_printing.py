@@ -15,10 +15,12 @@ from ctlabs.labs import book, printing
 from ctlabs.labs import catalogue as labs
 from ctlabs.labs.course import course
 from ctlabs.labs.sheets import bibliography
+from ctlabs.labs.terms import index, marked, terms
 from ctlabs.reporting import render
 from ctlabs.reporting.report import Copy, Report
 from tests.reporting.test_render import META, ROUTES, Parameters, sample
 
+REPORTS = Path(__file__).parents[2] / "reports"
 THERE = all(importlib.util.find_spec(name) for name in ("pypandoc", "typst"))
 needs_programs = pytest.mark.skipif(not THERE, reason="no pandoc and typst here: pip install 'ctlabs[print]'")
 TITLE = {"university": "University & Co.", "course": "Filtering", "student": 'A. "B" C', "group": "7_1", "teacher": "D\\E", "date": "2026"}
@@ -156,6 +158,7 @@ def shelf(tmp_path) -> Path:
         r.heading("Theory", "theory")
         r.section("a", f"What {name} asks")
         r.math("x = 1", "one")
+        r.says("A stable $stable$ pole.")
         r.says("By {eq:one}, {part:a}, {ref:maybeck, p. 3} and {ref:" + ("kalman" if name == "field" else "semushin") + "}; {app:checks}.")
         r.check("one", 1.0, 1.0, ROUTES)
         (tmp_path / name).mkdir()
@@ -167,7 +170,7 @@ class TestBook:
     def test_it_has_a_chapter_for_each_topic_and_one_bibliography(self, shelf):
         """Every place has its own name, every link leads somewhere, and references have the numbers of the book."""
         text = book.text(shelf)
-        assert re.findall(r"^# (.+)$", text, re.MULTILINE) == [*(topic.name for topic in course().topics), "Bibliography"]
+        assert re.findall(r"^# (.+)$", text, re.MULTILINE) == [*(topic.name for topic in course().topics), "Bibliography", "Index"]
         assert len(re.findall(r"^## ", text, re.MULTILINE)) == len(labs.catalogue())
         places = re.findall(r'<a id="([^"]+)"></a>', text)
         assert len(places) == len(set(places))
@@ -179,11 +182,28 @@ class TestBook:
         assert "Table A1 " not in text.replace("Table A1.", "")
         assert text.count("```python") == len(labs.catalogue())
 
+    def test_its_index_leads_to_the_first_words_of_each_lab(self, shelf):
+        """Prose alone is read; a term that no lab speaks of is left out."""
+        lines = book.text(shelf).split("# Index")[1].split("\n\n")[2:]
+        assert [line.split(":")[0] for line in lines] == ["pole", "stability"]
+        assert lines[0].count("](#index-") == len(labs.catalogue())
+        assert book.text(shelf).count('A <a id="index-') == len(labs.catalogue())
+
+    def test_every_term_of_the_index_is_in_the_reports(self):
+        """In few enough labs to be of use."""
+        reports = {name: (REPORTS / name / "report.md").read_text(encoding="utf-8") for name in labs.catalogue()}
+        bodies = {name: marked(name, text) for name, text in reports.items()}
+        found = dict(line.split(": ", 1) for line in index(bodies).split("\n\n"))
+        assert list(found) == list(terms())
+        assert max(line.count("](") for line in found.values()) <= 20
+
     @needs_programs
     def test_it_becomes_one_document(self, shelf):
         """With contents."""
         done = CliRunner().invoke(cli, ["book", "--out", str(shelf), "--format", "pdf,tex,md"], catch_exceptions=False)
         assert done.exit_code in (0, None), done.output
         assert (shelf / "book.pdf").read_bytes().startswith(b"%PDF")
-        assert r"\tableofcontents" in (shelf / "book.tex").read_text(encoding="utf-8")
+        source = (shelf / "book.tex").read_text(encoding="utf-8")
+        assert r"\tableofcontents" in source
+        assert set(re.findall(r"\\pageref\{(.*?)\}", source)) == set(re.findall(r"\\label\{(index-.*?)\}", source))
         assert (shelf / "book.md").read_text(encoding="utf-8").startswith("# Optimal filtering")
