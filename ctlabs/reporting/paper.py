@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from ctlabs.reporting.drawing import Band, Curve, Drawing, Panel, array
-from ctlabs.reporting.plots.base import legend, panels, styled, whole
+from ctlabs.reporting.plots.base import legend, logarithmic, panels, styled, whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -59,7 +59,7 @@ def _axes(axes: Axes, drawing: Drawing, panel: Panel) -> None:
     if drawing.square:
         axes.set_aspect("equal")
     if drawing.log:
-        axes.set_xscale("log")
+        logarithmic(axes, "x")
     if drawing.ticks:
         axes.set_xticks(range(len(drawing.ticks)), drawing.ticks, rotation=30, ha="right", rotation_mode="anchor")
     if drawing.reach is not None:
@@ -67,7 +67,7 @@ def _axes(axes: Axes, drawing: Drawing, panel: Panel) -> None:
     if drawing.whole:
         whole(axes)
     if panel.falls:
-        axes.set_yscale("log")
+        logarithmic(axes, "y")
     elif panel.kind in ("size", "count"):
         axes.set_ylim(bottom=0)
     if panel.reach is not None:

@@ -288,3 +288,16 @@ class TestRuns:
         for axes, dof in zip(drawn.axes[4:], (2, 1), strict=True):
             lines = {line.get_label(): line.get_ydata() for line in axes.lines}
             assert set(lines["theory"][1:]) == {dof}
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "wanted"), [(0.31, 0.92, {"0.4", "0.6"}), (1.2, 8.5, {"2", "4"}), (0.01, 200.0, {r"$\mathdefault{10^{0}}$"})]
+)
+def test_a_short_logarithmic_axis_has_plain_numbers(low, high, wanted):
+    """0.9 and not 9×10⁻¹; powers of ten where it is long."""
+    figure = plots.lines([1.0, 2.0], {"": [low, high]}, xlabel="x", ylabel="y", log="y")
+    figure.canvas.draw()
+    texts = {tick.get_text() for tick in figure.axes[0].yaxis.get_ticklabels(which="both")} - {""}
+    assert wanted <= texts
+    assert len(wanted) > 1 or all("10^" in text for text in texts)
+    assert len(wanted) == 1 or not any("10^" in text for text in texts)

@@ -60,6 +60,17 @@ def whole(axes: Axes) -> None:
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
+def logarithmic(axes: Axes, log: str) -> None:
+    """Logarithmic scales on the axes that ``log`` names ("x", "y", "xy"), with numbers that are read at a glance."""
+    from ctlabs.reporting.plots.ticks import ShortLogTicks
+
+    for name in log:
+        axes.set(**{f"{name}scale": "log"})
+        axis = axes.xaxis if name == "x" else axes.yaxis
+        axis.set_major_formatter(ShortLogTicks())
+        axis.set_minor_formatter(ShortLogTicks(labelOnlyBase=False))
+
+
 @styled
 def lines(
     x: ArrayLike,
@@ -93,10 +104,7 @@ def lines(
         axes.plot(px, py, color=GREY, linestyle="--", linewidth=1.2, label=name)
     for name, (px, py) in (points or {}).items():
         axes.plot(px, py, color=BLACK, linestyle="none", marker="o", markersize=5, label=name, zorder=5)
-    if "x" in log:
-        axes.set_xscale("log")
-    if "y" in log:
-        axes.set_yscale("log")
+    logarithmic(axes, log)
     if steps:
         whole(axes)
     if ylim:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ctlabs.filtering.results import Covariances
 from ctlabs.reporting.drawing import CYCLE, Curve, Drawing, Mark, Panel
-from ctlabs.reporting.plots.base import BLACK, BLUE, GREEN, GREY, ORANGE, legend, panels, styled
+from ctlabs.reporting.plots.base import BLACK, BLUE, GREEN, GREY, ORANGE, legend, logarithmic, panels, styled
 from ctlabs.reporting.plots.filters import against_theory
 from ctlabs.text import _, fill, translated
 
@@ -226,7 +226,7 @@ def ensemble_log(
         against_theory(grid[i, 0], t, sd[cut, i], [np.where(known, edge[cut, i], np.nan) for edge in rms_band], rms)
         grid[i, 0].set_ylabel(f"{_('RMS error of')} {name}, {unit}")
         if known.any():
-            grid[i, 0].set_yscale("log")
+            logarithmic(grid[i, 0], "y")
         relative = [values[cut, i] / sd[cut, i] for values in (*bias_band, stats.bias)]
         against_theory(grid[i, 1], t, np.where(known, 0.0, np.nan), relative[:2], relative[2])
         grid[i, 1].set_ylabel(fill(_("mean error of {name}, σ"), name=name))
@@ -239,8 +239,7 @@ def ensemble_log(
         against_theory(axes, t, expected[cut], [edge[cut] for edge in band], values[cut])
         axes.set_ylabel(fill(_("{what}, average"), what=name))
         axes.set_xlabel(xlabel)
-        if "x" in log:
-            axes.set_xscale("log")
+        logarithmic(axes, "x" if "x" in log else "")
     legend(figure, grid[0, 0])
     return figure
 

@@ -12,7 +12,7 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import ArrayLike
 
-from ctlabs.reporting.plots.base import BLACK, GREY, ORANGE, panels, styled, whole
+from ctlabs.reporting.plots.base import BLACK, GREY, ORANGE, logarithmic, panels, styled, whole
 from ctlabs.text import translated
 
 if TYPE_CHECKING:
@@ -44,9 +44,7 @@ def sweep(result: Sweep, quantity: str, *, labels: dict[str, str], label: str, l
         axes.plot(result.axes[names[0]], values, marker="o")
         axes.set_ylabel(label)
     if log:
-        axes.set_xscale("log")
-        if len(names) == 2:
-            axes.set_yscale("log")
+        logarithmic(axes, "xy" if len(names) == 2 else "x")
     axes.set_xlabel(labels[names[0]])
     return figure
 
