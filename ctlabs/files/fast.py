@@ -131,10 +131,10 @@ def _well_formed(body: bytes, mark: str) -> bool:
 def _decided(body: bytes, mark: str, starts: Array, ends: Array) -> bool:
     """Whether each column's marks are decimal marks for certain, one in a cell and before the exponent."""
     data = np.frombuffer(body, np.uint8)
-    points = np.flatnonzero(data == ord(mark))
+    points = np.flatnonzero(data == ord(mark)).astype(ends.dtype)
     if not len(points):
         return True
-    cell = np.searchsorted(ends.ravel(), points)
+    cell = np.searchsorted(ends.ravel(), points).astype(ends.dtype)
     if (np.diff(cell) == 0).any():
         return False
     powers = np.flatnonzero((data == 69) | (data == 101))
