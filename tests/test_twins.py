@@ -123,6 +123,10 @@ def test_a_way_back_that_loses_digits_says_so(seed: list[int]) -> None:
         ("smooth", [2, 9]),
         ("filter_record", [13, 149]),  # eight states of which one sensor leaves directions of 1e-10
         ("filter_record", [14, 1402]),
+        ("steady.solve", [12, 187]),  # the loop is stable to rounding of P alone: corrections halve long before they square
+        ("steady.solve", [14, 332]),
+        ("steady.solve", [12, 60]),  # Φ − NR⁻¹H has lost Φ
+        ("steady.solve", [12, 905]),
     ],
 )
 def test_models_that_were_wrong_once(verb: str, seed: list[int]) -> None:

@@ -92,6 +92,13 @@ class RiccatiEquation(NamedTuple):
         Q = np.where(known[:, None] | known, 0.0, 0.5 * (Q + Q.T))
         return self._replace(A=self.A - M @ self.H, Q=Manyfold.of(Q), N=Manyfold.of(np.zeros_like(N)))
 
+    def precisely_without_N(self, fold: int) -> Uncorrelated:
+        """The same in a multiple of the working precision; R has an inverse, or N is zero."""
+        if not self.N.high.any():
+            return Uncorrelated(self.A, self.H, self.Q, self.R)
+        M = manyfold.solve(Manyfold.of(self.R, fold), Manyfold.of(self.N, fold).T).T
+        return Uncorrelated(Manyfold.of(self.A, fold) - M @ self.H, self.H, (self.Q - M @ self.N.T).symmetric, self.R)
+
     def reduced(self, rest: undriven.Rest) -> RiccatiEquation:
         """The equation of the states kept."""
         k, M = rest.kept, rest.M
@@ -222,7 +229,8 @@ def _solved(eq: RiccatiEquation, plain: RiccatiEquation) -> Solution:
     # What fails here, and what other solvers warn of, only leads to the next one.
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        for fold, start in starts(Uncorrelated(first.A, first.H, first.Q.high, first.R), continuous=eq.continuous):
+        ways = starts(Uncorrelated(first.A, first.H, first.Q.high, first.R), here.precisely_without_N, continuous=eq.continuous)
+        for fold, start in ways:
             try:
                 found = _Newton(here, fold).solution(Manyfold.of(start(), fold))
             except _Unproved as error:
@@ -306,7 +314,7 @@ class _Newton:
             if not np.isfinite(part):
                 msg = "corrections that diverge"
                 raise ArithmeticError(msg)
-            if part < STILL ** (self.fold / 2) or last / 2 < part < 0.1:
+            if part < STILL ** (self.fold / 2) or 0.75 * last < part < 0.1:
                 reach = _reach(here, at, operator)
                 found = None if reach is None else _bounded(own, at.K.high * x[:, None] / z, reach, x)
                 bound = np.inf if found is None else found.error

@@ -28,23 +28,33 @@ DOUBLINGS = 128
 class Uncorrelated(NamedTuple):
     """A (n, n), H (m, n), Q (n, n), R (m, m) of an equation without N."""
 
-    A: Array
+    A: Matrix
     H: Array
-    Q: Array
+    Q: Matrix
     R: Array
 
 
-def starts(eq: Uncorrelated, *, continuous: bool) -> Iterator[tuple[int, Callable[[], Matrix]]]:
-    """Ways to a first P, the cheapest first, and the multiple of the working precision in which to go on from there."""
-    if len(eq.A) <= LARGE and len(eq.H):
+def starts(
+    eq: Uncorrelated, precise: Callable[[int], Uncorrelated], *, continuous: bool
+) -> Iterator[tuple[int, Callable[[], Matrix]]]:
+    """Ways to a first P, the cheapest first, and the multiple of the working precision in which to go on from there.
+
+    ``precise`` : the equation in a multiple of the working precision. Beside a quiet sensor whose noise is correlated with that of
+    the states, A − NR⁻¹H has lost A in doubles.
+    """
+    if eq.H.shape[1] <= LARGE and len(eq.H):
         yield 2, partial(by_control, eq, continuous=continuous)
     yield 2, partial(doubled, eq, 0.0, 1, continuous=continuous)
     yield 2, partial(doubled, eq, ADDED, 1, continuous=continuous)
-    if len(eq.A) <= LARGE:
+    if eq.H.shape[1] <= LARGE:
         yield 2, partial(doubled, eq, 0.0, 2, continuous=continuous)
         yield 2, partial(doubled, eq, ADDED, 2, continuous=continuous)
-        yield 4, partial(doubled, eq, 0.0, 4, continuous=continuous)
-        yield 8, partial(doubled, eq, 0.0, 8, continuous=continuous)
+        for fold in (4, 8):
+            yield fold, partial(_precisely, precise, fold, continuous=continuous)
+
+
+def _precisely(precise: Callable[[int], Uncorrelated], fold: int, *, continuous: bool) -> Matrix:
+    return doubled(precise(fold), 0.0, fold, continuous=continuous)
 
 
 def by_control(eq: Uncorrelated, *, continuous: bool) -> Array:
@@ -53,7 +63,7 @@ def by_control(eq: Uncorrelated, *, continuous: bool) -> Array:
 
     solver = control.care if continuous else control.dare
     try:
-        return np.asarray(solver(eq.A.T, eq.H.T, eq.Q, eq.R, method="scipy")[0])
+        return np.asarray(solver(high(eq.A).T, eq.H.T, high(eq.Q), eq.R, method="scipy")[0])
     except Exception as error:
         msg = f"python-control: expected a solution, received {error}"
         raise ArithmeticError(msg) from error
@@ -61,8 +71,8 @@ def by_control(eq: Uncorrelated, *, continuous: bool) -> Array:
 
 def doubled(eq: Uncorrelated, added: float, fold: int, *, continuous: bool) -> Matrix:
     """P after 1, 2, 4, … steps from zero, of the equation with added noise, in a multiple of the working precision."""
-    one = np.eye(len(eq.A))
-    R = eq.R + added * np.diag(np.diag(eq.R) + np.diag(eq.H @ eq.Q @ eq.H.T))
+    one = np.eye(eq.H.shape[1])
+    R = eq.R + added * np.diag(np.diag(eq.R) + np.diag(eq.H @ high(eq.Q) @ eq.H.T))
     F: Matrix = eq.A.T
     G: Matrix = eq.H.T @ np.linalg.solve(R, eq.H)
     P: Matrix = eq.Q + added * one
