@@ -47,10 +47,10 @@ FACTORS = (0.01, 0.1, 1.0, 10.0, 100.0)
 class Parameters(LabParameters):
     """What may be changed."""
 
-    sigma_w2: Variance = given(1.0, unit="m²/s", meaning="diffusion σ_w² of the Brownian motion")
+    sigma_w2: Variance = given(1.0, unit="m²/s", meaning="diffusion of the Brownian motion")
     tau: Positive = given(1.0, unit="s", meaning="period of the measurements")
     R: VarianceOrVariances = given(1.0, unit="m²", meaning="variance of the measurement error, or a list over the measurements")
-    x0_mean: Real = given(0.0, unit="m", meaning="mean of x(t0)")
+    x0_mean: Real = given(0.0, unit="m", meaning="mean of x(t0)", symbol=r"\bar x_0")
     P0: Variance = given(10.0, unit="m²", meaning="variance of x(t0)")
     steps: Count = given(10, unit="1", meaning="number of measurements (a list R sets it)", symbol="N")
 

@@ -28,9 +28,9 @@ META = {
 class Parameters(_kinematics.KinematicParameters):
     """What may be changed."""
 
-    sigma_w2: Variance = given(1.0, unit="m²/s³", meaning="diffusion σ_w² of the velocity")
+    sigma_w2: Variance = given(1.0, unit="m²/s³", meaning="diffusion of the velocity")
     P0: Covariance(2) = given(((100, 0), (0, 10)), unit="m², m²/s, m²/s²", meaning="covariance of (x, v) at t0")
-    x0_mean: Vector(2) = given((0, 0), unit="m, m/s", meaning="mean of (x, v) at t0")
+    x0_mean: Vector(2) = given((0, 0), unit="m, m/s", meaning="mean of (x, v) at t0", symbol=r"\bar x_0")
 
 
 def closed_form(r, lab):

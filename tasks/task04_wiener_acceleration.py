@@ -27,9 +27,9 @@ META = {
 class Parameters(_kinematics.KinematicParameters):
     """What may be changed."""
 
-    sigma_w2: Variance = given(1.0, unit="m²/s⁵", meaning="diffusion σ_w² of the acceleration")
+    sigma_w2: Variance = given(1.0, unit="m²/s⁵", meaning="diffusion of the acceleration")
     P0: Covariance(3) = given(((100, 0, 0), (0, 10, 0), (0, 0, 1)), unit="m², m²/s … m²/s⁴", meaning="covariance of (x, v, a) at t0")
-    x0_mean: Vector(3) = given((0, 0, 0), unit="m, m/s, m/s²", meaning="mean of (x, v, a) at t0")
+    x0_mean: Vector(3) = given((0, 0, 0), unit="m, m/s, m/s²", meaning="mean of (x, v, a) at t0", symbol=r"\bar x_0")
 
 
 def closed_form(r, lab):

@@ -59,7 +59,7 @@ class Parameters(LabParameters):
     theta: Real = given(math.pi / 6, unit="rad", meaning="bearing of the point at t0")
     sigma_D: Positive = given(10.0, unit="m", meaning="standard deviation of the range error")
     sigma_theta: Positive = given(0.03, unit="rad", meaning="standard deviation of the bearing error")
-    sigma_w2: Positive = given(4.0, unit="m²/s³", meaning="diffusion σ_w² of both velocities")
+    sigma_w2: Positive = given(4.0, unit="m²/s³", meaning="diffusion of both velocities")
     tau: Positive = given(1.0, unit="s", meaning="period of the measurements")
 
 
