@@ -32,7 +32,7 @@ def discussion(r, lab):
     n, p = lab.n, lab.p
     r.says("**Why the errors are bounded.** {n} measurements in a row determine the state but for their errors and for the noise that came between them. What came before does not matter to such an estimate, so its error cannot grow; the optimal one is at least as good.", n={2: "Two", 3: "Three"}[n])
     if p.sigma_w2 and p.R:
-        r.says("**What ρ is.** In one period the noise moves the coordinate by the standard deviation {sd}, the state at its beginning being known; ρ is the square of that over R, but for a numerical factor. Where ρ is small the measurements are too coarse to see the noise of one period, and the filter has to average; where ρ is large each measurement shows it.", quantity=QUANTITY[n], sd={2: r"$\sqrt{\sigma_w^2\tau^3/3}$", 3: r"$\sqrt{\sigma_w^2\tau^5/20}$"}[n])
+        r.says("**What ρ is.** In one period the noise moves the coordinate by the standard deviation {sd}, the state at its beginning being known; ρ is the square of that over R, but for a numerical factor. Where ρ is small the measurements are too coarse to see the noise of one period, and the filter has to average; where ρ is large each measurement shows it.", sd={2: r"$\sqrt{\sigma_w^2\tau^3/3}$", 3: r"$\sqrt{\sigma_w^2\tau^5/20}$"}[n])
         slow = float(np.abs(lab.limit.poles).max())
         r.says("**How long it takes.** Near the limit an error shrinks by the factor {slow:3} with each measurement, a deviation of the variances by the square of that. The settling step depends on $P_0$ as well, and so it is no property of the filter alone.", slow=slow)
     if lab.settled is not None and lab.settled > length(lab.settled):

@@ -274,7 +274,7 @@ def correlated_ensemble(r, p, answer, experiment, t):
     r.figure("correlated", Drawing("Correlated", STEP, (Panel("σ of the error (a pure number)", curves, kind="count"),), whole=True),
              "Correlated noises with the coefficient {rho:3}: standard deviations of theory (lines) and RMS errors of {runs} runs (points), with $R_{12}$ used and ignored.", rho=coefficient, runs=experiment.runs)
     mean = float(np.mean(actual.P_plus[1:, 0, 0]) / np.mean(seen.P_plus[1:, 0, 0])) if seen.P_plus[1:].any() else 1.0
-    r.says("In {fig:correlated} the filter that ignores the correlation has on average {mean:3} times the variance of the one that uses it, and it claims {claim:3} times its own true one. The ensemble follows the true curves, whatever is claimed.", rho=coefficient, mean=mean,
+    r.says("In {fig:correlated} the filter that ignores the correlation has on average {mean:3} times the variance of the one that uses it, and it claims {claim:3} times its own true one. The ensemble follows the true curves, whatever is claimed.", mean=mean,
            claim=float(np.mean(claimed[1:]) / np.mean(actual.P_plus[1:])) if actual.P_plus[1:].any() else 1.0)
 
 
