@@ -147,7 +147,7 @@ def signed(value):
 
 def data_sets(r, p):
     """The data as printed, and without the squares, beside the given ones."""
-    r.says("**The data.** The sheet prints $22500^2$, $36^2$ and $81^2$. They are taken as they stand, yet it is more likely that in each the letter of the unit is lost, m²: 22500 m², 36 m²·s, 81 m²·s. Read literally, the standard deviation of the commanded altitude is 22.5 km about a mean of 3 km; in plain units it is 150 m. {tab:data} has both readings. The ratio $N_c/N_m$, on which the gains depend, is {printed:2} in the one and {plain:2} in the other, so the two filters are alike; the lengths differ by a factor of about ten.",
+    r.says("**The data.** The sheet prints $22500^2$, $36^2$ and $81^2$. They are taken as they stand, but more likely the letter m of a unit is lost in each: 22500 m², 36 m²·s, 81 m²·s. Read literally, the standard deviation of the commanded altitude is 22.5 km about a mean of 3 km; in plain units it is 150 m. {tab:data} has both readings. The ratio $N_c/N_m$, on which the gains depend, is {printed:2} in the one and {plain:2} in the other, so the two filters are alike; the lengths differ by a factor of about ten.",
            printed=PRINTED[0] / PRINTED[1], plain=UNITS[0] / UNITS[1])
     own = (p.N_c, p.N_m, p.var_hc0)
     sets = {"as printed": PRINTED, "in plain units": UNITS}
