@@ -20,6 +20,7 @@ from ctlabs.tasks._kinematics_model import (
     definition,
     factors,
     growth,
+    listed,
     named,
     sampled,
     squared,
@@ -158,7 +159,7 @@ def part_c(r, lab, experiment):
     points = {"_" * j + "ensemble": (i, stats.rms[1:, j]) for j in range(n)}
     figure = plots.lines(i, {f"{s}": grown.sd_plus[1:, j] for j, s in enumerate(labels)}, xlabel="number of periods k", ylabel=text("σ of the state ({units})", units=", ".join(lab.system.units)), points=points, log="xy")
     r.figure("open_loop", figure, "Growth of the state's standard deviations from a deterministic start: straight lines on both logarithmic axes, from √t for the last state to the power {power} of t for x.", power=n - 0.5)
-    r.says("{fig:open_loop} and {tab:open_loop} show the growth: the further an integrator is from the noise, the smaller its σ at first, and the steeper.")
+    r.says("{fig:open_loop} and {tab:open_loop} show the growth: each integration makes the growth steeper by one power of t, so that the state farthest from the noise grows fastest in the end.")
 
 
 def explicit_solution(lab):
@@ -183,7 +184,7 @@ def existence(r, lab):
     r.says("The filter {ref:maybeck, section 5.3} predicts and updates,")
     r.math(r"\hat x(t_i^-) = \Phi\hat x(t_{i-1}^+), \qquad P(t_i^-) = \Phi P(t_{i-1}^+)\Phi^T + Q_d, \qquad \hat x(t_0^+) = \bar x_0, \quad P(t_0^+) = P_0")
     r.math(r"K_j(t_i) = \frac{P_{j1}(t_i^-)}{P_{11}(t_i^-) + R}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)[z(t_i) - \hat x_1(t_i^-)], \qquad P(t_i^+) = [I - K(t_i)H]P(t_i^-),", "filter")
-    r.says("where the gain is $P^-H^T(HP^-H^T + R)^{-1}$ (the method notes lose the transpose), and the updates begin at $t_1$, as $P(t_0^+)$ is given.")
+    r.says("where the gain is $P^-H^T(HP^-H^T + R)^{-1}$ (the method notes omit the transpose), and the updates begin at $t_1$, as $P(t_0^+)$ is given.")
     seen, unit = observability.analyse(lab.system), sampled(p.model_copy(update={"sigma_w2": 1.0}))
     r.says("**Observability.** n measurements in a row determine the state: the matrix of the rows $H, H\\Phi, \\dots, H\\Phi^{n-1}$ has the determinant $\\tau^{n(n-1)/2} \\ne 0$ for every period. The rank found numerically is {rank} of {n}.", rank=seen.rank, n=n)
     gramian = observability.gramian(lab.system, n)
@@ -194,8 +195,8 @@ def existence(r, lab):
     r.says("For bounded error variances it is enough that every mode that does not decay is observed. Here all modes have λ = 1, and all are observed.")
     deadbeat = backward_gain(n, p.tau)
     bound = sensitivity.fixed_gain(replace(lab.system, P0=np.zeros((n, n))), deadbeat, n).P_plus[n]
-    r.says("**Bounds, without the theorem.** Put {curve} through the last {n} measurements: an estimate that uses nothing older, so that its error holds only R and the noise of the last {n} periods. It is the filter with the constant gain $K_* = ({gain})^T$, all of whose poles are 0, and its error variances are {bound}. The optimal filter, which uses all measurements and $P_0$, has no larger ones from measurement {n} on, whatever $P_0$. So they are bounded, while those of the state ($\\sigma_w^2 > 0$) grow without bound, that of x like {growth}. ∎",
-           curve=CURVE[n], n=n, gain=", ".join(number(float(k)) for k in deadbeat[:, 0]), bound=", ".join(f"{number(b)} {u}" for b, u in zip(np.diag(bound), squared(lab), strict=True)), growth=growth(n))
+    r.says("**Bounds, without the theorem.** Put {curve} through the last {n} measurements: an estimate that uses nothing older, so that its error comes from the errors of these measurements and from the noise of the periods between them. It is the filter with the constant gain $K_* = ({gain})^T$, all of whose poles are 0, and its error variances are, in the order of the states, {bound}. The optimal filter, which uses all measurements and $P_0$, has no larger ones from measurement {n} on, whatever $P_0$. So they are bounded, while those of the state ($\\sigma_w^2 > 0$) grow without bound, that of x like {growth}. ∎",
+           curve=CURVE[n], n=n, gain=", ".join(number(float(k)) for k in deadbeat[:, 0]), bound=listed(f"{number(b)} {u}" for b, u in zip(np.diag(bound), squared(lab), strict=True)), growth=growth(n))
     r.check("error covariance of the backward differences", bound, by_hand.backward_differences(n, p.sigma_w2, p.tau, p.R), ("filter with poles at 0", "polynomial through n measurements"))
     variances = np.diagonal(covariances(lab.system, max(p.steps, n + 10)).P_plus, axis1=1, axis2=2)[n:]
     scale = np.where(np.diag(bound) > 0, np.diag(bound), 1.0)
@@ -246,11 +247,11 @@ def closed(r, lab):
     r.says("**The limit in closed form.** Take the {order} difference of the measurements. That of the position is a sum of pieces of the noise w, each weighted by a B-spline; its covariances at lag 0 and at the following lags are {values}, in units of {unit}. With $u = 2 - z - z^{-1}$, the spectrum of a first difference of white noise, and {ratio}, the spectrum of the differenced measurements is therefore",
            order=order, unit=f"$\\sigma_w^2\\tau^{2 * n - 1}$", values=values, ratio=f"${definition(n)}$")
     r.math(rf"R\,\Bigl[{noise} + \rho\,\Bigl({state}\Bigr)\Bigr].", "spectrum")
-    r.says("In the steady state the same sequence is a moving average of the innovations, which are white, with the coefficients of $A(z) = \\det(zI - (I - \\bar KH)\\Phi)$ {ref:anderson_moore, chapter 9}. So the zeros of {eq:spectrum} inside the unit circle are the poles $z_j$ of the filter. The determinant of $(I - \\bar KH)\\Phi$ is $1 - \\bar K_1$; with its trace and the value of A at $z = 1$ the gains follow:")
+    r.says("In the steady state the same sequence is a moving average of the innovations, which are white; its coefficients are those of $A(z) = \\det(zI - (I - \\bar KH)\\Phi)$ {ref:anderson_moore, chapter 9}. So the zeros of {eq:spectrum} inside the unit circle are the poles $z_j$ of the filter. The determinant of $(I - \\bar KH)\\Phi$ is $1 - \\bar K_1$; with its trace and the value of A at $z = 1$ the gains follow:")
     r.math(GAINS[n], "gains")
     if 0 < lab.ratio < math.inf:
         z = 1 - np.array(by_hand.poles(n, p.sigma_w2 * p.tau ** (2 * n - 1), p.R), dtype=complex)
-        r.says("Here $\\rho = {ratio}$ and the poles are {poles}.", ratio=lab.ratio, poles=", ".join(complex_number(x) for x in z))
+        r.says("Here $\\rho = {ratio}$ and the poles are {poles}.", ratio=lab.ratio, poles=listed(complex_number(x) for x in z))
 
 
 def complex_number(x):
@@ -285,7 +286,7 @@ def invariance(r, lab):
     shown = {"given": ([lab.ratio] * n, lab.limit.K[:, 0] * p.tau**powers)} if 0 < lab.ratio < math.inf else None
     figure = plots.lines(ratios, dict(zip(labels, gains.T, strict=True)), xlabel=text("ratio {ratio}", ratio=f"${definition(n)}$"), ylabel="scaled steady gain", points=shown, log="xy")
     r.figure("gains", figure, "Steady gains in units of the period against ρ.")
-    r.says("{fig:gains} shows them. For small ρ they fall like powers of {root}, as straight lines on these axes: the filter averages many measurements. For large ρ they stay finite: the last few measurements decide.", root=rf"$\rho^{{1/{2 * n}}}$")
+    r.says("{fig:gains} shows them. Towards small ρ they fall like powers of {root}, along straight lines on these axes: the filter averages many measurements. For large ρ they stay finite: the last few measurements decide.", root=rf"$\rho^{{1/{2 * n}}}$")
 
 
 def skeleton(closed_form: Callable[[Report, Lab], None]) -> Skeleton:

@@ -10,6 +10,7 @@ from ctlabs.tasks._kinematics_model import (
     continuous,
     length,
     lettered,
+    listed,
     named,
     positive,
     sampled,
@@ -20,7 +21,7 @@ from ctlabs.tasks.answers import kinematics as by_hand
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import settling, steady
 from ctlabs.labs.experiment import covariances
-from ctlabs.labs.portrait import agreement, portrait, rms
+from ctlabs.labs.portrait import agreement, mean_error, portrait, rms
 from ctlabs.linalg.factors import factor
 from ctlabs.models import kinematics, observability
 from ctlabs.models.discretisation import discretise
@@ -57,16 +58,23 @@ def plan(r, lab, experiment):
 
 def part_d(r, lab, experiment, steps):
     """Ensemble against theory, and the two kinds of variances side by side."""
-    r.part = "d"
+    r.section("d", "The filter in an experiment")
     counted = replace(lab.system, dt=1.0)
     stats = portrait(r, experiment, counted, steps, figures={})
     theory = covariances(counted, steps)
     r.figure("ensemble", plots.ensemble_log(stats, theory.P_plus, xlabel=STEP, units=lab.system.units, names=lettered(lab)),
              "The ensemble of {runs} runs against theory at the given parameters: RMS errors on logarithmic axes, mean errors in units of σ, NEES and NIS, in the bands of 95 % of ensembles.", runs=experiment.runs)
-    r.says("**The given parameters.** {fig:ensemble} compares the simulated filter with theory. At the last of {steps} measurements the RMS errors of {states} are {measured}, in theory {expected}.", steps=steps, states=", ".join(lettered(lab)),
-           measured=", ".join(str(rms(stats, state=j, unit=unit)) for j, unit in enumerate(lab.system.units)), expected=", ".join(f"{sd:.4g} {unit}" for sd, unit in zip(theory.sd_plus[-1], lab.system.units, strict=True)))
+    r.says("{fig:ensemble} compares the simulated filter with theory, at the given parameters. At the last of {steps} measurements the RMS errors of {states} are {measured}, in theory {expected}.", apart(stats, theory), steps=steps, states=listed(lettered(lab)),
+           measured=listed(str(rms(stats, state=j, unit=unit)) for j, unit in enumerate(lab.system.units)), expected=listed(f"{sd:.4g} {unit}" for sd, unit in zip(theory.sd_plus[-1], lab.system.units, strict=True)))
     bounded(r, lab, counted, theory, steps)
     return {"stats": stats}
+
+
+def apart(stats, theory):
+    """A sentence where an RMS error at the last instant is by chance far from theory."""
+    sd = theory.sd_plus[-1]
+    far = float(np.max(np.abs(stats.rms[-1] / np.where(sd > 0, sd, np.inf) - (sd > 0)))) * math.sqrt(2 * stats.runs)
+    return text(" One of them lies {far:2} standard errors from theory. Such a point is to be judged among all instants, as {app:chance} does.", far=far) if far > 2.5 else ""
 
 
 def bounded(r, lab, counted, theory, steps):
@@ -112,8 +120,9 @@ def sweeps(r, lab, experiment, stats):
         rows.append((shown, replace(lab, p=q).ratio, limit.K[0, 0], sd[0], sd[-1], settles or "—", "—" if settles is None else settles * q.tau, schedule.sd_plus[-1, 0], rms(ensemble)))
         systems[shown] = system
     last = lettered(lab)[-1]
-    r.says("**Factors.** In {tab:factors} one factor at a time is changed. $P_0$ does not change the limit, only the way to it; the disturbance, the measurement errors and the period change the limit and, through ρ, the gain." if p.sigma_w2
-           else "**Factors.** In {tab:factors} one factor at a time is changed. Without disturbance all limits are 0.")
+    r.subsection("The factors", "factors")
+    r.says("In {tab:factors} one factor at a time is changed. $P_0$ does not change the limit, only the way to it; the disturbance, the measurement errors and the period change the limit and, through ρ, the gain. All rows have the same random numbers, so that their deviations from theory are not independent of one another." if p.sigma_w2
+           else "In {tab:factors} one factor at a time is changed. Without disturbance all limits are 0.")
     r.table("factors", ["case", "ρ", "$\\bar K_1$", "limit of σ of x, m", text("limit of σ of {state}, {unit}", state=last, unit=lab.system.units[-1]), "settles at", "settles at, s", "σ of x at the end, m", "RMS at the end, m"], rows,
             "Influence of the factors: limits after an update, settling of all variances, and the error of x at the last measurement of each run, in theory and in the ensemble.")
     routes = ("Riccati equation", "spectral factorisation")
@@ -125,13 +134,14 @@ def sweeps(r, lab, experiment, stats):
     if len(curves) > 1:
         r.figure("factor_sigma_w2", plots.lines(range(1, 21), curves, xlabel=STEP, ylabel="σ of the error of x after an update, m", steps=True, marker="."),
                  "Error of x with a weaker and a stronger disturbance, from the same $P_0$.")
-        r.says("{fig:factor_sigma_w2}: the stronger the disturbance, the higher the error of x; with a weak one the filter averages more measurements and takes longer over it.")
+        r.says("In {fig:factor_sigma_w2} the error of x grows with the strength of the disturbance; with a weak one the filter averages more measurements and needs longer to settle.")
 
 
 def wrong_start(r, lab, experiment, steps):
     """The initial mean of the filter is wrong."""
     p, n = lab.p, lab.n
-    r.says("**Initial mean.** A correct $\\bar x_0$, whatever it is, does not enter the errors. A wrong one leaves a bias that obeys $b(t_i) = [I - K(t_i)H]\\Phi\\,b(t_{i-1})$.")
+    r.subsection("A wrong initial mean", "start")
+    r.says("A correct $\\bar x_0$, whatever it is, does not enter the errors. A wrong one leaves a bias that obeys $b(t_i) = [I - K(t_i)H]\\Phi\\,b(t_{i-1})$.")
     sd = np.sqrt(np.diag(p.P0))
     offset = np.where(sd > 0, sd, 1.0)
     system = replace(lab.system, dt=1.0)
@@ -144,15 +154,14 @@ def wrong_start(r, lab, experiment, steps):
     shown = sorted({k for k in (0, 1, 2, 3, 5, 10, steps) if k <= steps})
     labels = named(lab)
     r.table("bias", ["i", *(text("bias of {state}", state=s) for s in labels), *(text("ensemble: {state}", state=s) for s in labels)],
-            [(k, *actual.bias_plus[k], *stats.bias[k]) for k in shown], "Mean error of the estimate, estimate − truth, where the truth starts above the initial mean by {offset}.", offset=", ".join(f"{number(float(o))} {u}" for o, u in zip(offset, lab.system.units, strict=True)))
-    r.says("{tab:bias} shows how it is forgotten.")
+            [(k, *actual.bias_plus[k], *(mean_error(stats, k, j) for j in range(n))) for k in shown], "Mean error of the estimate, estimate − truth, where the truth starts above the initial mean by {offset}.", offset=listed(f"{number(float(o))} {u}" for o, u in zip(offset, lab.system.units, strict=True)))
     largest_pole = float(np.abs(lab.limit.poles).max())
     if not np.any(p.P0) and not p.sigma_w2:
-        r.says("The filter believes that it knows everything: its gain is 0 and the bias is never corrected.")
+        r.says("{tab:bias} has the numbers. The filter believes that it knows everything: its gain is 0 and the bias is never corrected.")
     elif not lab.limit.K.any():
-        r.says("Two exact measurements leave no bias." if p.R == 0 and n == 2 else "Three exact measurements leave no bias." if p.R == 0 else "The gain tends to 0, so the bias is forgotten only as slowly as new measurements outweigh $P_0$, and where $P_0$ is 0 it stays.")
+        r.says("{tab:bias} has the numbers. ", "Two exact measurements leave no bias." if p.R == 0 and n == 2 else "Three exact measurements leave no bias." if p.R == 0 else "The gain tends to 0, so the bias is forgotten only as slowly as new measurements outweigh $P_0$, and where $P_0$ is 0 it stays.")
     else:
-        r.says("In the steady state the slowest part of the bias shrinks by {pole} per measurement, the largest modulus of the filter's poles.", pole=largest_pole)
+        r.says("{tab:bias} shows how it is forgotten. In the steady state its slowest part shrinks by the factor {pole} with each measurement, the largest modulus of the filter's poles.", pole=largest_pole)
 
 
 def sizes(bias, Phi):
@@ -166,10 +175,11 @@ def constant(r, lab, steps):
     """Motion and estimate in words, with the constant taken apart."""
     p, n = lab.p, lab.n
     words = {"quantity": QUANTITY[n], "last": lab.system.states[-1]}
+    r.subsection("What motion this is, and what is estimated", "motion")
     if p.sigma_w2:
-        r.says("**What motion, and what is estimated?** The {quantity} is a Wiener process about a random constant; the coordinate is its {times} integral, a smooth curve that wanders off. The filter estimates the state at the *current* time, among it the current {quantity} $c + \\beta(t_i)$, and not the constant c. With c and β as two states the measurements see only their sum, so that $c - \\beta$ is not observable.", times="first" if n == 2 else "second", **words)
+        r.says("The {quantity} is a Wiener process about a random constant; the coordinate is its {times} integral, a smooth curve that wanders off without bound. The filter estimates the state at the *current* time, among it the current {quantity} $c + \\beta(t_i)$, and not the constant c. With c and β as two states the measurements see only their sum, so that $c - \\beta$ is not observable.", times="first" if n == 2 else "second", **words)
     else:
-        r.says("**What motion, and what is estimated?** Without disturbance the {quantity} is the random constant c, and the coordinate {curve}. The filter estimates the current state, of which c is a part.", curve=CURVE[n], **words)
+        r.says("Without disturbance the {quantity} is the random constant c, and the coordinate {curve}. The filter estimates the current state, of which c is a part.", curve=CURVE[n], **words)
     apart = kinematics.with_constant(continuous(p))
     seen = observability.analyse(apart)
     r.value("verdict_constant_observable", bool(seen.ok))
@@ -180,11 +190,11 @@ def constant(r, lab, steps):
     variance = covariances(known, steps).P_plus[:, n - 1, n - 1]
     unit = squared(lab)[-1]
     end = ending(lab, known, steps)
-    r.says(("What becomes known of c comes from $\\beta(t_0) = 0$: the first measurements, before β has moved away." if p.sigma_w2 else "Nothing makes the constant differ from the state."), " The variance of c goes from {start:4} to {end:4} {unit} after {steps} measurements, {words}.",
+    r.says(("What becomes known of c comes from $\\beta(t_0) = 0$, through the first measurements, before β has moved away." if p.sigma_w2 else "Nothing makes the constant differ from the state."), " The variance of c goes from {start:4} to {end:4} {unit} after {steps} measurements, {words}.",
            start=variance[0], end=variance[-1], unit=unit, steps=steps,
            words="as it is known from the start" if not variance[0] else "and tends to 0: without noise the constant is the state" if not p.sigma_w2
            else "and falls on" if end is None
-           else "and stays there: no later measurement tells of it" if variance[-1] <= 1.01 * end else text("and falls on to its limit {end:4} {unit}", end=end, unit=unit))
+           else "and stays there, as no later measurement tells of it" if variance[-1] <= 1.01 * end else text("and falls on to its limit {end:4} {unit}", end=end, unit=unit))
     r.value("constant_variance", variance[-1], unit)
     if p.R:
         k = min(steps, 40)
@@ -194,7 +204,7 @@ def constant(r, lab, steps):
     if variance[0]:
         figure = plots.lines(range(steps + 1), {"constant c": variance, text("current {quantity}", **words): current}, xlabel=STEP, ylabel=text("error variance, {unit}", unit=unit), log="y" if min(variance.min(), current.min()) > 0 else "", steps=True, marker=".")
         r.figure("constant", figure, "Error variance of the constant and of the current {quantity}.", **words)
-        r.says("{fig:constant} shows both.", (" They are one." if not p.sigma_w2 else " That of the constant has stopped falling, as β has moved away; that of the current {quantity} has its own limit." if end is not None and variance[-1] <= 1.01 * end else " Both are still on their way at the end of the run."), **words)
+        r.says("{fig:constant} shows both.", (" They are one." if not p.sigma_w2 else " That of the constant has stopped falling; that of the current {quantity} has another limit, the same from every start." if end is not None and variance[-1] <= 1.01 * end else " Both are still on their way at the end of the run."), **words)
 
 
 def ending(lab, known, steps):

@@ -11,6 +11,7 @@ from ctlabs.filtering import steady
 from ctlabs.linalg.factors import factor, unit_triangular
 from ctlabs.models import DiscreteModel, kinematics, symbolic
 from ctlabs.models.discretisation import discretise
+from ctlabs.text import text
 
 #: The states in the sheet's letters.
 STATES = ("x", "v_x", "a")
@@ -78,6 +79,12 @@ def growth(n):
 def squared(lab):
     """Units of the variances."""
     return [str(kinematics.Unit.parse(unit) ** 2) for unit in lab.system.units]
+
+
+def listed(words):
+    """Words in a row, "and" before the last."""
+    *first, last = words
+    return text("{first} and {last}", first=", ".join(first), last=last) if first else last
 
 
 def definition(n):

@@ -9,7 +9,7 @@ from ctlabs.text import text
 def result(p, answer, measured, sd):
     """The lab in three sentences."""
     bias = answer["unmodelled_drift_bias_posterior"]
-    second = (text("A filter that forgets the drift is lost: its gain tends to 0, and its bias grows without limit.") if bias is None
+    second = (text("A filter that forgets the drift fails: its gain tends to 0, and its bias grows without limit.") if bias is None
               else text("With u = 0 there is nothing to forget, and a filter without the drift is the same filter.") if p.u == 0
               else text("A filter that forgets the drift has the steady bias {bias:4} m after an update ({fig:forgotten_drift}), of which its P says nothing.", bias=bias))
     third = (text("In the experiment the RMS error of the right filter was {measured} at the last measurement, where theory has {sd:4} m.", measured=measured, sd=sd) if measured is not None
@@ -23,18 +23,18 @@ def discussion(r, p, answer, R):
     r.says("**What is known costs nothing.** The input moves the state and the estimate alike, so that it cancels in the error. The estimate is a sum of what is known and of what was measured; only the second has a variance.")
     if answer["unmodelled_drift_bias_posterior"] is not None and p.u and R:
         ratio = answer["unmodelled_drift_bias_posterior"] ** 2 / (answer["gain_steady"] * R)
-        r.says("**What is forgotten costs a bias.** The innovations of the forgetful filter have the mean $\\bar b^- = u\\tau/\\bar K$, and the gain turns this into just the $u\\tau$ that is lacking at each step. The square of the bias after an update is {ratio:3} of the variance that the filter claims. One looks at the mean of the innovations to find such a fault, for P does not know of it.", ratio=ratio)
-    r.says("**Points outside the bands.** One point in twenty is expected outside. The errors of neighbouring instants share the factor $1 - \\bar K$ and lie on one side together; {app:chance} tests all instants at once and allows for it.")
+        r.says("**What is forgotten costs a bias.** The innovations of the forgetful filter have the mean $\\bar b^- = u\\tau/\\bar K$, and the gain turns this into just the $u\\tau$ that is lacking at each step. The square of the bias after an update is {ratio:3} of the variance that the filter claims. Such a fault shows in the mean of the innovations and not in P.", ratio=ratio)
+    r.says("**Points outside the bands.** One point in twenty is expected outside. Of the error at one instant the share $1 - \\bar K$ passes to the next, so that neighbouring points tend to lie on one side; {app:chance} tests all instants at once and allows for it.")
 
 
 def answers(p, answer):
     """Each item of the sheet in a sentence."""
     gain, bias = answer["gain_steady"], answer["unmodelled_drift_bias_posterior"]
     return {
-        "a": "The filter is {eq:prediction} and {eq:update}: the input enters the mean alone. What the diffusion does is what it does in lab 1 ({tab:sweep_a}).",
-        "b": "As in lab 1, whatever u ({tab:sweep_b}).",
-        "c": "{eq:steady}: gain and relative accuracy depend on ρ alone ({fig:ratio})." if bias is None or p.u == 0
-             else "{eq:steady}: gain and relative accuracy depend on ρ alone ({fig:ratio}), and with them the bias of a filter that forgets the drift, {eq:forgotten}.",
+        "a": "The filter predicts by {eq:prediction} and updates by {eq:update}: the input enters the mean alone. The diffusion has the same effect as in lab 1 ({tab:sweep_a}).",
+        "b": "A larger R makes the estimates less accurate and the gain smaller, as in lab 1 and whatever u is ({tab:sweep_b})." if variances(p)[-1] else "Without errors of measurement each estimate is the last measurement, as in lab 1 and whatever u is ({tab:sweep_b}).",
+        "c": "By {eq:steady} gain and relative accuracy depend on ρ alone ({fig:ratio})." if bias is None or p.u == 0
+             else "By {eq:steady} gain and relative accuracy depend on ρ alone ({fig:ratio}). With the gain goes the bias of a filter that forgets the drift, {eq:forgotten}.",
         "d": "The covariances, and so the effect of an anomaly, are those of lab 1 ({fig:anomaly})." if gain else "There is no steady state in which an anomaly could change anything here.",
     }
 
@@ -44,7 +44,7 @@ def conclusions(r, p, answer):
     lines = [text("A known input moves the estimate by {step:4} m each period and nothing else: variances, gain and settling are those of lab 1.", step=answer["control_increment"])]
     bias = answer["unmodelled_drift_bias_posterior"]
     if bias is None:
-        lines.append("A filter that forgets the drift is lost here: its gain tends to 0, so its bias grows without limit.")
+        lines.append("A filter that forgets the drift fails here: its gain tends to 0, and its bias grows without limit.")
     elif p.u == 0:
         lines.append("With u = 0 there is nothing to forget: both filters are the same.")
     else:

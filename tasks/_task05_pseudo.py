@@ -28,7 +28,7 @@ def part_a(r, p):
     """First-order errors."""
     r.says("**Errors of the pseudo-measurements.** $z_x = D_m\\cos\\theta_m$, $z_y = D_m\\sin\\theta_m$ with $D_m = D + e_D$, $\\theta_m = \\theta + e_\\theta$. To first order in the small errors")
     r.math(r"e_x = \cos\theta\,e_D - D\sin\theta\,e_\theta, \qquad e_y = \sin\theta\,e_D + D\cos\theta\,e_\theta", "errors")
-    r.says("The sheet calls $e_x$, $e_y$ independent. They are made of the same two errors and are not, except where $R_{12} = 0$ in (b); independent are $e_D$ and $e_\\theta$.")
+    r.says("The sheet calls $e_x$, $e_y$ independent. They are not, except where $R_{12} = 0$ in (b), for they are made of the same two errors; it is $e_D$ and $e_\\theta$ that are independent.")
     exact, linear, c, s = [], [], math.cos(p.theta), math.sin(p.theta)
     sizes = 0.1 * 0.5 ** np.arange(5)
     for e in sizes:  # e_D = eD and e_θ = e, in units of D
@@ -44,7 +44,7 @@ def part_b(r, p, answer, truth):
     """Covariance of the pseudo-measurements."""
     r.section("b", "Covariance of the pseudo-measurements")
     r.math(r"R_{11} = \sigma_D^2\cos^2\theta + D^2\sigma_\theta^2\sin^2\theta, \qquad R_{22} = \sigma_D^2\sin^2\theta + D^2\sigma_\theta^2\cos^2\theta, \qquad R_{12} = \sin\theta\cos\theta\,(\sigma_D^2 - D^2\sigma_\theta^2)", "covariance")
-    r.says("$R_{12} = 0$ on the axes and where the error across the radius, $D\\sigma_\\theta = {across}$ m, equals the one along it, $\\sigma_D = {along}$ m. The filter puts the predicted D and θ in, for the true ones are not known.", across=p.D * p.sigma_theta, along=p.sigma_D)
+    r.says("$R_{12} = 0$ on the axes, and where the errors across and along the radius are equal, $D\\sigma_\\theta = \\sigma_D$; here they are {across} m and {along} m. The filter takes D and θ from its prediction, as the true ones are not known.", across=p.D * p.sigma_theta, along=p.sigma_D)
     size = float(np.trace(truth.R))
     routes = ("Jacobian of the conversion", "element by element")
     r.value("pseudo_measurement_covariance", truth.R, "m²")
@@ -81,7 +81,7 @@ def shaped(theta, along, across):
 def part_c(r, p, answer, truth, first, experiment, steps):
     """Variant 1."""
     r.section("c", "Variant 1: the covariance of the two errors neglected")
-    r.says("With $R_1 = \\mathrm{diag}(R_{11}, R_{22})$ and a diagonal P0 the filter falls apart into two filters of lab 3, one for x and $v_x$, one for y and $v_y$. Each uses the right variance of its own measurement, so its own variances are *true*; what is false is the zero it believes in between x and y, and what it gives away is what the other measurement tells.")
+    r.says("With $R_1 = \\mathrm{diag}(R_{11}, R_{22})$ and a diagonal $P_0$ the filter separates into two filters of lab 3, one for x and $v_x$, one for y and $v_y$. Each uses the right variance of its own measurement, so the variances that it claims are its *true* ones. What is false is the zero covariance of x and y in which it believes, and what it gives away is the information of the other measurement.")
     actual, claimed = sensitivity.actual(truth, first, steps), covariances(first, steps)
     routes = ("recursion of truth and filter", "square-root arrays of one coordinate")
     listed = sensitivity.actual(truth, first, LISTED).P_plus
@@ -101,9 +101,9 @@ def part_c(r, p, answer, truth, first, experiment, steps):
     if settled is None:
         r.says("The filter does not settle within 100 000 measurements.")
     else:
-        r.says("It settles (all variances within 1 % of their limits) at measurement {settled}, after {time} s.", settled=settled, time=settled * p.tau)
+        r.says("The filter settles (all variances within 1 % of their limits) at measurement {settled}, after {time} s.", settled=settled, time=settled * p.tau)
     if abs(correlation(truth.R)) > ROUNDING:
-        r.says("The errors of x and y have in truth the correlation coefficient {coefficient:3}, where the filter believes in 0. Its NEES is {nees} on average over the runs at the last measurement and {expected:3} in theory, as for a consistent filter: the average does not see the missing covariance, because each 2×2 block of P is right.",
+        r.says("The errors of x and y really have the correlation coefficient {coefficient:3}, where the filter believes in 0. Its NEES is {nees} on average over the runs at the last measurement and {expected:3} in theory, as for a consistent filter: the average does not see the missing covariance, because each 2×2 block of P is right.",
                coefficient=coefficient, nees=nees, expected=expected)
     else:
         r.says("Here $R_{12} = 0$, so nothing is neglected: the filter is the optimal one, its NEES {nees} on average over the runs at the last measurement and {expected:3} in theory.", nees=nees, expected=expected)
@@ -128,7 +128,7 @@ def part_e(r, truth, experiment):
     """Decorrelated pseudo-measurements."""
     r.section("e", "Decorrelated pseudo-measurements")
     r.math(r"z' = L^{-1}z = \begin{bmatrix} z_x \\ z_y - l_{21}z_x \end{bmatrix}, \qquad H' = L^{-1}H = \begin{bmatrix} 1 & 0 & 0 & 0 \\ -l_{21} & 0 & 1 & 0 \end{bmatrix}, \qquad E[e'e'^T] = L^{-1}RL^{-T} = \mathrm{diag}(d_1, d_2)", "decorrelated")
-    r.says("The sheet speaks of z only; the matrix H must be multiplied too, as $z' = L^{-1}(Hx + e) = H'x + e'$. Now the measurements enter one after another by scalars: $S = h'Ph'^T + d$, without the inverse of a matrix {ref:maybeck, section 5.6}. Nothing is lost: the updates are those of all elements at once.")
+    r.says("The sheet speaks of z only; the matrix H must be multiplied too, as $z' = L^{-1}(Hx + e) = H'x + e'$. Now the measurements enter one after another as scalars: $S = h'Ph'^T + d$, and no matrix is inverted {ref:maybeck, chapter 5}. Nothing is lost: the updates are those of all elements at once.")
     new, by = updates.decorrelated(truth)
     r.math(r"H' = {H}, \qquad d = {d}", H=new.H, d=by.d)
     some = experiment.histories(truth, steps=SIMULATED)

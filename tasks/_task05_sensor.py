@@ -31,7 +31,7 @@ def cost(r, answer):
             "variant 1 as two filters of two states", "variant 1, four states, element by element",
             "variant 2: decorrelation, then element by element", "the full R, both elements at once"), counted, strict=True)
     ], "Cost of one update of estimate and covariance, dense matrices (n = 4, m = 2). The zeros of H would save more, for all but the first alike.")
-    r.says("**Cost.** {tab:cost} counts the operations. Decorrelation itself costs little ({extra} operations of {all}). What variant 2 really gives up is that variant 1 falls apart into two small filters; prediction (dense, $\\Phi P\\Phi^T + Q_d$) then takes {four} operations instead of twice {two}.", extra=extra, all=counted[2], four=prediction(4), two=prediction(2))
+    r.says("**Cost.** {tab:cost} counts the operations. Decorrelation itself costs little ({extra} operations of {all}). What variant 2 really gives up is the separation into two small filters; its prediction (dense, $\\Phi P\\Phi^T + Q_d$) then takes {four} operations instead of twice {two}.", extra=extra, all=counted[2], four=prediction(4), two=prediction(2))
 
 
 def prediction(n):
@@ -147,7 +147,7 @@ def exact(r, p, experiment, velocity, steps, P):
     if size is None:
         r.says("The programme is not tested with small noise here: it would have to be so small that rounding of D would be seen.")
         return
-    r.says("That the programme does what the theory says is tested where the approximation is exact: all noises and P0 are made smaller by one factor, until what is not linear is below a hundredth of a standard error. There the extended filter and variant 2 are the same.")
+    r.says("That the programme does what the theory says is tested where the approximation is exact: all noises and the initial errors are made smaller by one factor, until the terms that are not linear are below a hundredth of a standard error. There the extended filter and variant 2 are the same.")
     few, tiny = scaled(p, size), along(scaled(p, size), velocity, steps)
     for n, (name, design) in enumerate(FILTERS.items()):
         stats = experiment.statistics(polar(few, tiny), design(few, tiny), steps=steps, stream=9)
@@ -156,15 +156,17 @@ def exact(r, p, experiment, velocity, steps, P):
 
 def compared(r, experiment, shown, steps):
     """Errors of the three filters, trajectory by trajectory."""
-    rows, half = [], slice(steps // 2, None)
+    rows, ratios, half = [], [], slice(steps // 2, None)
     for name, (stats, P, scores) in shown.items():
         for j, state in enumerate(LETTERS):
             means = [np.mean(each.rms[half, j] ** 2) for each in stats[:2]]
             believed = [np.mean(each[half, j, j]) for each in P]
-            rows.append((name, f"{state}, {UNITS[j]}", *(rms(each, state=j) for each in stats), math.sqrt(P[1][-1, j, j]),
-                         means[0] / means[1], believed[0] / believed[1], *(round(float(score[j]), 1) for score in scores)))
-    r.table("true_sensor", ["trajectory", "state", "RMS, variant 1", "RMS, variant 2", "RMS, extended", "σ of linear theory, variant 2", "ratio 1 / 2", "in linear theory", "1 against 2", "2 against extended"], rows,
-            "Actual errors with the true sensor, {runs} runs on the same data: RMS at the last measurement; ratio of the mean squares of variants 1 and 2 over the second half of the record; and how clearly two mean squares differ at the last measurement, run by run, in standard errors (positive: the first is larger).", runs=experiment.runs)
+            rows.append((name, f"{state}, {UNITS[j]}", *(rms(each, state=j) for each in stats), math.sqrt(P[1][-1, j, j])))
+            ratios.append((name, state, means[0] / means[1], believed[0] / believed[1], *(round(float(score[j]), 1) for score in scores)))
+    r.table("true_sensor", ["trajectory", "state", "RMS, variant 1", "RMS, variant 2", "RMS, extended", "σ of linear theory, variant 2"], rows,
+            "Actual errors with the true sensor at the last measurement, {runs} runs on the same data.", runs=experiment.runs)
+    r.table("true_ratios", ["trajectory", "state", "ratio 1 / 2", "in linear theory", "1 against 2", "2 against extended"], ratios,
+            "The filters compared: ratio of the mean squares of variants 1 and 2 over the second half of the record, and how clearly two mean squares differ at the last measurement, run by run, in standard errors (positive: the first is larger).")
     name, (stats, P, _scores) = list(shown.items())[-1]
     i = np.arange(1, steps + 1)
     first, second = (np.sqrt(each[1:, 0, 0] + each[1:, 2, 2]) for each in P)
@@ -172,7 +174,7 @@ def compared(r, experiment, shown, steps):
     r.figure("crossing", plots.lines(i, position, xlabel=STEP, ylabel="RMS error of the position, relative", steps=True, marker=".",
                                      straight={"linear theory of variants 1 and 2": (i, first / second), "_": (i, second / second)}),
              "Crossing trajectory with the true sensor: RMS error of the position of the three filters, over what the linear theory says of variant 2. Dashed: the linear theory, 1 for variant 2.")
-    r.says("{tab:true_sensor} has the errors on all trajectories, {fig:crossing} those of the position on the crossing one. As far as the first order is good, variant 2 and the extended filter follow the dashed line at 1 and variant 1 the upper one, all three up and down together, for they see the same data; where it is not, the curves leave the theory.")
+    r.says("{tab:true_sensor} and {tab:true_ratios} have the errors on all trajectories, {fig:crossing} those of the position on the crossing one. As far as the first order is good, variant 2 and the extended filter follow the dashed line at 1, and variant 1 the upper one. All three deviate from theory together, for they see the same data. Where the first order is not good, the curves leave the theory.")
     r.table("nees", ["trajectory", *FILTERS], [(name, *(Uncertain(float(each.nees[-1]), math.sqrt(8 / each.runs)) for each in stats)) for name, (stats, _P, _scores) in shown.items()],
             "NEES at the last measurement, with the error that the average has for a consistent filter, whose NEES is 4.")
 

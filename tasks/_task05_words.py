@@ -38,8 +38,8 @@ def reliable(sensor):
     """What the NEES says of the filters, in a sentence."""
     bad = [name for name, nees in zip(("variant 1", "variant 2", "the extended filter"), sensor["nees"], strict=True) if not nees <= BELIEVED]
     if not bad:
-        return text("With the true sensor the NEES of no filter exceeds {limit:2} on any trajectory, 4 being that of a consistent filter: their variances can be believed.", limit=BELIEVED)
-    return text("With the true sensor the NEES exceeds {limit:2} on some trajectory for {names} (at most {nees}), 4 being that of a consistent filter: the variances that are claimed there are too small.",
+        return text("The NEES of no filter exceeds {limit:2} on any trajectory of the true sensor, 4 being that of a consistent filter: the variances that they claim can be believed.", limit=BELIEVED)
+    return text("The NEES exceeds {limit:2} on some trajectory of the true sensor for {names} (at most {nees}), 4 being that of a consistent filter: the variances that are claimed there are too small.",
                 limit=BELIEVED, names=", ".join(map(text, bad)), nees=", ".join(f"{x:.3g}" for x in sensor["nees"] if not x <= BELIEVED))
 
 
@@ -51,8 +51,8 @@ def result(r, worth, gain, sensor):
     if sensor["worse"]:
         second = text("That is the theory of a fixed geometry; with the true sensor variant 2 is clearly worse in some states, and is not worth while.")
     elif worth:
-        second = text("With the true sensor variant 2 is clearly better in some states and in none clearly worse ({fig:crossing}): it is worth while." if sensor["better"]
-                      else "With the true sensor no state is clearly worse ({fig:crossing}): variant 2 is worth while.")
+        second = text("With the true sensor variant 2 is clearly better in some states and clearly worse in none, and so it is worth while; {fig:crossing} shows one of the trajectories." if sensor["better"]
+                      else "With the true sensor no state is clearly worse, and so variant 2 is worth while; {fig:crossing} shows one of the trajectories.")
     else:
         second = text("With the true sensor no state is clearly worse ({fig:crossing}), but the gain is too small to be worth while.")
     return [first, second, reliable(sensor)]
@@ -64,29 +64,29 @@ def discussion(r, p, sensor):
     r.says("**Where the theory ends.** The set of all points with the measured range is a circle. The first order replaces it by its tangent, and at the distance $D\\sigma_\\theta$ from the point of contact the two are $D\\sigma_\\theta^2/2$ apart, {bias:3} m, which is {index:2} of $\\sigma_D$. Variant 2 is the filter that trusts the direction of the tangent; variant 1 has a rounder ellipse and notices the difference less. So the longer the ellipse, the more there is to gain in {fig:by_ratio}, and the sooner the gain is lost again.",
            bias=index * p.sigma_D, index=index)
     if sensor["extended"] and not sensor["not_extended"]:
-        r.says("**The extended filter** takes range and bearing as they are. It is clearly better than variant 2 in some states and clearly worse in none ({tab:true_sensor}): it is to be preferred here.")
+        r.says("**The extended filter** takes range and bearing as they are. It is clearly better than variant 2 in some states and clearly worse in none ({tab:true_ratios}): it is to be preferred here.")
     elif sensor["not_extended"] and not sensor["extended"]:
-        r.says("**The extended filter** takes range and bearing as they are. It is clearly worse than variant 2 in some states and clearly better in none ({tab:true_sensor}): to linearise about a poor prediction is no better than to convert.")
+        r.says("**The extended filter** takes range and bearing as they are. It is clearly worse than variant 2 in some states and clearly better in none ({tab:true_ratios}): to linearise about a poor prediction is no better than to convert.")
     elif sensor["extended"]:
-        r.says("**The extended filter** takes range and bearing as they are. It is clearly better than variant 2 in some states and clearly worse in others ({tab:true_sensor}).")
+        r.says("**The extended filter** takes range and bearing as they are. It is clearly better than variant 2 in some states and clearly worse in others ({tab:true_ratios}).")
     else:
-        r.says("**The extended filter** takes range and bearing as they are. It does not differ clearly from variant 2 in any state ({tab:true_sensor}): to first order the two are the same filter.")
+        r.says("**The extended filter** takes range and bearing as they are. It does not differ clearly from variant 2 in any state ({tab:true_ratios}): to first order the two are the same filter.")
     r.says("**Another cure** is to convert, to subtract the mean of the exact moments and to use their covariance (compare {tab:moments}); such filters are treated in {ref:bar_shalom, chapter 10}.")
     r.says("**Points outside the bands.** One point in twenty is expected outside the bands of {fig:ensemble}; they come in groups, because the errors of neighbouring instants are correlated. {app:chance} allows for that.")
 
 
-def answers(r, worth, sensor):
+def answers(r, worth, gain, sensor):
     """Each item of the sheet in a sentence."""
     independent = r.values["verdict_b_independent"].value
     return {
-        "a": "{eq:errors}; the two errors are made of the same $e_D$ and $e_\\theta$ and are not independent, as the sheet calls them.",
-        "b": "{eq:covariance}. Here $R_{12} = 0$." if independent else "{eq:covariance}, shown in {fig:ellipse}.",
-        "c": "The variances that variant 1 claims are its true ones, the zero between x and y is not; {tab:factors}." if not independent else "With $R_{12} = 0$ variant 1 neglects nothing; {tab:factors}.",
-        "d": "{eq:factors}.",
-        "e": "{eq:decorrelated}: the matrix H is multiplied as well.",
-        "f": "{fig:ensemble}, {fig:loss} and {tab:factors}: the ensembles agree with the theory of fixed geometry.",
-        "g": "Yes: {tab:true_sensor} does not contradict what the theory promises." if worth
-             else "No: with the true sensor some state is clearly worse ({tab:true_sensor})." if sensor["worse"]
+        "a": "To first order by {eq:errors}. The two errors are made of the same $e_D$ and $e_\\theta$ and are not independent, as the sheet calls them.",
+        "b": "The elements are those of {eq:covariance}; here $R_{12} = 0$." if independent else "The elements are those of {eq:covariance}; {fig:ellipse} shows the ellipse of the errors.",
+        "c": "The variances that variant 1 claims are its true ones, the zero covariance of x and y is not; the influence of the factors is in {tab:factors}." if not independent else "With $R_{12} = 0$ variant 1 neglects nothing; the influence of the factors is in {tab:factors}.",
+        "d": "The factors are those of {eq:factors}; $d_1$ and $d_2$ are positive as long as both errors exist.",
+        "e": "$z' = L^{-1}z$ as in {eq:decorrelated}, where the matrix H is multiplied as well.",
+        "f": "The ensembles agree with the theory of fixed geometry ({fig:ensemble}). {fig:loss} shows what variant 1 loses beside variant 2, {tab:factors} and {tab:factor_ratios} what the factors do.",
+        "g": text("Yes: at fixed geometry a variance falls by up to the factor {gain:4}, and with the true sensor no state is clearly worse ({tab:true_ratios}).", gain=gain) if worth
+             else "No: with the true sensor some state is clearly worse ({tab:true_ratios})." if sensor["worse"]
              else "No: the theory promises too little.",
     }
 
@@ -105,7 +105,7 @@ def conclusions(r, p, sensor):
                           **dict(zip(("x", "vx", "y", "vy"), ratio, strict=True)), percent=100 * (math.sqrt(ratio.max()) - 1)))
     lines.append(reason(float(ratio.max()), sensor))
     lines.append(reliable(sensor))
-    lines.append("Both filters have bounded errors although the motion has not.")
+    lines.append("The errors of both filters are bounded, although the motion is not.")
     cost = values["cost_of_update"]
     lines.append(text("Variant 2 costs {two} operations per update, variant 1 {one} as two small filters, the full R at once {both}: decorrelating first is {word} than inverting S.", two=cost[2], one=cost[0], both=cost[3], word="cheaper" if cost[2] < cost[3] else "not cheaper"))
     lines.append(largest(r))

@@ -24,19 +24,19 @@ def result(p, answer, measured, sd):
 
 def discussion(r):
     """What the experiment adds to the theory."""
-    r.says("**Information adds, variance does not.** The variance that a measurement takes away depends on what is known already: $P - P^+ = P^2/(P+R)$. The information that it brings is $1/R$ in any case. So the order of the measurements does not matter for the end, and {fig:information} is easier to read than a curve of variances.")
+    r.says("**Information adds, variance does not.** The variance that a measurement takes away depends on what is known already: $P - P^+ = P^2/(P+R)$. The information that it brings is $1/R$ in any case. So the order of the measurements does not matter in the end, and {fig:information} is easier to read than a curve of variances.")
     r.says("**Why it never settles.** There is no process noise, so nothing that was learnt is ever lost, and the weight of a new measurement falls with what is known. With a constant R the variance goes to 0 like $R/i$: a hundredth of it takes a hundred times as many measurements.")
-    r.says("**How much trust is in a zero.** A filter with $P = 0$ takes no further notice of measurements. If the one that was called perfect was not, or if the model is not quite true, the filter cannot find out: its gain is 0 for ever. In practice one gives R a small value and the model a little process noise {ref:jazwinski, section 8.11}.")
-    r.says("**Points outside the bands.** One point in twenty is expected outside the bands of {fig:ensemble}. The error after a measurement is for the most part the error before it, so that the points go astray together; {app:chance} takes all instants at once.")
+    r.says("**What a variance of zero means.** A filter with $P = 0$ takes no further notice of measurements. If the one that was called perfect was not, or if the model is not quite true, the filter cannot find out: its gain is 0 for ever. In practice one gives R a small value and the model a little process noise {ref:jazwinski, chapter 8}.")
+    r.says("**Points outside the bands.** One point in twenty is expected outside the bands of {fig:ensemble}. The error after a measurement contains most of the error before it, so that such points come in groups; {app:chance} takes all instants at once.")
 
 
 def answers(p, start, both):
     """Each item of the sheet in a sentence."""
     return {
-        "a": "{eq:prediction} and {eq:update}, and the same by least squares, {eq:squares}.",
-        "b": "Proved with {eq:information}: a finite positive R adds information, an infinite one adds none, and $R = 0$ leaves no variance ({fig:extremes}).",
-        "c": "{tab:ensemble}, {fig:ensemble}: all tests agree with theory; where the variance is 0 the error is 0." if (start, both) == (p.P0, p.R)
-             else "{tab:ensemble}, {fig:ensemble} and {fig:extremes_ensemble}: all tests agree with theory, and after a perfect measurement the error is 0.",
+        "a": "The filter predicts by {eq:prediction} and updates by {eq:update}; least squares gives the same estimate, {eq:squares}.",
+        "b": "All three are proved, with {eq:information}: a finite positive R adds information, an infinite one adds none, and $R = 0$ leaves no variance ({fig:extremes}).",
+        "c": "All tests agree with theory ({tab:ensemble}, {fig:ensemble}); where the variance is 0 the error is 0." if (start, both) == (p.P0, p.R)
+             else "All tests agree with theory ({tab:ensemble}, {fig:ensemble}, {fig:extremes_ensemble}), and after a perfect measurement the error is 0.",
     }
 
 
@@ -58,9 +58,9 @@ def conclusions(r, p, answer):
         else:
             lines.append(text("The measurements before it left the variance at {P0} m², or nearly so.", P0=p.P0) if perfect > 1 else text("It is the first of all, and before it no more was known than $P_0$ says."))
     else:
-        lines.append(text("Each useful measurement (there are {useful}) adds $1/R(t_i)$ to the information, which goes from {start:4} to {end:4} 1/m². The variance falls from {P0} to {last:4} m², and of an initial error the share {left:3} is left.",
+        lines.append(text("Each of the {useful} useful measurements adds its $1/R(t_i)$ to the information, which grows from {start:4} to {end:4} 1/m². The variance falls from {P0} to {last:4} m², and the share {left:3} of an initial error is left.",
                           useful=len(useful), start=1 / p.P0, end=answer["posterior_information"][-1], P0=p.P0, last=posterior[-1], left=posterior[-1] / p.P0))
-        lines.append("The filter has no steady state other than zero variance: with measurements of a constant R it approaches it like $R/i$.")
+        lines.append("The filter has no other steady state than the variance 0, which it approaches like $R/i$ with measurements of a constant R.")
     if p.P0 > 0 and lost and useful:
         lines.append(text("Lost measurements ($R = \\infty$): {lost} of {all}; the filter drops them by itself.", lost=lost, all=len(p.R)))
     lines.append("The alternating sign costs nothing: $\\Phi^2 = 1$, so the variances are those of a constant.")

@@ -8,14 +8,16 @@ def result(p, answer, measured, sd):
     """The lab in three sentences."""
     gain, ratio = answer["gain_steady"], answer["suboptimal_variance_ratio"]
     if ratio is None:
-        cost = text("a constant gain of {K} does not hold the system at all.", K=p.K_star)
+        cost = text("{fig:family} shows why this is the minimum; a constant gain of {K} does not hold the given system at all.", K=p.K_star)
+    elif gain and ratio <= gain * (1 + 1e-6):
+        cost = text("{fig:family} shows why this is the minimum, at which the given constant gain {K} lies.", K=p.K_star)
     elif gain:
-        cost = text("a constant gain of {K} costs {factor:4} times that variance, and every other choice costs more than $\\bar K$.", K=p.K_star, factor=ratio / gain)
+        cost = text("{fig:family} shows why this is the minimum: every other constant gain has a larger variance, that of {K} has {factor:4} times the least one.", K=p.K_star, factor=ratio / gain)
     else:
-        cost = text("a constant gain of {K} keeps a variance of {variance:4} m², where that of the optimal gain vanishes.", K=p.K_star, variance=ratio * p.R)
+        cost = text("{fig:family} shows the minima for other numbers; here a constant gain of {K} keeps a variance of {variance:4} m², where that of the optimal gain vanishes.", K=p.K_star, variance=ratio * p.R)
     return [
-        text("The best constant gain is the limit of the optimal filter's, and it is the least ratio $\\bar P/R$ as well: $\\bar K = {gain:4}$ for the given numbers.", gain=gain),
-        text("{fig:family} shows why this is the minimum; ") + cost,
+        text("The best constant gain is the limit of the optimal gain, $\\bar K = {gain:4}$ for the given numbers, and it is equal to the least ratio $\\bar P/R$.", gain=gain),
+        cost,
         text("In the experiment the RMS error was {measured}, where theory has {sd:4} m.", measured=measured, sd=sd),
     ]
 
@@ -30,7 +32,7 @@ def conclusions(r, p, answer):
             "The gain tends to {gain}: a measurement lowers the error variance from {prior} to {posterior} m², and the next prediction brings it back. After an update it is the fraction {gain} of the measurement's own variance R.",
             gain=gain, prior=answer["prior_variance_steady"], posterior=answer["posterior_variance_steady"]))
     else:
-        lines.append("The gain tends to 0 and with it the error variance: without process noise, and with |Φ| ≤ 1, the state becomes known exactly and later measurements are hardly used.")
+        lines.append("The gain tends to 0 and with it the error variance: without process noise, and with |Φ| ≤ 1, the state becomes known exactly and later measurements hardly count.")
     if ratio is None:
         lines.append(text("The constant gain {gain} does not hold the unstable system: its error grows by the factor {growth} each step. The optimal gain, {best}, does.",
                           gain=p.K_star, growth=abs((1 - p.K_star) * p.Phi), best=gain))
@@ -46,8 +48,9 @@ def conclusions(r, p, answer):
         lines.append(text("Without process noise the error variance would still not fall below {limit} m²: an unstable state cannot be known better, however long one measures.",
                           limit=answer["noiseless_limit"]))
     else:
-        how = "at the first step" if p.Phi == 0 else "like R/i" if abs(p.Phi) == 1 else "geometrically"
-        lines.append(text("Without process noise the state would become known exactly, {how}.", how=how))
+        lines.append("Without process noise the state would be known exactly from the first step on." if p.Phi == 0
+                     else "Without process noise the state would become known exactly, the error variance falling like R/i." if abs(p.Phi) == 1
+                     else "Without process noise the state would become known exactly, the error variance falling geometrically.")
     settled = r.values["settling_step"].value
     if settled is not None:
         lines.append(text("The filter settles (its variance stays within 1 % of the limit) at measurement {settled}.",
@@ -56,24 +59,24 @@ def conclusions(r, p, answer):
     r.items(lines)
 
 
-def discussion(r, p, answer):
+def discussion(r, p, answer, steps):
     """What the experiment adds to the theory."""
-    r.says("**Theory and experiment.** All tests of {app:chance} compare a sample with its exact distribution. That {fig:ensemble} has points outside the band is expected: of {n} instants about {out:1} lie outside the band of 95 %, and since the errors of successive instants share a factor of $(1-\\bar K)\\Phi = {pole:3}$ they come in groups.",
-           n=40, out=2, pole=(1 - answer["gain_steady"]) * p.Phi)
+    r.says("**Theory and experiment.** All tests of {app:chance} compare a sample with its exact distribution. That {fig:ensemble} has points outside the band is expected: on average {out:2} of {n} instants lie outside a band of 95 %. They come in groups, since the factor $(1-\\bar K)\\Phi = {pole:3}$ of an error passes to the next instant.",
+           n=steps, out=0.05 * steps, pole=(1 - answer["gain_steady"]) * p.Phi)
     r.says("**Why a wrong gain is cheap near the best one.** At the minimum of {fig:family} the slope is zero, so an error δ in the gain costs in proportion to δ². The price is paid on the sides: a gain that is too small forgets too slowly, and for $|\\Phi| > 1$ below $1 - 1/|\\Phi|$ not at all.")
-    r.says("**What the model cannot do.** $\\bar K$ depends on Q and R through their ratio alone. If both are wrong by one factor the estimates are the same, but the variance that the filter claims is wrong by that factor: only the innovations tell.")
+    r.says("**What the model cannot do.** $\\bar K$ depends on Q and R through their ratio alone. If both are wrong by one factor the estimates are the same, but the variance that the filter claims is wrong by that factor, which only the innovations show. If R alone is too large in the filter, its gain is too small: it is a little less accurate than it could be, and yet it claims more than its true variance, so that NEES and NIS are below 1 on average.")
 
 
 def answers(answer):
     """Each item of the sheet in a sentence."""
     ratio = answer["suboptimal_variance_ratio"]
     return {
-        "a": "{eq:prediction} and {eq:update}.",
+        "a": "The filter predicts by {eq:prediction} and updates by {eq:update}.",
         "b": "Proved: $P(t_i^-) \\ge Q$, $0 \\le P(t_i^+) \\le R$, $0 \\le K \\le 1$; {eq:constant} holds where $|(1-K_*)\\Phi| < 1$." if ratio is not None
              else "Proved: $P(t_i^-) \\ge Q$, $0 \\le P(t_i^+) \\le R$, $0 \\le K \\le 1$; {eq:constant} needs $|(1-K_*)\\Phi| < 1$, which the given gain does not fulfil.",
-        "c": "The root {eq:best} of the numerator of {eq:derivative}, a minimum, and equal to the optimal filter's limit.",
-        "d": "{fig:family}, {tab:family}: the minima lie at $K_* = \\bar K$, on the line $\\bar P/R = K_*$.",
+        "c": "$\\bar K$ is {eq:best}, the root of the numerator of {eq:derivative} at which the variance is least; the optimal gain has the same limit.",
+        "d": "The curves are those of {fig:family}; their minima lie at $K_* = \\bar K$, on the line $\\bar P/R = K_*$ ({tab:family}).",
         "e": "For $|\\Phi| \\le 1$ the state is found exactly in the end (like $R/i$ at $|\\Phi| = 1$); for $|\\Phi| > 1$ up to a variance $(\\Phi^2-1)R/\\Phi^2$.",
-        "f": "{fig:table3} and {tab:table3}.",
-        "g": "{fig:errors} and {fig:ensemble}: the ensemble agrees with the variances of (f) in all tests.",
+        "f": "The curves are in {fig:table3}, the numbers in {tab:table3}; the variances come down to their limits, or rise to them where $P_0$ is small beside Q.",
+        "g": "The ensemble agrees with the variances of (f) in all tests ({fig:errors}, {fig:ensemble}, {tab:ensemble}).",
     }

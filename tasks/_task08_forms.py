@@ -33,7 +33,7 @@ def part_g(r, systems, experiment, steps):
     """Two ways, and the numerical forms of the filter."""
     r.section("g", "Two ways, and the numerical forms of the filter")
     truth, *designs = systems
-    r.says("**Way 1** is part (f): the equations of (e), solved. **Way 2** simulates the system and every filter on the same data. {fig:ensemble} is the filter of the true model, {fig:ways} both simplified ones.")
+    r.says("**Way 1** is that of part (f): the equations of (e) are solved. **Way 2** simulates the system and runs every filter on the same data. {fig:ensemble} shows the filter of the true model, {fig:ways} both simplified ones.")
     stats = portrait(r, experiment, truth, steps, xlabel="t, s", figures={"ensemble": "The filter of the true model has the errors that it claims."})
     best, panels, k = covariances(truth, steps), [], np.arange(steps + 1)
     rows = [("true model", best.sd_plus[-1, 0], best.sd_plus[-1, 0], rms(stats), mean_error(stats), stats.nees[-1] / 2, 1)]
@@ -59,7 +59,7 @@ def part_g(r, systems, experiment, steps):
 
 def numerical_forms(r, truth, design, one):
     """Accuracy and cost of the numerical forms."""
-    r.says("**Numerical forms** ({ref:maybeck, chapter 7}). In {tab:forms} the same record is filtered by every form of the filter in the library, and by one with 50 digits. All but the steady form differ from it in rounding only. $P^+ = (I-KH)P^-$ is the conventional, short form; Joseph's adds two squares, and so does the sequential one, element by element; Potter's, Carlson's and the array forms carry a square root of $P$; UD and LD its factors without square roots; the information forms $P^{-1}$ or a root of it. The steady form has the gain's limit from the first step on, so its difference is one of method: its digits say how far the gain is from its limit. The cost is counted, operation by operation, while one step is done with dense matrices.")
+    r.says("**Numerical forms** ({ref:maybeck, chapter 7}). In {tab:forms} the same record is filtered by every form of the filter in the library, and once with 50 digits. All but the steady form differ from that in rounding only. The conventional, short form is $P^+ = (I-KH)P^-$. Joseph's form adds two squares, and so does the sequential one, element by element. Potter's, Carlson's and the array forms carry a square root of $P$; UD and LD carry its factors without square roots; the information forms carry $P^{-1}$ or a root of it. The steady form has the limit of the gain from the first step on, so its digits say how far the gain is from its limit. The cost is the number of operations of one step with dense matrices.")
     fine = 1e-12 * covariances(truth, 1).P_minus[1, 0, 0]
     z, table = one.z[1:, :, 0], {}
     systems = [("true model", truth), ("true model with a fine sensor", replace(truth, R=[[fine]])), ("variant 1", design)]
@@ -79,21 +79,27 @@ def numerical_forms(r, truth, design, one):
         r.check(text("variance of x by UD, {system}", system=name), kalman_filter(system, z, algorithm="ud").P_plus[:, 0, 0], exact.P_plus[:, 0, 0], ("double precision", "50 digits"), SOLVER)
     nothing, (true, sharp, simple) = (None, None, None), (name for name, _system in systems)
     r.table("forms", ["form", "operations, true model", "digits of P⁺", "digits of x̂", "digits of P⁺, fine sensor", "operations, variant 1", "digits of P⁺, variant 1"],
-            [(text("{form}", form=form.replace("_", " ")), *found.get(true, nothing), found.get(sharp, nothing)[1], *found.get(simple, nothing)[:2]) for form, found in table.items()],
+            [(called(form), *found.get(true, nothing), found.get(sharp, nothing)[1], *found.get(simple, nothing)[:2]) for form, found in table.items()],
             "Numerical forms: operations in a step, and correct digits of the variance and of the estimate of $x$. The fine sensor has the variance {fine:2} m², $10^{-12}$ of that of the first prediction.", fine=fine)
-    for reason, where in refused.items():
-        r.says("Not in the table: {names}. The library says why: {reason}.", reason=reason,
-               names="; ".join(f"{form} ({'; '.join(places)})" for form, places in where.items()))
+    absent = dict.fromkeys(called(form) for where in refused.values() for form in where)
+    if absent:
+        r.says("Some forms cannot filter one of the three systems or more, and are absent from those columns, or from the table: {names}.", names=", ".join(absent))
     if {"information", "srif"} & {form for where in refused.values() for form in where}:
-        r.says("At rest $P_0$ is singular: what is known exactly has infinite information, so forms that carry $P^{-1}$ cannot start here.")
+        r.says("At rest $P_0$ is singular: what is known exactly has infinite information, so that the forms which carry $P^{-1}$ cannot start here.")
     for name, system, count in (("flops_true_model", truth, costs[0]), ("flops_simplified", design, costs[2])):
         r.value(name, list(count.values()), reason="forms that cannot start here, named above")
         r.check(text("operations of the short form, {n} states", n=system.n), count["conventional"], operations(system.n), ("counted", "formula"), EXACT)
-    given, worse = (", ".join(lost[systems[i][0]]) for i in (0, 1))
-    r.says("Forms that keep fewer than 8 digits of the variance of $x$: with the given sensor {given}, with the fine one {fine}. The short form is a small difference of large numbers when a measurement is much better than the prediction.",
-           given=given or "none", fine=worse or "none")
-    optimal_ = {form: cost for form, cost in costs[0].items() if cost and form != "steady"}
+    given, worse = (", ".join(text("the {form} form", form=called(form)) for form in lost[systems[i][0]]) for i in (0, 1))
+    r.says("Fewer than 8 digits of the variance of $x$ are kept with the given sensor by {given}, with the fine one by {fine}. The short form is a small difference of large numbers when a measurement is much better than the prediction.",
+           given=given or "no form", fine=worse or "no form")
+    optimal_ = {called(form): cost for form, cost in costs[0].items() if cost and form != "steady"}
     return given, min(optimal_, key=optimal_.get)
+
+
+def called(form):
+    """A form's name as a reader writes it."""
+    plain = form.replace("_", " ")
+    return text("{form}", form=plain.upper() if form in ("srif", "ud", "ld") else plain.capitalize() if form in ("joseph", "potter", "carlson") else plain)
 
 
 def digits(error):

@@ -5,6 +5,8 @@ from ctlabs.text import text
 
 #: A claim is honest when it is off by no more than this fraction.
 HONEST = 0.05
+#: Two variances differ essentially when they differ by more than this fraction of the optimal one.
+ESSENTIAL = 0.05
 
 
 def result(p, found, measured, sd):
@@ -13,10 +15,10 @@ def result(p, found, measured, sd):
     if not p.R:
         first = "With perfect measurements every filter takes x from the measurement, and no model of the input makes a difference at the samples."
     else:
-        first = text("White noise in place of the correlated input raises the variance by {steady:2} of the optimal one in the steady state and by {most:2} of it at most on the way there (variant 1 or 2, whichever is worse).", steady=max(steady, 0.0), most=simplified)
+        first = text("With white noise in place of the correlated input the error variance is {steady:5} times the optimal one in the steady state, and at most {most:5} times on the way there (for the worse of the two variants).", steady=1 + max(steady, 0.0), most=1 + simplified)
     return [
         first,
-        text("What the simplified filters claim is another matter ({fig:ways}): in the steady state {one:4} m² with variant 1 and {two:4} m² with variant 2, where they have {true1:4} and {true2:4} m².", one=here["claimed_variant1"], two=here["claimed_variant2"], true1=here["true_variant1"], true2=here["true_variant2"]),
+        text("What the simplified filters claim is another matter ({fig:ways}): in the steady state variant 1 claims {one:4} m² and has {true1:4} m², variant 2 claims {two:4} m² and has {true2:4} m².", one=here["claimed_variant1"], two=here["claimed_variant2"], true1=here["true_variant1"], true2=here["true_variant2"]),
         text("In the experiment the RMS error of variant 2 was {measured}, where the sensitivity analysis has {sd:3} m.", measured=measured, sd=sd),
     ]
 
@@ -30,16 +32,19 @@ def discussion(r, p):
     r.says("**Theory and experiment.** The points of {fig:ensemble} are correlated in time over the memory of the filter, so that those outside the band come in groups; the tests of {app:chance} take account of it.")
 
 
-def answers(p):
+def answers(p, found):
     """Each item of the sheet in a sentence."""
+    verdicts = found[1]
+    apart = "differ essentially" if verdicts[0] > ESSENTIAL else "do not differ essentially"
+    worse = "differs essentially" if verdicts[1] > ESSENTIAL else "does not differ essentially"
     return {
-        "a": "The two states $x$ and $y$ of {fig:diagram}, with the matrices of this part.",
-        "b": "The intensity $2\\sigma_y^2T$, the density at low frequency {eq:density}. It is adequate for $aT \\ll 1$ and $T \\ll \\Delta t$; the second condition may be replaced by the weaker $T \\ll \\tau$ with the memory {eq:memory} of the filter.",
-        "c": "Shown: $Q = 2\\sigma_y^2T$ and $Q = 2\\sigma_y^2T/(1 + aT)$.",
-        "d": "{eq:simplified} and {eq:full} with the equations below it.",
-        "e": "{eq:two} and its update, the two scalars to which the joint covariance shrinks.",
-        "f": "{fig:over_time}, {fig:memory} and {tab:several}." if p.R else "{tab:over_time} and {tab:several}: without measurement noise no difference at the samples.",
-        "g": "{fig:ways} and {tab:ways} for the two ways, {tab:forms} for the forms.",
+        "a": "The true model has the two states $x$ and $y$ of {fig:diagram}, with the matrices of this part.",
+        "b": "A suitable intensity is $2\\sigma_y^2T$, the density {eq:density} at low frequency. It is adequate for $aT \\ll 1$ and $T \\ll \\Delta t$; the second condition may be replaced by the weaker $T \\ll \\tau$ with the memory {eq:memory} of the filter.",
+        "c": "Both are shown: $Q = 2\\sigma_y^2T$ and $Q = 2\\sigma_y^2T/(1 + aT)$.",
+        "d": "The simplified filters are {eq:simplified}; that of the true model is {eq:full} with the equations below it.",
+        "e": "The joint covariance of truth and filter shrinks to the two scalars of {eq:two} and of its update.",
+        "f": text("For the given parameters the two variants {apart} from each other, and the worse of them {worse} from the exact filter ({fig:over_time}). {tab:several} and {fig:memory} show it for other parameters.", apart=apart, worse=worse) if p.R else "Without measurement noise there is no difference at the samples ({tab:over_time}, {tab:several}).",
+        "g": "Both ways agree ({fig:ways}, {tab:ways}). The numerical forms differ in their cost, and in accuracy where a sensor is very precise ({tab:forms}); the advice is among the conclusions.",
     }
 
 
@@ -55,12 +60,12 @@ def conclusions(r, p, found, lost, cheapest):
             word = "cautious" if share > 1 + HONEST else "optimistic: it trusts itself more than it should" if share < 1 - HONEST else "honest within 5 %"
             lines.append(text("Variant {n} claims {claimed:4} m² in the steady state and has {true:4} m² (optimal: {best:4} m²): it is {word}.",
                               n=i, claimed=here[f"claimed_variant{i}"], true=here[f"true_variant{i}"], best=here["optimal"], word=word))
-        lines.append(text("The true variances of the two variants differ by {found:2} of the optimal one at most.", found=variants))
+        lines.append(text("The true variances of the two variants differ by at most {found:2} of the optimal one.", found=variants))
         lines.append(advice(r, here, simplified, steady))
     if lost:
-        lines.append(text("Not every numerical form serves here: {names} loses more than half of the digits of the variance. Use UD or Joseph's form.", names=lost))
+        lines.append(text("Not every numerical form serves here: fewer than 8 digits of the variance are kept by {names}. Use UD or Joseph's form.", names=lost))
     else:
-        lines.append(text("Any numerical form of the filter that can start here serves for the given sensor, the {cheapest} one at the least cost of those that compute the gain as they go; where a sensor is far more precise than the prediction, Joseph's form, a square root or UD is worth its operations.", cheapest=cheapest))
+        lines.append(text("Any numerical form of the filter that can start here serves for the given sensor; of those that compute the gain as they go the {cheapest} one costs least. Where a sensor is far more precise than the prediction, Joseph's form, a square root or UD is worth its operations.", cheapest=cheapest))
     lines.append(largest(r))
     r.items(lines)
 
@@ -71,7 +76,7 @@ def advice(r, here, simplified, steady):
     if steady > HONEST:
         return text("Practical advice: model the input as a state. The simplified filter needs {cost} % of the operations of the exact one (Joseph's form), but its steady variance is {times:3} times the optimal one.", cost=cost, times=1 + steady)
     better = 2 if abs(here["claimed_variant2"] - here["true_variant2"]) <= abs(here["claimed_variant1"] - here["true_variant1"]) else 1
-    kept = text("Practical advice: the simplified filter will do. It needs {cost} % of the operations of the exact one (Joseph's form), and its steady variance exceeds the optimal one by {steady:2} of it; variant {n} also says most nearly how good it is.", cost=cost, steady=max(steady, 0.0), n=better)
+    kept = text("Practical advice: the simplified filter will do. It needs {cost} % of the operations of the exact one (Joseph's form), and its steady variance is {steady:5} times the optimal one; variant {n} also claims most nearly what it has.", cost=cost, steady=1 + max(steady, 0.0), n=better)
     if simplified > HONEST:
-        return kept + text(" At the first measurements the loss is larger, up to {most:2} of the optimal variance: where the start matters, model the input as a state.", most=simplified)
+        return kept + text(" At the first measurements the variance is up to {most:3} times the optimal one: where the start matters, model the input as a state.", most=1 + simplified)
     return kept

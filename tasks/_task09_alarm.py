@@ -22,10 +22,11 @@ LEAST = 1e-5
 
 def alarm(r, p, experiment, filters, steps):
     """The alarm rule: what a margin promises, of all moments and of the dangerous ones."""
-    r.says("**Alarm rule.** $C_1$ breaks down when $U_1$ exceeds a limit $U_{max}$. With a margin of $k$ standard deviations the rule is")
+    r.subsection("An alarm on the estimate", "alarm")
+    r.says("$C_1$ breaks down when $U_1$ exceeds a limit $U_{max}$. With a margin of $k$ standard deviations the rule is")
     r.math(r"\text{alarm when} \quad \hat U_1(t) + k\,\sigma(t) \ge U_{max}, \qquad \sigma^2(t) = P_{11}(t).", "rule")
-    r.says("Without an alarm the voltage can be above the limit only if the error is below $-k\\sigma$. That is so in at most the share $N(-k)$ of *all* moments, one in 740 for $k = 3$, whatever the limit.")
-    r.says("It says little about the *dangerous* moments, those with $U_1 \\ge U_{max}$, which may be rarer than that. The error of an optimal estimate is uncorrelated with the estimate {ref:anderson_moore, section 5.2} and not with the voltage. With $V = \\mathrm{Var}\\,U_1$ the mean of $\\hat{U}_1$ at a voltage u is $(1 - \\sigma^2/V)u$: it is drawn towards 0, and most where the voltage is large. Since $\\hat{U}_1 \\sim N(0, V - \\sigma^2)$ and, given the estimate, $U_1 \\sim N(\\hat{U}_1, \\sigma^2)$,")
+    r.says("Without an alarm the voltage can be above the limit only if the error is below $-k\\sigma$. That is so in at most the share $N(-k)$ of *all* moments, where N is the normal distribution function: one in 740 for $k = 3$, whatever the limit.")
+    r.says("It says little about the *dangerous* moments, those with $U_1 \\ge U_{max}$, which may be rarer than that. The error of an optimal estimate is uncorrelated with the estimate {ref:anderson_moore, chapter 5}, but not with the voltage. With $V = \\mathrm{Var}\\,U_1$ the mean of $\\hat{U}_1$ at a voltage u is $(1 - \\sigma^2/V)u$: it is drawn towards 0, and most where the voltage is large. Since $\\hat{U}_1 \\sim N(0, V - \\sigma^2)$ and, given the estimate, $U_1 \\sim N(\\hat{U}_1, \\sigma^2)$,")
     r.math(r"P(\text{dangerous, no alarm}) = \int_{U_{max}}^\infty p(u)\,N\!\left(\frac{U_{max} - k\sigma - (1-\sigma^2/V)u}{\sigma\sqrt{1-\sigma^2/V}}\right)du = \int_{-\infty}^{U_{max}-k\sigma} p(\hat u)\,N\!\left(\frac{\hat u - U_{max}}\sigma\right)d\hat u,", "joint")
     r.says("where p is the density of the variable in its brackets. Divided by $P(U_1 \\ge U_{max}) = N(-U_{max}/\\sqrt V)$ it is the share of the dangerous moments that the rule misses.")
     schedules = {name: covariances(filters[name], p.steps) for name in PARTS}
@@ -71,8 +72,8 @@ def drawn(r, left, seen, missed):
     bound = np.where(ndtr(-k) > LEAST, ndtr(-k), np.nan)
     figure = plots.lines(k, curves, xlabel="margin $k$, a number of σ", ylabel="dangerous moments missed, ratio", log="y", points=points,
                          straight={"one in a hundred": ([0, 5], [SHARE, SHARE]), "$N(-k)$": (k, bound)})
-    r.figure("alarm", figure, "Share of the dangerous moments that the alarm misses, against its margin. The falling dashed line is the bound $N(-k)$ on the share of all moments: it says nothing about the curves, of which that of the higher limit is always the upper one.")
-    r.says("{fig:alarm} and {tab:alarm} give that share. Without a margin the alarm misses {least:2} to {most:2} % of the dangerous moments, since an estimate that is drawn towards 0 is below the limit when the voltage is a little above it. The share falls with $k$, later for the higher limit. The points count what the simulated filters missed; they lie about the curves.",
+    r.figure("alarm", figure, "Share of the dangerous moments that the alarm misses, against its margin. The falling dashed line is the bound $N(-k)$ on the share of all moments: it says nothing about the curves, of which, for each filter, that of the higher limit is the upper one.")
+    r.says("{fig:alarm} and {tab:alarm} give that share. Without a margin the alarm misses {least:2} to {most:2} % of the dangerous moments, since an estimate that is drawn towards 0 is below the limit when the voltage is a little above it. The share falls with $k$, later for the higher limit. The points are the shares that the simulated filters missed, and they lie about the curves.",
            least=100 * float(missed[:, :, 0].min()), most=100 * float(missed[:, :, 0].max()))
 
 

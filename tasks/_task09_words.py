@@ -28,20 +28,20 @@ def result(p, filters, missed):
 
 def discussion(r, p, filters):
     """What the experiment adds to the theory."""
-    r.says("**What a measurement of $U_0$ tells of $U_1$.** $U_0$ is a mean of $U_1$ over the past, with weights that decay with the time constant $R_2C_2$. The input enters $U_1$ at once and $U_0$ only through $U_1$: what came in the last moments before a measurement is in $U_1$ in full and in $U_0$ hardly at all. This is why even a perfect voltmeter leaves a variance.")
+    r.says("**What a measurement of $U_0$ tells of $U_1$.** $U_0$ is a mean of $U_1$ over the past, with weights that decay with the time constant $R_2C_2$. The input enters $U_1$ at once and $U_0$ only through $U_1$: what came in just before a measurement is in $U_1$ in full, and in $U_0$ hardly at all. This is why even a perfect voltmeter leaves a variance.")
     if 0 < p.R_over_b2 < math.inf:
         P = covariances(filters["noisy"], p.steps).P_minus[-1]
         S = P[1, 1]
-        r.says("**What the noise costs.** At the last measurement $U_0$ is predicted with the variance {S:3} b² and $U_1$ with {P:3} b². The voltmeter's variance, {R} b², is to be judged beside the first of these, not the second: a measurement of $U_0$ is used with the weight {K:2}. The second section smooths, and what it leaves of the signal has to stand against the whole noise.",
+        r.says("**What the noise costs.** At the last measurement $U_0$ is predicted with the variance {S:3} b² and $U_1$ with {P:3} b². The variance of the voltmeter, {R} b², is to be compared with the first of these and not with the second: $U_0$ itself is corrected with the gain {K:2}. The second section of the circuit smooths the signal before the noise is added, and not the noise.",
                S=S, P=P[0, 0], R=p.R_over_b2, K=S / (S + p.R_over_b2))
     r.says("**The promise of a margin.** A margin bounds the probability that two things happen together, danger and silence. Whoever owns the capacitor asks another question: if the voltage is dangerous, will I be told? The rarer the danger, the further apart the two answers are; at the limit of three standard deviations the voltage is dangerous in one moment in 740, which is the whole of what the margin of three allows to be missed.")
-    r.says("**Points outside the bands.** Of the points in {fig:noisy_ensemble} one in twenty is expected outside. They come in groups, for the errors of neighbouring instants share the factor by which an error survives a period. {app:chance} takes the correlation into account.")
+    r.says("**Points outside the bands.** Of the points in {fig:noisy_ensemble} one in twenty is expected outside. They come in groups, for part of an error survives a period and is found again at the next instant. {app:chance} takes the correlation into account.")
 
 
 def answers(p):
     """Each item of the sheet in a sentence."""
     if p.R_over_b2 == 0:
-        b = "$R = 0$ is given: the same as (a)."
+        b = "With $R = 0$, as given here, the answer is that of (a)."
     elif math.isinf(p.R_over_b2):
         b = "$R = \\infty$ is given: the gain is 0, the estimate stays 0, and the variance is that without measurements."
     else:

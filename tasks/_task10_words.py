@@ -20,26 +20,26 @@ def quality(dt):
 def result(p, measured, sd):
     """The lab in three sentences."""
     floor = by_hand.conditional(p.P0)
-    first = text("Samples at multiples of half a cycle show the oscillator in one phase only and lose its velocity, whose variance then never falls below {floor:4} m²/s², what the initial correlation leaves of it." if floor else "Samples at multiples of half a cycle show the oscillator in one phase only and lose its velocity; the initial covariance alone determines it here.", floor=floor)
-    second = text("{fig:periods} shows it: near such a period the velocity is observable but hardly observed, elsewhere it becomes known.")
+    first = text("Samples taken every half cycle, or a multiple of it, show the oscillator in one phase only: they lose its velocity, whose variance never falls below the {floor:4} m²/s² that the initial correlation leaves." if floor else "Samples taken every half cycle, or a multiple of it, show the oscillator in one phase only: they lose its velocity, of which here the initial covariance alone tells.", floor=floor)
+    second = text("Near such a period the velocity is observable and yet poorly observed, elsewhere it becomes known ({fig:periods}).")
     third = text("In the experiment the RMS error of the velocity was {bad} at $d_1$ and {good} at $d_2$, where theory has {one:3} and {two:3} m/s.", bad=measured[0], good=measured[2], one=sd[0], two=sd[2])
     return [first, second, third]
 
 
 def discussion(r):
     """What the experiment adds to the theory."""
-    r.says("**Rank and quality.** Observability is a yes or no about exact arithmetic and unlimited patience. A filter has neither: near a loss the velocity is the slope of a line through points that are almost one point, and {eq:slope} says how many measurements its accuracy takes. That is why a period is chosen by the condition number and not by the rank.")
-    r.says("**Points outside a band.** No noise drives the oscillator, so the error after a measurement is the error before it with one more measurement averaged in. Neighbouring points of an ensemble are nearly one and the same number; a whole row of them on one side of theory is one coincidence and not many. The tests of {app:chance} judge the largest deviation with the number of instants in mind.")
+    r.says("**Rank and quality.** Observability is a statement, yes or no, about exact arithmetic and unlimited time. A filter has neither: near a losing period the velocity is the slope of a line through points that are almost one point, and {eq:slope} says how many measurements its accuracy takes. That is why a period should be chosen by the condition number and not by the rank.")
+    r.says("**Points outside a band.** No noise drives the oscillator, so the error after a measurement is the error before it with one more measurement averaged in. Neighbouring points of an ensemble are nearly one and the same number; a whole row of them on one side of theory is a single coincidence. The tests of {app:chance} judge the largest deviation and take the number of instants into account.")
     r.says("**What would help.** One measurement at another phase brings the velocity into view: a second period, instants that are not regular, or a sensor for the velocity itself.")
 
 
 def answers(answer):
     """Each item of the sheet in a sentence."""
     return {
-        "a": "{eq:prediction} and {eq:update}; the gains can be computed beforehand, and {eq:all} gives all covariances at once.",
+        "a": "The estimate of the velocity is predicted by {eq:prediction} and updated by {eq:update}. The gains can be computed beforehand, and {eq:all} gives all covariances at once; with the data six multiplications per measurement remain.",
         "b": "At $d = k\\pi$ only the (1,1) element of the inverse covariance grows ({eq:grows}); the velocity is lost, and its variance ends at {eq:floor}. The general rule is {eq:rule}, with its proof." if answer["observability_rank_bad"] == 1
              else "At $d = k\\pi$ only the (1,1) element of the inverse covariance grows ({eq:grows}); the velocity is lost there, at the given $d_1$ it is not. The general rule is {eq:rule}, with its proof.",
-        "c": "{fig:bad_errors} and {tab:ensemble}: the ensembles at three periods agree with theory.",
+        "c": "The ensembles at three periods agree with theory ({fig:ensemble}, {tab:ensemble}); {fig:bad_errors} shows single runs at $d_1$.",
     }
 
 
@@ -55,7 +55,7 @@ def conclusions(r, p, answer):
         elif floor == 0 and prior > 0:
             line = "${name} = {dt}$ s loses the velocity (rank 1), but $P_0$ is singular and ties it to the position, so its variance tends to 0 all the same: after {steps} measurements it is {last:4} m²/s², from {prior} at the start."
         elif floor < prior:
-            line = "${name} = {dt}$ s loses the velocity (rank 1): only the position is seen. Its variance falls from {prior} towards {floor} m²/s², which the initial correlation allows, and no number of measurements goes below; after {steps} it is {last:4}."
+            line = "${name} = {dt}$ s loses the velocity (rank 1): only the position is seen. Its variance falls from {prior} towards {floor} m²/s², which the initial correlation allows, and no number of measurements brings it below that; after {steps} it is {last:4} m²/s²."
         elif prior:
             line = "${name} = {dt}$ s loses the velocity (rank 1): without an initial correlation with the position its variance stays at {prior} m²/s² for ever."
         else:
@@ -67,6 +67,6 @@ def conclusions(r, p, answer):
         lines.append(text("Of the given periods ${name}$ is the bad one.", name=NAMES["bad" if by_hand.loses(p.dt_bad) else "good"]))
     else:
         lines.append("Both given periods are bad ones." if by_hand.loses(p.dt_bad) else "Neither of the given periods is a bad one in the strict sense.")
-    lines.append("A period near a bad one keeps the rank but not the quality: the number of measurements needed grows like $\\varepsilon^{-2/3}$ with the offset ε. The condition number, not the rank, should be asked.")
+    lines.append("A period near a bad one keeps the rank but not the quality: the number of measurements needed grows like $\\varepsilon^{-2/3}$ with the offset ε. The period should be judged by the condition number and not by the rank.")
     lines.append(largest(r))
     r.items(lines)

@@ -51,7 +51,7 @@ def part_c(r, p, answer):
     r.math(r"P^+ = \frac{P_1R_2}{R_2 + h_2^2P_1} = \frac{PR_1R_2}{\Delta}, \qquad \hat x^+ = \hat x^- + \frac P\Delta\,(h_1R_2\nu_1 + h_2R_1\nu_2), \qquad \Delta = R_1R_2 + P(h_1^2R_2 + h_2^2R_1)", "sequential")
     r.says("Simultaneously, Δ is the determinant of $S = HPH^T + R$ and Cramer's rule gives")
     r.math(r"K = PH^TS^{-1} = \frac P\Delta\begin{bmatrix} h_1 & h_2 \end{bmatrix}\begin{bmatrix} h_2^2P + R_2 & -h_1h_2P \\ -h_1h_2P & h_1^2P + R_1 \end{bmatrix} = \frac P\Delta\begin{bmatrix} h_1R_2 & h_2R_1 \end{bmatrix}, \qquad P^+ = (1 - KH)P = \frac{PR_1R_2}\Delta", "joint")
-    r.says("The same numbers; they are symmetric in the two measurements, so the order does not matter either. ∎")
+    r.says("These are the same expressions. They are symmetric in the two measurements, so the order does not matter either. ∎")
     prior, R2 = answer["prior"], float(second(p.t)[1])
     R = np.diag([R1, R2])
     x, P, z = [prior[0]], [[prior[1]]], [p.z1, p.z2]
@@ -77,7 +77,7 @@ def pair(estimate):
 
 def extended(r, p, answer, x, P, z, R):
     """The literal reading, with the exact posterior as the judge."""
-    r.says("**Second reading, literally** ({ref:jazwinski, chapter 8}) $z_2 = \\sin(x(t_i)) + v_2$. The extended filter replaces the sine by a straight line, $\\sin x \\approx \\sin\\xi + \\cos\\xi\\,(x - \\xi)$. For one straight line the proof above holds, so sequential and simultaneous agree **if the point ξ is the same**, $\\xi = \\hat{x}^-$; the second innovation is then $z_2 - \\sin\\hat{x}^- - \\cos\\hat{x}^-(\\hat{x}_1 - \\hat{x}^-)$. The ordinary sequential filter takes the newest estimate, $\\xi = \\hat{x}_1$: another line, another result.")
+    r.says("**Second reading, literally** ({ref:jazwinski, chapter 8}) $z_2 = \\sin(x(t_i)) + v_2$. The extended filter replaces the sine by a straight line, $\\sin x \\approx \\sin\\xi + \\cos\\xi\\,(x - \\xi)$. For one straight line the proof above holds, so sequential and simultaneous agree **if the point ξ is the same**, $\\xi = \\hat{x}^-$; the second innovation is then $z_2 - \\sin\\hat{x}^- - \\cos\\hat{x}^-(\\hat{x}_1 - \\hat{x}^-)$. The ordinary sequential filter takes the newest estimate, $\\xi = \\hat{x}_1$, which is another line and gives another result.")
     found = {order: updates.extended(x, P, z, sensor, slope_at, R, order) for order in updates.ORDERS}
     r.value("ekf_joint", pair(found["joint"]), agrees=answer, routes=("both at once", "closed form, P·R1·R2/Δ"))
     r.value("ekf_sequential_fixed", pair(found["fixed"]), agrees=answer, routes=("one after another, line at x̂⁻", "closed form, P·R1·R2/Δ"))
@@ -163,7 +163,7 @@ def densities(r, answer, found, z2, R2):
     }
     r.figure("densities", plots.lines(grid, curves, xlabel=ESTIMATE, ylabel="probability density"),
              "The literal reading: densities of $x$ before and after the measurements.")
-    r.says("In {fig:densities} the exact posterior is no normal curve; each extended filter replaces it by one, about the point and with the width that its straight line gives.")
+    r.says("The exact posterior of {fig:densities} is not normal. Each extended filter replaces it by a normal density, whose centre and width come from its straight line.")
 
 
 def one_update(x, P, R2):
@@ -198,9 +198,8 @@ def literal(r, p, answer, experiment):
             "The literal reading at $t = {t}$ s: errors over {runs} runs on the same data, with standard errors. NEES is 1 for a filter whose variance is right on average; a dash where it claims to be certain.", t=p.t, runs=experiment.runs)
     if len(rows) < 3 * len(LEVELS):
         r.says("Where $\\sqrt{R_2}$ is too narrow for a grid of {count} points the exact filter is left out; its posterior sits near the solutions of $\\sin x = z_2$.", count=POINTS)
-    r.says("{tab:literal} compares the ways for three prior variances.")
-    for level in LEVELS:
-        r.says(compared([row for row in rows if row[0] == level * P]))
+    r.says("{tab:literal} compares the ways for three prior variances; a difference from {clear:2} standard errors on is called clear.", clear=CLEAR)
+    r.items([compared([row for row in rows if row[0] == level * P]) for level in LEVELS])
 
 
 def points(x, P, R2):
@@ -215,6 +214,6 @@ def compared(rows):
     (_joint, again), P = rows[:2], rows[0][0]
     gap = _joint[2].value - again[2].value
     clear = abs(gap) > CLEAR * math.hypot(_joint[2].error, again[2].error)
-    words = "relinearising is better" if clear and gap > 0 else "relinearising is worse" if clear else "the two extended filters do not differ clearly"
-    line = "For $P^- = {P}$ {words} (RMS {again} against {joint}, called clear from {clear} standard errors)"
-    return text(line, "; the exact mean has {best}." if len(rows) > 2 else ".", P=P, words=words, again=again[2], joint=_joint[2], clear=CLEAR, best=rows[-1][2])
+    words = "relinearising is clearly better" if clear and gap > 0 else "relinearising is clearly worse" if clear else "the two extended filters do not differ clearly"
+    line = "For $P^- = {P}$ {words} (RMS {again} against {joint})"
+    return text(line, "; the exact mean has {best}." if len(rows) > 2 else ".", P=P, words=words, again=again[2], joint=_joint[2], best=rows[-1][2])

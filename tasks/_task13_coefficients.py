@@ -3,12 +3,11 @@
 import math
 
 import numpy as np
-import sympy
 from ctlabs.tasks.answers import task13 as by_hand
 from ctlabs.tasks.answers.task13 import TIMES
 
 from ctlabs.filtering import bucy
-from ctlabs.models import ContinuousModel, observability, symbolic
+from ctlabs.models import ContinuousModel, observability
 from ctlabs.reporting import plots
 from ctlabs.reporting.report import EXACT, SOLVER
 from ctlabs.text import latex_number, text
@@ -18,30 +17,27 @@ TIME = "t, s"
 
 def scalar(r):
     """Three estimate equations, three gains, six Riccati equations."""
-    letters = sympy.symbols("a_1 a_0 b_1 b_0 N_c N_m", positive=True)
-    a1, a0, b1, b0, N_c, N_m = letters
-    equations = symbolic.scalar_equations(symbolic.SymbolicModel([[-a1, 1, b1], [-a0, 0, b0], [0, 0, 0]],
-                                                  [[b1], [b0], [0]], [[N_c]], [[1, 0, 0]], [[N_m]],
-                                                  states=("h", "x_2", "h_c0"))).latex()
     r.says("**The estimate** by the filter of Kalman and Bucy ({ref:kalman_bucy}; {ref:maybeck, section 5.11}), in scalar form, where $z$ is the measured altitude $h_m$:")
-    for line, name in zip(equations["estimate"], ("estimate", "", ""), strict=True):
-        r.math(line, name)
+    r.math(r"\dot{\hat h} = -a_1\hat h + \hat x_2 + b_1\hat h_{c0} + K_1(z - \hat h)", "estimate")
+    r.math(r"\dot{\hat x}_2 = -a_0\hat h + b_0\hat h_{c0} + K_2(z - \hat h), \qquad \dot{\hat h}_{c0} = K_3(z - \hat h)")
     r.says("**The gains** and the **six scalar Riccati equations** of their covariance:")
-    r.math(r", \qquad ".join(equations["gain"]))
-    for line, name in zip(equations["riccati"], ("riccati", *5 * [""]), strict=True):
-        r.math(line, name)
+    r.math(r"K_1 = \frac{P_{11}}{N_m}, \qquad K_2 = \frac{P_{12}}{N_m}, \qquad K_3 = \frac{P_{13}}{N_m}")
+    r.math(r"\dot P_{11} = -2a_1P_{11} + 2P_{12} + 2b_1P_{13} + b_1^2N_c - \frac{P_{11}^2}{N_m}", "riccati")
+    r.math(r"\dot P_{12} = -a_0P_{11} - a_1P_{12} + b_0P_{13} + P_{22} + b_1P_{23} + b_0b_1N_c - \frac{P_{11}P_{12}}{N_m}")
+    r.math(r"\dot P_{13} = -a_1P_{13} + P_{23} + b_1P_{33} - \frac{P_{11}P_{13}}{N_m}, \qquad \dot P_{22} = -2a_0P_{12} + 2b_0P_{23} + b_0^2N_c - \frac{P_{12}^2}{N_m}")
+    r.math(r"\dot P_{23} = -a_0P_{13} + b_0P_{33} - \frac{P_{12}P_{13}}{N_m}, \qquad \dot P_{33} = -\frac{P_{13}^2}{N_m}")
 
 
 def coefficients(r, answer, two, three):
     """Why the gains come from integration, and what they tend to."""
-    r.says("**The coefficients.** The numbers $a_i$, $b_i$ come from the transfer function. The gains need $P(t)$, and $P(t)$ needs $N_c$, $N_m$ and $P_0$, but no measurement: the six equations that begin with {eq:riccati} are integrated beforehand, from $P_0$, and $K_i(t) = P_{1i}(t)/N_m$. It is tempting to take the constant gains of the algebraic Riccati equation instead. It does not give them, since the theorem that it has one stabilising solution ({ref:kwakernaak_sivan, chapter 4}) asks that noise drives every mode that does not decay:")
+    r.says("**The coefficients.** The numbers $a_i$, $b_i$ come from the transfer function. The gains depend on $P(t)$, and $P(t)$ on $N_c$, $N_m$ and $P_0$, but on no measurement: the six equations that begin with {eq:riccati} are integrated beforehand, from $P_0$, and $K_i(t) = P_{1i}(t)/N_m$. It is tempting to take the constant gains of the algebraic Riccati equation instead. But that equation has a stabilising solution only if noise drives every mode whose eigenvalue lies on the imaginary axis (see {ref:kwakernaak_sivan, chapter 4}):")
     dual = ContinuousModel(
         F=three.F.T, G=np.eye(3), Q=np.zeros((3, 3)), H=(three.G @ three.Q).T, P0=np.zeros((3, 3)), states=three.states
     )
     undriven = observability.analyse(dual).undetectable_modes
     limit = bucy.steady(three)
     r.items([
-        "No noise drives $h_{c0}$: this mode of the eigenvalue 0 neither decays nor is disturbed.",
+        "No noise drives $h_{c0}$: its mode has the eigenvalue 0 and neither decays nor is disturbed.",
         "So the Hamiltonian matrix of the equation has {zeros} eigenvalues on the imaginary axis (at 0) where a stabilising solution needs none.",
         "The covariance does have a limit, $P_{33} \\to 0$ and with it $K_3 \\to 0$, but with the limit gains the filter has the poles ${poles}$ 1/s: the one at 0 means that an error of $\\hat{h}_{c0}$ would never be corrected. The constant gain is optimal only when nothing is left to estimate.",
     ], zeros=2 * len(undriven), poles=", ".join(latex_number(float(z.real)) if not z.imag else f"{latex_number(float(z.real))} ± {latex_number(abs(float(z.imag)))}i" for z in limit.poles if z.imag >= 0))
@@ -92,11 +88,11 @@ def transient(r, p, answer, three):
             ("Riccati equation, integrated", "scalar equations by LSODA"))
     origin = None
     if p.var_hc0:
-        r.says("**The command.** If $h_{c0}$ were known, two states would be left, whose filter starts from $P = 0$ and settles. An error of $h_{c0}$ by 1 m shifts its innovations by $S(t)$, which tends to $a_0/d_0$. The innovations of that filter are white with the strength $N_m$, so they inform on $h_{c0}$ at the rate $S^2/N_m$:")
+        r.says("**The command.** If $h_{c0}$ were known, two states would be left, whose filter starts from $P = 0$ and settles. An error of $h_{c0}$ by 1 m shifts its innovations by $S(t)$, which tends to $a_0/d_0$. The innovations of that filter are white with the strength $N_m$, and so they add information on $h_{c0}$ at the rate $S^2/N_m$:")
         r.math(r"\frac1{P_{33}(t)} = \frac1{\mathrm{var}(h_{c0})} + \int_0^t\frac{S^2(\tau)}{N_m}d\tau, \qquad \frac{S^2}{N_m} \to \frac{a_0^2}{d_0^2N_m} = \frac1{N_c + N_m}", "information")
-        r.says("The last step uses $b_0 = a_0$: the autopilot holds a constant command without error. A constant can be told from slow noise only through noise of both kinds, $N_c + N_m$, and its variance falls like one over time, from an origin $t^*$ that the beginning decides:")
+        r.says("The last step uses $b_0 = a_0$: the autopilot holds a constant command without error. In the long run the constant is seen through noise of both kinds, $N_c + N_m$, and its variance falls in inverse proportion to the time since an origin $t^*$, which depends on the beginning:")
         r.math(r"P_{33} \to \frac{N_c + N_m}{t - t^*}, \qquad P_{11} \to P_{11}(\infty) + \frac{N_m}{t - t^*}, \qquad K_3 \to \frac{\sqrt{1 + N_c/N_m}}{t - t^*} \to 0", "asymptotes")
-        r.says("The second follows since the error of the altitude is that with the command known plus an independent part, which is the error of the command times $b_0/d_0 = \\sqrt{N_m/(N_c + N_m)}$ in the limit; the third is $P_{13}/N_m$ of that part. ∎")
+        r.says("The second limit follows because the error of the altitude is that with the command known plus an independent part, which in the limit is the error of the command times $b_0/d_0 = \\sqrt{N_m/(N_c + N_m)}$; the third is $P_{13}/N_m$ for that part. ∎")
         origin, far = answer["far"] - (p.N_c + p.N_m) / P[4, 2, 2], answer["far"]
         r.value("command_time_origin", origin, "s", symbol="t^*")
         # t* is what is left of the late time t when (N_c + N_m)/P33 is taken from it.
@@ -135,7 +131,7 @@ def said(r, p, origin):
     if origin is None:
         r.says("In {fig:variances} the variance of the altitude rises from 0, as the flight is known at the start, to its limit (dashed).")
     elif p.N_c:
-        r.says("In {fig:variances} both variances are the same at first, since one unknown number is all that is uncertain, and fall as the measurements are averaged. When the noise of the command has been at work for as long as the filter remembers, they part: the altitude turns towards its own limit (dashed), while the command falls on and joins its asymptote $(N_c + N_m)/(t - t^*)$.")
+        r.says("In {fig:variances} both variances are the same at first, since a single number is unknown, and fall as the measurements are averaged. When the noise of the command has been at work for as long as the filter remembers, they part: the altitude turns towards its own limit (dashed), while the command falls on and joins its asymptote $(N_c + N_m)/(t - t^*)$.")
     else:
         r.says("In {fig:variances} both variances fall without end: no noise drives the flight, and one constant is all there is to learn.")
 
@@ -162,7 +158,7 @@ def settled(r, p, answer, above, origin):
             if origin is not None
             else ""
         )
-        r.says("At 300 s $P_{11}$ is still {above:2} % from its limit: by the 1 % criterion it has **not settled**, for what is left of the error of the command is in it. {words}",
+        r.says("At 300 s $P_{11}$ is still {above:2} % from its limit: by the 1 % criterion it has **not settled**, since it contains what is left of the error of the command. {words}",
                above=above, words=words)
 
 

@@ -21,11 +21,11 @@ def plan(r, p, experiment, two, three):
     """Every number chosen."""
     fastest = float(np.abs(bucy.steady(two).poles).max())
     close = fine(three, p.dt, p.steps, 1 / fastest)
-    r.says("{tab:plan} lists what was chosen. White noise has no values, so the continuous filter is simulated by the discrete one with a period δ much shorter than the filter's time constants and measurements of the variance $N_m/\\delta$. The states move by the exact transition over δ; only the measurements are replaced, and the filter's variance differs from P(t) by O(δ), as stated with the results. In the pictures of single runs both filters watch the same flight.")
+    r.says("{tab:plan} lists what was chosen. White noise has no values, so the continuous filter is simulated by a discrete one, with a period δ much shorter than the time constants of the filter and with measurements of the variance $N_m/\\delta$. The states move by the exact transition over δ; only the measurements are replaced, and the variance of the filter differs from P(t) by terms of the order δ, as stated with the results. In the pictures of single runs both filters watch the same flight.")
     r.table("plan", ["quantity", "value", "why"], [
-        ["period of the sampled measurements dt, s", p.dt, "given"],
+        ["period Δt of the sampled measurements, s", p.dt, "given"],
         ["sampled measurements", p.steps, "given"],
-        ["period δ in place of continuous time, s", close.model.dt, text("a hundredth of the shortest time constant {tau:3} s, or of dt if that is shorter; a whole number in dt", tau=1 / fastest)],
+        ["period δ in place of continuous time, s", close.model.dt, text("a hundredth of the shortest time constant {tau:3} s, or of Δt if that is shorter; a whole number of them in Δt", tau=1 / fastest)],
         ["steps of length δ", close.steps, "the same horizon, 4000 steps at most"],
         ["initial state", "settled flight", "the sheet gives none: $P_0$ of (a), by which the first innovation is of the order of 10 km" if p.var_hc0 > 1e8 else "the sheet gives none: $P_0$ of (a)"],
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
@@ -71,7 +71,7 @@ def beginning(r, names, pairs):
     panels = (Panel("size of the innovation, m", tuple(sizes), kind="log"), Panel("error of $\\hat h_{c0}$, m", tuple(drawn), kind="log"))
     r.figure("beginning", Drawing("Innovations and command", TIME, panels, log=True, height=6.6),
              "Sizes of the innovations and of the errors of the estimated command in the two flights (points), with their standard deviations in theory (lines).")
-    r.says("{fig:beginning} shows where the readings differ. The standard deviation of the first innovation is {one:3} m with the data {first}, {two:3} m with the data {second}; what remains after it is the noise of the measurements and what the altitude does in a period. The errors of the command stay about their standard deviations, which fall in the same way in both.",
+    r.says("{fig:beginning} shows where the readings differ. The standard deviation of the first innovation is {one:3} m with the data {first}, {two:3} m with the data {second}; what remains after it is the noise of the measurements and what the altitude does in a period. The errors of the command are of the size of their standard deviations, which fall in the same way in both.",
            first=names[0], second=names[1], one=first[0], two=first[1])
 
 
@@ -91,7 +91,7 @@ def ensembles(r, p, answer, experiment, three, sampled, close, names, second):
              "The ensemble of the sampled filter against theory: RMS errors, mean errors in units of σ, with the bands of 95 % of ensembles; NEES and NIS averaged over the runs.")
     r.table("ensemble", ["filter", "to t, s", "σ of $h$ in theory, m", "RMS of $h$, m", "mean error of $h$, m", "σ of $h_{c0}$ in theory, m", "RMS of $h_{c0}$, m", "$P_{11}^+$ from $P_{11}(t)$, % at most"], [row, own],
             "Both ensembles at their last instant, with standard errors. The last column is theory: the largest deviation from the continuous variance over the whole horizon.")
-    r.says("{fig:ensemble} and {tab:ensemble} compare {runs} flights with theory. The RMS errors follow the covariances over all their fall, and the mean errors scatter about 0. With the period δ in place of continuous time the variance of the altitude differs from $P_{11}(t)$ by {percent:2} % at most: to that accuracy the first ensemble shows the continuous filter.",
+    r.says("{fig:ensemble} and {tab:ensemble} compare {runs} flights with theory. The RMS errors follow the covariances all the way down, and the mean errors scatter about 0. With the period δ in place of continuous time the variance of the altitude differs from $P_{11}(t)$ by {percent:2} % at most: to that accuracy the first ensemble shows the continuous filter.",
            runs=experiment.runs, percent=row[7])
     return {"measured": rms(stats, unit="m"), "sd": float(theory.sd_plus[-1, 0])}
 

@@ -25,7 +25,7 @@ def explanation(r, p, answer):
     r.value("sampling_cost", cost, "%")
     r.check("cost of sampling", cost, 100 * (0.5 * (prior + posterior) / limit - 1),
             ("Riccati equations", "spectral factorisation"), SOLVER, scale=100.0)
-    r.says("**Explanation.** The steady filter has {constants}, the period is {dt} s. {words} Over a period the variance swings between {posterior} and {prior} m², and the mean of the two, {mean} m², is {cost:2} % above the continuous limit {limit} m². What the sampled filter loses is only what the altitude does between two measurements; their information is the same, for $R_d\\,dt = N_m$.",
+    r.says("**Explanation.** The steady filter has {constants}, the period is {dt} s. {words} Over a period the variance swings between {posterior} and {prior} m², and the mean of the two, {mean} m², is {cost:2} % above the continuous limit {limit} m². What the sampled filter loses is only what the altitude does between two measurements; the information of the measurements is the same, for $R_d\\,\\Delta t = N_m$.",
            constants=constants(answer), dt=p.dt, posterior=posterior, prior=prior, mean=0.5 * (prior + posterior),
            cost=cost, limit=limit, words=slowness(p, answer))
 
@@ -83,23 +83,23 @@ def result(p, answer, measured, sd):
     return [
         text("The variance of the altitude tends to {P:4} m² with continuous measurements, and the average over a period of {dt} s is {cost:2} % above it with sampled ones: ", P=limit, dt=p.dt, cost=100 * (mean / limit - 1))
         + text("sampling costs next to nothing." if mean / limit < 1.05 else "sampling is felt."),
-        text("The gains cannot be the constant ones of a Riccati equation, for nothing drives the commanded constant: its variance falls for ever like one over time ({fig:variances})." if p.var_hc0
+        text("The gains cannot be the constant ones of a Riccati equation, for nothing drives the commanded constant: its variance falls for ever, in inverse proportion to time ({fig:variances})." if p.var_hc0
              else "The command is known from the start, and {fig:variances} shows the variance of the altitude rise to its limit."),
-        text("In the experiment the RMS error of the altitude of the sampled filter at the end was {measured}, where theory has {sd:3} m.", measured=measured, sd=sd),
+        text("At the end of the experiment the RMS error of the altitude was {measured} with sampled measurements, where theory has {sd:3} m.", measured=measured, sd=sd),
     ]
 
 
 def discussion(r):
     """What the experiment adds to the theory."""
-    r.says("**Theory and experiment.** Both ensembles agree with their covariances in the tests of {app:chance}. The points of {fig:ensemble} are correlated in time, over about the time constants of the filter for the altitude and over the whole run for the command: a mean error that begins on one side stays there, and one such run of points outside a band of 95 % is no contradiction.")
-    r.says("**Two readings of the data.** The printed squares give an aircraft that may fly far above any aircraft, or below the ground; a linear model does not know of either. What the lab asks about survives in both readings, since the gains depend on $N_c/N_m$ alone after the first seconds, and on the variance of the command only before: with a large variance the first measurement is taken over as it is.")
-    r.says("**What the model leaves out.** The command is a constant that nothing drives, so the filter is ever surer of it and $K_3 \\to 0$. Should the pilot change the command at a late time, the filter would follow only slowly; a small strength of noise in $\\dot{h}_{c0}$ keeps $K_3$ positive, gives the three-state Riccati equation its stabilising solution, and costs little accuracy.")
+    r.says("**Theory and experiment.** Both ensembles agree with their covariances in the tests of {app:chance}. The points of {fig:ensemble} are correlated in time, over about the time constants of the filter for the altitude and over the whole run for the command: a mean error that begins on one side stays there, and one such series of points outside a band of 95 % is no contradiction.")
+    r.says("**Two readings of the data.** With the printed squares the aircraft may fly far higher than any aircraft can, or below the ground, of which a linear model knows nothing. What the lab asks about is the same in both readings, since after the first seconds the gains depend on $N_c/N_m$ alone. Only before that do they depend on the variance of the command: if it is large, the first measurement is taken over as it is.")
+    r.says("**What the model leaves out.** The command is a constant that nothing drives, so that the filter becomes ever surer of it and $K_3 \\to 0$. Should the pilot change the command at a late time, the filter would follow only slowly; a small strength of noise in $\\dot{h}_{c0}$ keeps $K_3$ positive, gives the three-state Riccati equation its stabilising solution, and costs little accuracy.")
 
 
 def answers():
     """Each item of the sheet in a sentence."""
     return {
-        "a": "The three equations that begin with {eq:estimate}; their gains are $P_{1i}(t)/N_m$, found beforehand by integrating the six equations that begin with {eq:riccati} from $P_0$. The limits are those of {eq:limit}.",
-        "b": "{eq:prediction}, {eq:update} and {eq:recursion}, from the same $P_0$, with $R_d = N_m/dt$.",
-        "c": "{fig:gains}, {fig:flights} and {tab:compare}: the continuous variance runs between the teeth of the sampled one, and the filters differ by what the altitude does within a period.",
+        "a": "The estimate obeys the three equations that begin with {eq:estimate}; their gains are $P_{1i}(t)/N_m$, found beforehand by integrating the six equations that begin with {eq:riccati} from $P_0$. The limits are those of {eq:limit}.",
+        "b": "The estimate is predicted by {eq:prediction} and updated by {eq:update}; its gains come from {eq:recursion}, from the same $P_0$, with $R_d = N_m/\\Delta t$.",
+        "c": "The continuous variance runs between the teeth of the sampled one ({tab:compare}), the gains are nearly the same ({fig:gains}), and so are the estimates ({fig:flights}): the filters differ by what the altitude does within a period.",
     }

@@ -47,10 +47,10 @@ FACTORS = (0.01, 0.1, 1.0, 10.0, 100.0)
 class Parameters(LabParameters):
     """What may be changed."""
 
-    sigma_w2: Variance = given(1.0, unit="m²/s", meaning="diffusion σ_w² of the Brownian motion")
+    sigma_w2: Variance = given(1.0, unit="m²/s", meaning="diffusion of the Brownian motion")
     tau: Positive = given(1.0, unit="s", meaning="period of the measurements")
     R: VarianceOrVariances = given(1.0, unit="m²", meaning="variance of the measurement error, or a list over the measurements")
-    x0_mean: Real = given(0.0, unit="m", meaning="mean of x(t0)")
+    x0_mean: Real = given(0.0, unit="m", meaning="mean of x(t0)", symbol=r"\bar x_0")
     P0: Variance = given(10.0, unit="m²", meaning="variance of x(t0)")
     steps: Count = given(10, unit="1", meaning="number of measurements (a list R sets it)", symbol="N")
 
@@ -70,7 +70,8 @@ def continuous(p, sigma_w2=None):
 def analysis(r, p, answer, R):
     """Model and filter."""
     r.part = "a"
-    r.says("**Model.** The constant $x_0$ and the Brownian motion are one state: $\\dot{x} = w$ with $x(t_0) = x_0$. Over one period the increments add $Q_d = \\sigma_w^2\\tau$ to the variance, where $\\sigma_w^2$ is a diffusion in m²/s and not a variance {ref:maybeck, section 4.9}:")
+    r.subsection("Model and filter", "model")
+    r.says("**Model.** The constant $x_0$ and the Brownian motion are one state: $\\dot{x} = w$ with $x(t_0) = x_0$. Over one period the increments add $Q_d = \\sigma_w^2\\tau$ to the variance, for the variance of a sum of independent increments is the sum of theirs; $\\sigma_w^2$ is a diffusion in m²/s and not a variance {ref:maybeck, section 4.9}. In the letters of the general model")
     r.math(r"F = 0, \quad G = 1, \quad Q = \sigma_w^2, \quad \Phi = 1, \quad Q_d = \sigma_w^2\tau, \quad H = 1")
     r.model(model(p, R))
     r.says("**Filter.** From $\\hat{x}(t_0^+) = \\bar x_0$ and $P(t_0^+) = P_0$ {ref:maybeck, section 5.3},")
@@ -85,7 +86,8 @@ def analysis(r, p, answer, R):
     r.value("gain", schedule.K[1:, 0, 0], "1", at=at, agrees=answer, routes=routes)
     wrong = sensitivity.actual(replace(system, x0=[p.x0_mean + 1.0]), system, len(at))
     r.value("bias_factor", -wrong.bias_plus[1:, 0], "1", at=at, agrees=answer, routes=("joint recursion of the means", "product of 1 − K"))
-    r.says("**Bias.** The error $e = \\hat x - x$ obeys $e(t_i^+) = [1 - K(t_i)][e(t_{i-1}^+) - w_d(t_{i-1})] + K(t_i)v(t_i)$, in which both noises have the mean zero. If the filter starts at the right mean its estimates are therefore unbiased at every instant. If it starts at a mean that is wrong by $b_0$ the bias is")
+    r.subsection("Bias", "bias")
+    r.says("The error $e = \\hat x - x$ obeys $e(t_i^+) = [1 - K(t_i)][e(t_{i-1}^+) - w_d(t_{i-1})] + K(t_i)v(t_i)$, in which both noises have the mean zero. If the filter starts at the right mean its estimates are therefore unbiased at every instant. If it starts at a mean that is wrong by $b_0$ the bias is")
     r.math(r"b_i = b_0\prod_{j \le i}[1 - K(t_j)],", "bias")
     r.says("so that after {n} measurements the share {left:3} of it is left.", n=len(at), left=answer["bias_factor"][-1])
     steady_state(r, p, answer, R)
@@ -94,7 +96,8 @@ def analysis(r, p, answer, R):
 def steady_state(r, p, answer, R):
     """Closed forms of the limit, and when it is reached."""
     r.part = "c"
-    r.says("**Steady state.** The position itself never becomes stationary where $\\sigma_w^2 > 0$, for its variance grows by $Q_d$ each period; its estimation error does, in the wide sense. With $P(t_i^+) = P(t_{i-1}^+) = \\bar P^+$ the equations of the filter become a quadratic, and with $\\rho = \\sigma_w^2\\tau/R$")
+    r.subsection("Steady state and settling", "steady")
+    r.says("The position itself never becomes stationary where $\\sigma_w^2 > 0$, for its variance grows by $Q_d$ each period; its estimation error does, in the wide sense. With $P(t_i^+) = P(t_{i-1}^+) = \\bar P^+$ the equations of the filter become a quadratic, and with $\\rho = \\sigma_w^2\\tau/R$")
     r.math(r"\bar P^\mp = \tfrac12\left[\pm Q_d + \sqrt{Q_d^2 + 4Q_dR}\,\right], \qquad \bar K = \tfrac12\left[-\rho + \sqrt{\rho^2 + 4\rho}\,\right], \qquad \frac{\bar P^+}{R} = \bar K", "steady")
     r.says("Everything but the scale depends on ρ alone. That the filter tends to this limit from any $P_0$ is a theorem {ref:anderson_moore, section 4.4}. **Settling** is defined here by one per cent: the error is called stationary from the first measurement after which $P(t_i^+)$ stays within 1 % of $\\bar P^+$. That depends on $P_0$ as well as on ρ.")
     limited = math.isfinite(R)
@@ -133,7 +136,7 @@ def plan(r, experiment):
     """Every number chosen."""
     r.says("{tab:plan} lists what was chosen. One factor is changed at a time. The quality of the estimates is their bias, their accuracy (the RMS error) and the time until the error is stationary, as defined above.")
     r.table("plan", ["quantity", "value", "why"], [
-        ["measurements in a run", STEPS, "several settling times where the given parameters have one"],
+        ["measurements in a run", STEPS, "several settling times of the given parameters, where these settle; the lists of the theory have as many as are given"],
         ["factors of (a), (b), (c)", "0.01, 0.1, 1, 10, 100", "two decades to each side of the given value"],
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "the same for every filter"],
@@ -181,7 +184,7 @@ def diffusions(r, p, build, experiment, steps, R):
     if drawn > 1 and R == 0:
         r.says("{fig:sweep_a} and {tab:sweep_a}: measurements without error leave σ = 0 after each of them, whatever the diffusion.")
     elif drawn > 1:
-        r.says("{fig:sweep_a} and {tab:sweep_a}: all curves begin at $\\sqrt{P_0}$. A small diffusion lets the filter average many measurements: σ ends low, after a long transient. With a large one it ends high, near $\\sqrt R$, and soon. The bias is the faster forgotten the larger the diffusion.")
+        r.says("{fig:sweep_a} and {tab:sweep_a}: all curves begin at $\\sqrt{P_0}$. A small diffusion lets the filter average many measurements: σ ends low, after a long transient. With a large one it ends high, near $\\sqrt R$, and soon. The larger the diffusion, the faster an initial bias is forgotten.")
     elif drawn:
         r.says("No diffusion is given, and no factor changes that: {tab:sweep_a} has one row.")
 
@@ -210,7 +213,7 @@ def wrong_mean(r, p, build, experiment, steps, R):
     figure = plots.lines(i, {"theory": -actual.bias_plus[i, 0]}, xlabel=STEP, ylabel="bias, truth − estimate, m", points={"ensemble": (i, -wrong.bias[i, 0])}, steps=True, marker=".")
     r.figure("bias", figure, "Bias of a filter whose initial mean is wrong by {start:3} m: theory and the mean of the ensemble.", start=start)
     r.says("**A wrong initial mean.** In {fig:bias} the filter starts {start:3} m too low. ", ("Its P does not know of that, and its gain is 0 from the start: the bias stays." if p.P0 == 0 and p.sigma_w2 == 0 else
-           "The bias falls by the factor $1 - K(t_i)$ at each measurement, as in {eq:bias}: at first by large steps, because P is large, then by those of the later gain."), start=start)
+           "The bias falls by the factor $1 - K(t_i)$ at each measurement, as in {eq:bias}: at first by large steps, because P is large, later by the factor of the steady gain."), start=start)
 
 
 def part_b(r, p, build, experiment, steps, R):
@@ -218,7 +221,7 @@ def part_b(r, p, build, experiment, steps, R):
     r.section("b", "Influence of the measurement variance")
     drawn = sweep(r, build, experiment, steps, "b", "variance R, m²", "R", [(R * f, p.sigma_w2, R * f) for f in (FACTORS if R else (1.0,))])
     if drawn > 1:
-        r.says("R is varied, the diffusion is kept. In {fig:sweep_b} a larger R raises the whole curve: after one measurement σ is near $\\sqrt R$ where that is small beside $\\sqrt{P_0}$, and where it is not, the measurement hardly counts. {tab:sweep_b} has the numbers.", (" The settling step depends on more than ρ: where $P_0$ happens to be near the limit the error settles early." if p.sigma_w2 else " As the limits are 0, nothing settles."))
+        r.says("Here R is varied and the diffusion kept. In {fig:sweep_b} a larger R raises the whole curve: after one measurement σ is near $\\sqrt R$ where that is small beside $\\sqrt{P_0}$, and where it is not, the measurement hardly counts. {tab:sweep_b} has the numbers.", (" The settling step depends on more than ρ: where $P_0$ happens to be near the limit the error settles early." if p.sigma_w2 else " As the limits are 0, nothing settles."))
     if R or np.ndim(p.R):
         varying(r, p, build, experiment, R)
 
@@ -255,7 +258,7 @@ def part_c(r, p, build):
     figure = plots.lines(ratios, curves, xlabel="ratio $\\rho = \\sigma_w^2\\tau/R$", ylabel="steady gain, multiplier (ratio)", log="x",
                          points={"table": (FACTORS, [row[1] for row in rows])}, ylim=(0.0, 1.02))
     r.figure("ratio", figure, "The steady gain and what is left of an old error at each step. Below ρ ≈ 0.1 the filter averages many measurements, above ρ ≈ 10 it follows the last one.")
-    r.says("{fig:ratio} and {tab:ratio}: the gain rises from $\\sqrt\\rho$ at small ρ to 1. The curves cross at $\\bar K = \\tfrac12$, ρ = ½, where prediction and measurement have equal weights. A system with both variances seven times larger has the same gain, as computed beside each row.")
+    r.says("{fig:ratio} and {tab:ratio}: the gain rises from $\\sqrt\\rho$ at small ρ to 1. The curves cross at $\\bar K = \\tfrac12$, ρ = ½, where prediction and measurement have equal weights. A system with both variances seven times larger has the same gain; this was computed for every row of the table.")
 
 
 def part_d(r, p, build, answer, experiment, R):
@@ -289,7 +292,7 @@ def part_d(r, p, build, answer, experiment, R):
     straight = {"limit $\\bar P^+$": ([x[0], x[-1]], [limit.P_plus[0, 0]] * 2)}
     figure = plots.lines(x, curves, xlabel="measurement number after $t_*$", ylabel="error variance after the update, m²", straight=straight, points=ensembles, steps=True, marker=".")
     r.figure("anomaly", figure, "One missing and one perfect measurement in the steady state, and the recovery; the ensembles (black) beside the theory.")
-    r.says("{fig:anomaly} shows both: a missing measurement costs one prediction, a perfect one is soon spent, because the diffusion makes the state unknown again. Near the limit the deviation shrinks by $(1-\\bar{K})^2 = {ratio:3}$ per measurement, whichever its cause.", ratio=(1 - answer["gain_steady"]) ** 2)
+    r.says("In {fig:anomaly} the variance after a missing measurement is that of the prediction. What a perfect one gives is soon lost, because the diffusion makes the state unknown again. Near the limit the deviation shrinks by $(1-\\bar{K})^2 = {ratio:3}$ per measurement, whatever has caused it.", ratio=(1 - answer["gain_steady"]) ** 2)
 
 
 PARTS = Skeleton(

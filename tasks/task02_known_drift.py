@@ -53,7 +53,8 @@ def model(p, R, sigma_w2=None, u=None):
 def part_a(r, p, answer, build):
     """The known input, and why the covariances do not feel it."""
     r.part = "a"
-    r.says("**Model and filter.** The known velocity is an input {ref:maybeck, section 4.9}: $\\dot{x} = u + w$. Over one period it moves the state by $u\\tau$ (u is a velocity, so it is multiplied by the period), and the prediction adds just that:")
+    r.subsection("Model and filter", "model")
+    r.says("The known velocity is an input {ref:maybeck, section 4.9}: $\\dot{x} = u + w$. Over one period it moves the state by $u\\tau$ (a velocity, multiplied by the period), and the prediction adds the same:")
     r.math(r"x(t_{i+1}) = x(t_i) + u\tau + w_d(t_i), \qquad \hat x(t_i^-) = \hat x(t_{i-1}^+) + u\tau, \qquad P(t_i^-) = P(t_{i-1}^+) + Q_d", "prediction")
     system = build(lab1.by_hand.variances(p))
     r.model(build(lab1.by_hand.variances(p)[-1]))
@@ -68,19 +69,22 @@ def part_a(r, p, answer, build):
     r.check("variances with and without the input", sensitivity.actual(system, system, steps).P_plus, without.P_plus, ("joint covariance with u", "recursion without u"))
     known = covariances(replace(system, P0=[[0.0]]), steps)
     r.value("posterior_variance_known_start", known.P_plus[1:, 0, 0], "m²", at=at, agrees=answer, routes=("recursion", "joint conditioning"))
-    r.says("**A known start.** The sheet may also be read with $x(t_0)$ known: then $P_0 = 0$ and the variance climbs to the same limit from below: it is {first:4} m² after the first measurement and {last:4} m² after the last listed one.",
+    r.subsection("A known start", "start")
+    r.says("The sheet may also be read with $x(t_0)$ known: then $P_0 = 0$ and the variance climbs to its limit from below. It is {first:4} m² after the first measurement and {last:4} m² after the last listed one.",
            first=known.P_plus[1, 0, 0], last=known.P_plus[-1, 0, 0])
 
 
 def forgotten(r, answer, build, R):
     """The filter that does not know u."""
     r.part = "c"
-    r.says("**Steady state.** With $\\rho = \\sigma_w^2\\tau/R$ the limits are those of lab 1 {ref:anderson_moore, section 4.4},")
+    r.subsection("Steady state", "steady")
+    r.says("With $\\rho = \\sigma_w^2\\tau/R$ the limits are those of lab 1 {ref:anderson_moore, section 4.4},")
     r.math(r"\bar P^\mp = \tfrac12\left[\pm Q_d + \sqrt{Q_d^2 + 4Q_dR}\,\right], \qquad \bar K = \tfrac12\left[-\rho + \sqrt{\rho^2 + 4\rho}\,\right], \qquad \frac{\bar P^+}{R} = \bar K,", "steady")
     r.says("and the error is called settled from the first measurement after which its variance stays within 1 % of $\\bar P^+$.")
-    r.says("**A filter that forgets the drift.** If the filter leaves out $u$, its mean error obeys $b^- = b^+ + u\\tau$, $b^+ = (1-K)b^-$ (b is truth minus estimate). In the steady state")
+    r.subsection("A filter that forgets the drift", "forgotten")
+    r.says("If the filter leaves out $u$, its mean error obeys $b^- = b^+ + u\\tau$, $b^+ = (1-K)b^-$ (b is truth minus estimate). In the steady state")
     r.math(r"\bar b^- = \frac{u\tau}{\bar K}, \qquad \bar b^+ = \frac{u\tau(1 - \bar K)}{\bar K}, \qquad \mathrm{MSE} = \bar P^+ + (\bar b^+)^2.", "forgotten")
-    r.says("The filter itself claims $\\bar P^+$ and knows nothing of the rest. A larger gain would make the bias smaller, which is why a filter whose model may be wrong is given more process noise than there is {ref:jazwinski, section 8.11}.")
+    r.says("The filter itself claims $\\bar P^+$ and knows nothing of the rest. A larger gain would make the bias smaller at the cost of a larger variance, which is why a filter whose model may be wrong is given more process noise than there is {ref:jazwinski, chapter 8}.")
     finite = math.isfinite(R)
     solvable = finite and answer["gain_steady"] != 0
     reason = "" if solvable else "the gain tends to 0: the bias grows without limit"
@@ -131,7 +135,7 @@ def measured_b(r, p, build, experiment, steps, R):
     """The measurements."""
     r.section("b", "Influence of the measurement variance")
     lab1.sweep(r, build, experiment, steps, "b", "variance R, m²", "R", [(R * f, p.sigma_w2, R * f) for f in (lab1.FACTORS if R else (1.0,))], drawn=False)
-    r.says("{tab:sweep_b} shows what R does, the diffusion being kept: accuracy, gain and settling are those of lab 1, which also treats a variance that changes from one measurement to the next.")
+    r.says("{tab:sweep_b} shows what R does while the diffusion is kept. In theory accuracy, gain and settling are those of lab 1, which also treats a variance that changes from one measurement to the next.")
 
 
 PARTS = Skeleton(

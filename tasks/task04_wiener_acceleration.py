@@ -27,14 +27,14 @@ META = {
 class Parameters(_kinematics.KinematicParameters):
     """What may be changed."""
 
-    sigma_w2: Variance = given(1.0, unit="m²/s⁵", meaning="diffusion σ_w² of the acceleration")
+    sigma_w2: Variance = given(1.0, unit="m²/s⁵", meaning="diffusion of the acceleration")
     P0: Covariance(3) = given(((100, 0, 0), (0, 10, 0), (0, 0, 1)), unit="m², m²/s … m²/s⁴", meaning="covariance of (x, v, a) at t0")
-    x0_mean: Vector(3) = given((0, 0, 0), unit="m, m/s, m/s²", meaning="mean of (x, v, a) at t0")
+    x0_mean: Vector(3) = given((0, 0, 0), unit="m, m/s, m/s²", meaning="mean of (x, v, a) at t0", symbol=r"\bar x_0")
 
 
 def closed_form(r, lab):
     """What takes the place of the α–β equations: the gains by the innovation's variance."""
-    r.says("**The α–β–γ filter.** The steady filter is the tracker of that name {ref:bar_shalom, chapter 6}. With $\\alpha = \\bar{K}_1$, $\\beta = \\bar{K}_2\\tau$, $\\gamma = \\bar{K}_3\\tau^2$ the element (3,3) of $\\bar{P}^- = \\Phi\\bar{P}^+\\Phi^T + Q_d$ gives $\\gamma^2/(1-\\alpha) = \\sigma_w^2\\tau^5/R$, as β does in lab 3. The other two equations are those of {eq:gains}: with the poles of the cubic {eq:spectrum} all three gains are known.")
+    r.says("**The α–β–γ filter.** The steady filter is the tracker of that name {ref:bar_shalom, chapter 6}. With $\\alpha = \\bar{K}_1$, $\\beta = \\bar{K}_2\\tau$, $\\gamma = \\bar{K}_3\\tau^2$ the element (3,3) of $\\bar{P}^- = \\Phi\\bar{P}^+\\Phi^T + Q_d$ gives $\\gamma^2/(1-\\alpha) = \\sigma_w^2\\tau^5/R$, the counterpart of the equation for β in lab 3. The other two equations are those of {eq:gains}; the poles, and so all three gains, follow from the cubic {eq:spectrum}.")
     innovation = lab.limit.P_minus[0, 0] + lab.p.R
     r.check("K̄3² S̄ = σ_w²τ", lab.limit.K[2, 0] ** 2 * innovation, lab.p.sigma_w2 * lab.p.tau, ("Riccati equation", "element (3,3) of Q_d"))
     if lab.settled is None:
@@ -45,7 +45,7 @@ def closed_form(r, lab):
     if entered < lab.settled:
         r.says("The settling is not monotone: all variances are within 1 % of their limits at measurement {entered} already, leave the band again and stay in it from measurement {settled} on.", entered=entered, settled=lab.settled)
     else:
-        r.says("Here the variances enter the band of 1 % about their limits at measurement {settled} and stay. This need not be so: as poles are complex, the variances may pass through the band first at other parameters.", settled=lab.settled)
+        r.says("Here the variances enter the band of 1 % about their limits at measurement {settled} and stay in it. At other parameters they may pass through the band at first and leave it again.", settled=lab.settled)
 
 
 PARTS = _kinematics.skeleton(closed_form)

@@ -59,7 +59,7 @@ class Parameters(LabParameters):
     theta: Real = given(math.pi / 6, unit="rad", meaning="bearing of the point at t0")
     sigma_D: Positive = given(10.0, unit="m", meaning="standard deviation of the range error")
     sigma_theta: Positive = given(0.03, unit="rad", meaning="standard deviation of the bearing error")
-    sigma_w2: Positive = given(4.0, unit="m²/s³", meaning="diffusion σ_w² of both velocities")
+    sigma_w2: Positive = given(4.0, unit="m²/s³", meaning="diffusion of both velocities")
     tau: Positive = given(1.0, unit="s", meaning="period of the measurements")
 
 
@@ -94,7 +94,7 @@ def model_part(r, p, answer, truth):
     here, there = covariances(truth, LISTED), covariances(changed, LISTED)
     for name, value, again in (("Phi", truth.Phi, changed.Phi), ("Qd", truth.Qd, changed.Qd), ("Gd_standardised", factor(truth.Qd), factor(changed.Qd)), ("K", here.K[-1], there.K[-1]), ("P", here.P_plus[-1], there.P_plus[-1])):
         r.check(text("unit of {name}", name=name), again, kinematics.converted(value, table[name], METRE, SECOND), ("computed in other units", "converted by its unit"))
-    r.says("**Check of the units:** everything is computed again with {metre} m as the unit of length and {second} s as that of time; each element changes as its unit says.", metre=METRE, second=SECOND)
+    r.says("**Check of the units.** Everything is computed again with {metre} m as the unit of length and {second} s as that of time, and each element changes as its unit requires.", metre=METRE, second=SECOND)
 
 
 def words(unit):
@@ -123,7 +123,7 @@ def plan(r, p, experiment, truth):
 def part_f(r, p, answer, truth, first, experiment, steps):
     """Variant 2."""
     r.section("f", "Variant 2: decorrelated pseudo-measurements")
-    r.says("**Theory.** The motion is the same in all directions, so axes along and across the radius may be taken instead of x and y. There the two errors are independent, $\\sigma_D^2$ and $D^2\\sigma_\\theta^2$, and with P0 the same in both directions the optimal filter falls apart into two filters of lab 3. If $p(R)$ is a variance of such a filter,")
+    r.says("**Theory.** The motion is the same in all directions, so axes along and across the radius may be taken instead of x and y. There the two errors are independent, $\\sigma_D^2$ and $D^2\\sigma_\\theta^2$, and with $P_0$ the same in both directions the optimal filter separates into two filters of lab 3. If $p(R)$ is a variance of such a filter,")
     r.math(r"P_x = \cos^2\theta\,p(\sigma_D^2) + \sin^2\theta\,p(D^2\sigma_\theta^2), \qquad P_y = \sin^2\theta\,p(\sigma_D^2) + \cos^2\theta\,p(D^2\sigma_\theta^2)")
     new = replace(updates.decorrelated(truth)[0], measurements=("z_x", "z_y'"))
     limit = steady.solve(new)
@@ -140,7 +140,7 @@ def part_f(r, p, answer, truth, first, experiment, steps):
     if settled is None:
         r.says("The filter does not settle within 100 000 measurements.")
     else:
-        r.says("It settles (all variances within 1 % of their limits) at measurement {settled}, after {time} s.", settled=settled, time=settled * p.tau)
+        r.says("The filter settles (all variances within 1 % of their limits) at measurement {settled}, after {time} s.", settled=settled, time=settled * p.tau)
     loss(r, truth, first, stats, experiment, steps)
     factors(r, p, experiment)
 
@@ -154,7 +154,7 @@ def loss(r, truth, first, stats, experiment, steps):
     points = {f"ensemble, {LETTERS[j]}": (i, (again.rms[:, j] / stats.rms[:, j]) ** 2) for j in (1,)}
     r.figure("loss", plots.lines(i, curves, xlabel=STEP, ylabel="ratio of variances, variant 1 / 2", steps=True, marker=".", points=points),
              "Error variances of variant 1 over those of variant 2 along the measurements, in theory, and for $v_x$ in the ensembles on the same data.")
-    r.says("{fig:loss} shows what is given away by neglecting $R_{12}$: the ratios begin at 1, where both filters know the same, and end at the steady ratios of part (g). On the way they may be larger: as long as the velocity is poorly known, what the other coordinate tells is worth more. The points of $v_x$ are a ratio of two errors on the same data, and so scatter less than each of the two does." if abs(truth.R[0, 1]) > 1e-12 * truth.R[0, 0]
+    r.says("{fig:loss} shows what is given away by neglecting $R_{12}$: the ratios begin at 1, where both filters know the same, and end at the steady ratios of part (g). On the way they may be larger: as long as the velocity is poorly known, what the other coordinate tells is worth more. The points of $v_x$ are ratios of two errors on the same data, and so they scatter less than either of the two." if abs(truth.R[0, 1]) > 1e-12 * truth.R[0, 0]
            else "{fig:loss} is a row of ones: $R_{12} = 0$, and both filters are the same.")
 
 
@@ -162,7 +162,7 @@ def factors(r, p, experiment):
     """One factor at a time, both variants."""
     cases = [("given", "given", p, 1.0), *((f"P0 ×{level:g}", f"$P_0$ ×{level:g}", p, level) for level in (0.1, 10.0))]
     cases += [(f"{text(NAMES[name])} ×{level:.3g}", f"{SYMBOLS[name]} ×{level:.3g}", p.model_copy(update={name: level * getattr(p, name)}), 1.0) for name, levels in LEVELS.items() for level in levels]
-    rows, found, expected = [], [], []
+    rows, ratios, found, expected = [], [], [], []
     for name, shown, q, level in cases:
         truth, first = (replace(model, P0=level * model.P0) for model in variants(q))
         own = (sensitivity.steady(truth, first).P_plus, steady.solve(truth).P_plus)
@@ -175,10 +175,12 @@ def factors(r, p, experiment):
         for n in (1, 2):
             agreement(r, text("{name}, variant {n}", name=name, n=n), stats[n - 1], theory[n - 1], consistent=n == 2)
         ratio = np.diag(own[0]) / np.diag(own[1])
-        rows.append((shown, math.sqrt(own[0][0, 0]), rms(stats[0]), math.sqrt(own[1][0, 0]), rms(stats[1]), *ratio, *(s or "—" for s in settles)))
-    r.says("**Factors.** {tab:factors} repeats both experiments with one factor changed at a time. P0 acts on the approach only. The disturbance and the period decide how much of a measurement's error stays in the estimate; the two measurement errors decide the shape of the ellipse, and the longer it is, the more the neglected covariance costs.")
-    r.table("factors", ["case", "σ of x, variant 1, m", "RMS", "σ of x, variant 2, m", "RMS", *(text("ratio of {state}", state=letter) for letter in LETTERS), "settles, 1", "settles, 2"], rows,
-            "Limits, ensembles at their last measurement, steady ratios of the variances (variant 1 / 2), and the settling measurements.")
+        rows.append((shown, math.sqrt(own[0][0, 0]), rms(stats[0]), math.sqrt(own[1][0, 0]), rms(stats[1]), *(s or "—" for s in settles)))
+        ratios.append((shown, *ratio))
+    r.says("**Factors.** {tab:factors} and {tab:factor_ratios} repeat both experiments with one factor changed at a time. $P_0$ acts on the approach only. The disturbance and the period decide how much of a measurement's error stays in the estimate; the two measurement errors decide the shape of the ellipse, and the longer it is, the more the neglected covariance costs.")
+    r.table("factors", ["case", "σ of x, variant 1, m", "RMS, m", "σ of x, variant 2, m", "RMS, m", "variant 1 settles at", "variant 2 settles at"], rows,
+            "Limits of σ, RMS errors of the ensembles at their last measurement, and the measurement from which all variances stay within 1 % of their limits.")
+    r.table("factor_ratios", ["case", *(text("ratio of {state}", state=letter) for letter in LETTERS)], ratios, "Steady variances of variant 1 over those of variant 2.")
     r.check("limits of all cases, relative", found, expected, ("Lyapunov and Riccati equations", "spectral factorisation"))
 
 
@@ -213,7 +215,7 @@ def part_g(r, p, answer, truth, first):
     limits = [analytic_limits(p.model_copy(update={"theta": math.pi / 4, "sigma_theta": float(f) * p.sigma_D / p.D})) for f in factors_of]
     r.figure("by_ratio", plots.lines(factors_of, {"position": [a[0] / b[0] for a, b in limits], "velocity": [a[1] / b[1] for a, b in limits]}, xlabel="ratio of the errors across and along the radius, $D\\sigma_\\theta/\\sigma_D$", ylabel="ratio of steady variances, variant 1 / 2", log="x",
                                      points={"given ratio": ([here] * 2, [a / b for a, b in zip(*analytic_limits(p.model_copy(update={"theta": math.pi / 4})), strict=True)][:2])} if factors_of[0] <= here <= factors_of[-1] else None),
-             "The same at θ = 45° against the ratio of the two errors, that of the range being kept: the longer the ellipse, the more its direction is worth. Black: the given ratio.")
+             "The same at θ = 45° against the ratio of the two errors, that of the range being kept: the longer the ellipse, the more it helps to know its direction. Black: the given ratio.")
 
 
 PARTS = Skeleton(

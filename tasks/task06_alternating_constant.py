@@ -89,7 +89,7 @@ def part_b(r, p, answer, system):
     r.section("b", "What a measurement adds: three proofs")
     r.says("The proofs use the inverse covariance form of the update {ref:maybeck, section 5.7}. **1. The variance decreases.** Let $P_0 > 0$ and $0 < R(t_i) < \\infty$. Then $P(t_i^-) = P(t_{i-1}^+) > 0$ and $P(t_i^+) > 0$, and the reciprocal of the update is")
     r.math(r"\frac1{P(t_i^+)} = \frac{P(t_i^-) + R(t_i)}{P(t_i^-)\,R(t_i)} = \frac1{P(t_{i-1}^+)} + \frac1{R(t_i)} \quad\Rightarrow\quad \frac1{P(t_i^+)} = \frac1{P_0} + \sum_{j=1}^{i}\frac1{R(t_j)}", "information")
-    r.says("by induction. Each measurement adds the positive number $1/R(t_i)$, so $1/P(t_i^+)$ increases and $P(t_i^+)$ decreases strictly. ∎ It tends to zero exactly when $\\sum 1/R(t_j)$ diverges; for a constant $R$ it falls like $R/i$, too slowly to settle within any fraction of its limit.")
+    r.says("by induction. Each measurement adds the positive number $1/R(t_i)$, so $1/P(t_i^+)$ increases and $P(t_i^+)$ decreases strictly. ∎ It tends to zero exactly when $\\sum 1/R(t_j)$ diverges; for a constant $R$ it falls like $R/i$, and as its limit is 0 it never stays within 1 % of it: it does not settle.")
     r.says("**2. $R(t_i) \\to \\infty$ drops the measurement.** Then $K(t_i) \\to 0$ and $P(t_i^+) = P(t_i^-)/[1 + P(t_i^-)/R(t_i)] \\to P(t_i^-)$. A small gain alone would not do, as the innovation grows without bound with $R$; but the variance of the correction,")
     r.math(r"E\{K^2(t_i)\,[z(t_i) - \hat x(t_i^-)]^2\} = K^2(t_i)\,[P(t_i^-) + R(t_i)] = \frac{P^2(t_i^-)}{P(t_i^-) + R(t_i)} \to 0,")
     r.says("tends to zero too: in the mean square $\\hat{x}(t_i^+) \\to \\hat{x}(t_i^-)$. In the sum of proof 1 the term $1/R(t_i)$ is missing. ∎")
@@ -146,12 +146,12 @@ def role(schedule, R, i):
 
 def shown(r, experiment, start, both, without):
     """The limits R → ∞ and R → 0, and both extremes."""
-    r.says("**The limits** are seen in numbers by a measurement of $P = {P}$ m². If $R = 1000P$ is doubled again and again, $P - P^+ = P^2/(P+R)$ is halved each time in the end; if $R = P/1000$ is halved again and again, so is $P^+ = PR/(P+R)$. Both are found so.", P=start)
+    r.says("**The limits in numbers.** Let the variance before a measurement be $P = {P}$ m². When R is doubled again and again from $1000P$ on, the decrease $P - P^+ = P^2/(P+R)$ should in the end be halved each time; when R is halved again and again from $P/1000$ on, so should be $P^+ = PR/(P+R)$. The computed variances do both.", P=start)
     far = [covariances(model(start, (1e3 * start * 2**j,)), 1).P_plus[1, 0, 0] for j in range(4)]
     near = [covariances(model(start, (1e-3 * start / 2**j,)), 1).P_plus[1, 0, 0] for j in range(4)]
     r.order("P⁻ − P⁺ as R → ∞", [start - P for P in far], 1, ("recursion", "proof 2"))
     r.order("P⁺ as R → 0", near, 1, ("recursion", "proof 3"))
-    r.says("**Both extremes** occur in the list of variances {R} m². The other variances are the same, to the last digit, as without the lost measurement. In 25 simulated records the estimate at the lost measurement is the prediction, whatever the instrument shows (here {nonsense} m), and after the perfect one it only changes its sign.",
+    r.says("**Both extremes** occur in the list of variances {R} m². The variances $P^+$ at the other measurements are the same, to the last digit, as if the lost one were not in the list. In 25 simulated records the estimate at the lost measurement is the prediction, whatever the instrument shows (here {nonsense} m), and after the perfect one it only changes its sign.",
            R=both, nonsense=NONSENSE)
     lost, perfect = both.index(math.inf) + 1, both.index(0) + 1
     system = model(start, both)
@@ -169,14 +169,14 @@ def shown(r, experiment, start, both, without):
     r.check("estimate from the perfect one on", after, some.truth[perfect:, 0], ("filter", "truth"), EXACT)
     plain = next(x for x in without if x > 0)
     cases = {
-        "neither": tuple(x if 0 < x < math.inf else plain for x in both),
-        "one lost": tuple(x or plain for x in both),
-        "lost and perfect": both,
+        "$P^+$, neither": tuple(x if 0 < x < math.inf else plain for x in both),
+        "$P^+$, one lost": tuple(x or plain for x in both),
+        "$P^+$, lost and perfect": both,
     }
     panels = tuple(Panel(text("{what}, m²", what=what), (Curve("", np.arange(1, len(R) + 1), covariances(model(start, R), len(R)).P_plus[1:, 0, 0], "blue", "stems", quiet=True),), kind="count") for what, R in cases.items())
     r.figure("extremes", Drawing("extremes", STEP, panels, whole=True, height=6.5), "Variance $P(t_i^+)$ after each measurement: with ordinary measurements only, with a lost one at i = {lost}, and with a perfect one at i = {perfect} as well.",
              lost=lost, perfect=perfect)
-    r.says("{fig:extremes} shows it: at i = {lost} the variance stays as it is, and every later one is larger than it would have been; from i = {perfect} on it is 0, and no later measurement can change that.", lost=lost, perfect=perfect)
+    r.says("In {fig:extremes} both are seen. At i = {lost} the variance stays as it is, and every later one is larger than it would have been; from i = {perfect} on it is 0, and no later measurement can change that.", lost=lost, perfect=perfect)
 
 
 def plan(r, p, experiment, start, both):
@@ -199,7 +199,7 @@ def part_c(r, p, answer, system, experiment, start, both):
     """Ensembles against theory."""
     r.section("c", "Ensemble against theory")
     record(r, experiment, p, system)
-    stats = portrait(r, experiment, system, len(p.R), figures={"ensemble": "The errors change their sign with x; their RMS does not tell of it."})
+    stats = portrait(r, experiment, system, len(p.R), figures={"ensemble": "The errors change their sign with x, which their RMS does not show."})
     r.value("rms_error", stats.rms[1:, 0], "m", at=range(1, len(p.R) + 1))
     theory = [math.sqrt(P) for P in answer["posterior_variance"]]
     rows = []
@@ -228,7 +228,7 @@ def record(r, experiment, p, system):
     curves = (Curve("$x(t_0)$", i, np.full(len(i), some.truth[0, 0, 0]), "black", "dash"), Curve("estimate", i, estimate, "blue", "points"), Curve("measurement", i[1:], z, "orange", "cross"))
     r.figure("record", Drawing("record", STEP, (Panel("$(-1)^i$ times x and z, m", curves, (Band("estimate ± σ", i, estimate - sd, estimate + sd, "blue"),)),), whole=True),
              "One run with the alternating sign taken away, so that all measurements and estimates are of the one number $x(t_0)$.")
-    r.says("In {fig:record} the estimate begins at 0 with the uncertainty of $P_0$. Each measurement draws it towards itself by the gain, which is the smaller the more is known, and narrows the band by what it tells.")
+    r.says("In {fig:record} the estimate begins at 0 with the uncertainty of $P_0$. A measurement draws it towards itself in proportion to the gain, which becomes smaller as more becomes known, and narrows the band.")
 
 
 def averaged(x, experiment):

@@ -144,7 +144,7 @@ def part_d(r, p, answer):
              "Steady error variance against a constant gain for Φ² = {square}. Every curve has its minimum on the line $\\bar{P}/R = K_*$, at the gain of part (c), and all meet at $K_* = 1$, where only the last measurement counts.",
              square=p.Phi2)
     solved = [float(steady.solve(model(math.sqrt(p.Phi2), ratio, 1.0, 1.0)).K[0, 0]) for ratio in p.lambdas]
-    r.says("In {fig:family} each curve has one minimum, on the straight line, and its ordinate there is the gain itself; {tab:family} has the numbers. Left of the minimum the filter trusts its model too much, right of it the measurements; at $K_* = 1$ all curves meet, as the estimate is then the last measurement.")
+    r.says("In {fig:family} each curve has one minimum, on the straight line, and its ordinate there is the gain itself; {tab:family} has the numbers. The ratio λ rises from the lowest curve to the highest. Left of the minimum the filter trusts its model too much, right of it the measurements; at $K_* = 1$ all curves meet, as the estimate is then the last measurement.")
     r.value("gain_optimal_by_lambda", solved, agrees=answer, routes=("Riccati equation", "closed form"))
     r.table("family", ["λ", "K̄", "P̄/R"], [(ratio, k, by_hand.variance_ratio(k, p.Phi2, ratio)) for ratio, k in zip(p.lambdas, solved, strict=True)],
             "The minima of the curves: the least P̄/R equals K̄.")
@@ -161,7 +161,7 @@ def part_e(r, p, answer):
     r.items(["$|\\Phi| < 1$: the right side grows like $\\Phi^{-2i}$, so $P(t_i^+) \\to 0$ geometrically: the state becomes known exactly.",
              "$|\\Phi| = 1$ (missing from the sheet): $1/P(t_i^+) = 1/P_0 + i/R$, so $P(t_i^+) \\to 0$ only like $R/i$.",
              "$|\\Phi| > 1$: the first term vanishes and the sum tends to $\\Phi^2/(\\Phi^2-1)$, so $P(t_i^+) \\to (\\Phi^2-1)R/\\Phi^2 < R$: no number of measurements does better. ∎",
-             "$P_0 = 0$: the variance stays 0, whatever Φ; the unstable filter is then of no use, as its gain is 0."])
+             "$P_0 = 0$: the variance stays 0, whatever Φ is, and so does the gain; an unstable filter is then of no use, for it never corrects an error."])
     start, length = p.P0 or p.R, 40
     shown = sorted({0.6, 0.9, 1.0, 1.1, 1.5, round(abs(p.Phi), 6)})
     curves, limits = {}, {}
@@ -181,11 +181,11 @@ def part_e(r, p, answer):
     r.value("noiseless_limit", limit, "m²", symbol=r"\bar P \;(Q = 0)", agrees=answer, routes=("Riccati equation", "closed form"))
     known = bool(limit == 0)
     r.value("verdict_e", known)
-    r.says("{fig:noiseless} shows the three cases: a straight line on the logarithmic axis is geometric decay, the curve of $|\\Phi| = 1$ bends, and beyond it each curve ends on its floor.")
+    r.says("In {fig:noiseless} $|\\Phi|$ rises from the lowest curve to the highest. A straight line on the logarithmic axis is geometric decay; the curve of $|\\Phi| = 1$ bends, and each curve above it ends on its floor.")
     r.says("For Φ = {Phi} the limit is 0: the state can be found exactly by filtering long enough." if known else "For Φ = {Phi} the limit is {limit} m²: the state cannot be found exactly, however long one filters.",
            Phi=p.Phi, limit=limit)
     if p.P0 == 0:
-        r.says("(The limit is that from any P0 > 0. With the given P0 = 0 and Q = 0 the variance would stay 0.)")
+        r.says("This is the limit from any $P_0 > 0$. With the given $P_0 = 0$ and $Q = 0$ the variance would stay 0.")
 
 
 def plan(r, p, experiment):
@@ -218,8 +218,8 @@ def part_f(r, p, answer, system):
         for i, (row, s) in enumerate(zip(TABLE3, systems, strict=True))
     }
     figure = plots.sawtooth(four, xlabel=STEP, ylabel="variance, m²", limits=[(s.P_minus[0, 0], s.P_plus[0, 0]) for s in limits])
-    r.says("{fig:table3} and {tab:table3}: the variances are known before any measurement. Variants 1 to 5 begin above their limits and come down to them, the first four in two or three steps; in variant 6, whose noise is large beside $P_0$, they rise.")
-    r.figure("table3", figure, "The six variants of table 3 from P0 over four measurements: prediction raises the variance towards or above its limit, each measurement lowers it. Dotted: steady values.")
+    r.says("The variances of {fig:table3} and {tab:table3} are known before any measurement. Those of variants 1 to 5 begin above their limits and come down to them, the first four in two or three steps; in variant 6, whose noise is large beside $P_0$, they rise.")
+    r.figure("table3", figure, "The six variants of table 3 from $P_0$ over four measurements: prediction raises the variance towards or above its limit, each measurement lowers it. Dotted: steady values.")
     schedules = [covariances(s, p.steps) for s in systems]
     rows = [
         (variant + 1, i, s.P_minus[i, 0, 0], s.P_plus[i, 0, 0], s.K[i, 0, 0])
@@ -244,7 +244,7 @@ def part_g(r, p, system, experiment, steps):
     r.says("{fig:errors} shows 25 runs, {fig:ensemble} the statistics of all {runs}. In {tab:ensemble} are the six variants at their last measurement.", runs=experiment.runs)
     own = portrait(r, experiment, system, steps, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]), figures={
         "errors": "The band of the innovations is wider than that of the errors by the measurement's own noise; an update narrows the band of the prediction to that of the filtering.",
-        "ensemble": "The points scatter about theory within the band, about one in twenty outside; neighbours lie on one side now and then, as errors of successive instants are correlated."})
+        "ensemble": "The points scatter about theory, about one in twenty of them outside the band; neighbours often lie on one side, as errors of successive instants are correlated."})
     rows = []
     for i, row in enumerate(TABLE3, start=1):
         variant = model(*row)

@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 from ctlabs.tasks._task08_forms import FIRST, STEP, part_g, ratio
-from ctlabs.tasks._task08_words import answers, conclusions, discussion, result
+from ctlabs.tasks._task08_words import ESSENTIAL, answers, conclusions, discussion, result
 from ctlabs.tasks.answers import task08 as by_hand
 
 from ctlabs.analysis import sensitivity
@@ -37,8 +37,6 @@ META = {
     "parts": ["a", "b", "c", "d", "e", "f", "g"],
 }
 
-#: Two variances differ essentially when they differ by more than this fraction of the optimal one.
-ESSENTIAL = 0.05
 #: "Much less" in part (b): at most this fraction.
 MUCH_LESS = 0.25
 SIX = ("optimal", "claimed_variant1", "true_variant1", "claimed_variant2", "true_variant2")
@@ -127,7 +125,7 @@ def part_b(r, p, answer, truth):
     r.value("verdict_b", adequate)
     r.says("**Is the second condition necessary?** No: Δt is the right measure only for a filter that takes each measurement as it is. A steady filter with the gain $K$ forgets by the factor $(1-K)\\alpha$ with each measurement, that is, with the time constant")
     r.math(r"\tau = -\frac{\Delta t}{\ln[(1-K)\alpha]}", "memory")
-    r.says("Over this time it sums the disturbances, and of a sum of many the correlation of neighbours matters only through the density at low frequency, which is right. So the condition is that the density is flat over the band of the *filter*, $T \\ll \\tau$. $T \\ll \\Delta t$ asks more than that where the measurements are poor and the filter averages many of them; {part:f} tests both.")
+    r.says("Over this time it sums the disturbances, and in a sum of many the correlation of neighbours matters only through the density at low frequency, which is that of the input. So the condition is that the density is flat over the band of the *filter*, $T \\ll \\tau$. $T \\ll \\Delta t$ asks more than that where the measurements are poor and the filter averages many of them; {part:f} tests both.")
     tau = remembered(models(p.a, p.T, p.dt, p.R, p.sigma_y2)[1])
     r.says("Here $aT = {aT}$ and $T/\\Delta t = {ratio}$, the density at $\\omega = a$ is {flat:4} of that at 0, and $\\rho = {rho:3}$. If \"much less\" means at most {much}, the two conditions that can be stated beforehand {adequate}. ", "The memory of the filter for variant 1 is {tau:3} s, so that $T/\\tau = {share:3}$." if tau else "With perfect measurements the filter has no memory, and the input matters between the samples only.",
            aT=p.a * p.T, ratio=p.T / p.dt, flat=flat, rho=correlation, much=MUCH_LESS, adequate="hold" if adequate else "do not both hold", tau=tau, share=p.T / tau if tau else 0.0)
@@ -143,16 +141,16 @@ def spectra(r, p, block, tau):
     marks = tuple(Mark(name, at, colour, "dot", 1.6) for (name, at), colour in zip(places.items(), ("green", "purple", "sky"), strict=True) if w[0] <= at <= w[-1])
     r.figure("spectra", Drawing("Spectral density", "ω, rad/s", (Panel("spectral density, m²/s", tuple(curves), kind="log"),), log=True, marks=marks),
              "Spectral density of the input, and of the white noises of part (c). Dotted, where they lie in the range: the pole of the system, half the sampling frequency, and the band of the filter.")
-    r.says("In {fig:spectra} the density of the input is flat up to about $\\omega = 1/T = {corner:3}$ rad/s and falls with $\\omega^{-2}$ beyond. The white noises are good substitutes where the marks lie on the flat part.", corner=1 / p.T)
+    r.says("In {fig:spectra} the density of the input is flat up to about $\\omega = 1/T = {corner:3}$ rad/s and falls with $\\omega^{-2}$ beyond. White noise is a good substitute where the pole $a$ and the band $1/\\tau$ lie on the flat part.", corner=1 / p.T)
 
 
 def part_c(r, p, answer):
     """The two variants."""
     r.section("c", "Two meanings of adequate")
-    r.says("**Variant 1**, the same density at low frequency. White noise of strength $Q$ has the density $Q$, so $Q = S_y(0) = 2\\sigma_y^2T$; with the sheet's $\\sigma_y^2 = 5$ this is $10T$. ∎")
+    r.says("**Variant 1**, the same density at low frequency. White noise of strength $Q$ has the density $Q$, so $Q = S_y(0) = 2\\sigma_y^2T$; for the sheet's $\\sigma_y^2 = 5$ m²/s² this is $10T$. ∎")
     r.says("**Variant 2**, the same steady variance of $x$. For the simplified model $0 = -2aP + Q$, so $P = Q/(2a)$. For the true one, in the steady state,")
     r.math(r"0 = \frac d{dt}E[xy] = -\left(a+\tfrac1T\right)E[xy] + \sigma_y^2 \;\Rightarrow\; E[xy] = \frac{\sigma_y^2T}{1+aT}, \qquad 0 = \frac d{dt}E[x^2] = -2aE[x^2] + 2E[xy] \;\Rightarrow\; E[x^2] = \frac{\sigma_y^2T}{a(1+aT)}")
-    r.says("Equal variances need $Q = 2aE[x^2] = 2\\sigma_y^2T/(1 + aT)$, that is $10T/(1 + aT)$. ∎ It is smaller by the factor $1 + aT$, because the system passes less of the band-limited input than of white noise.")
+    r.says("Equal variances need $Q = 2aE[x^2] = 2\\sigma_y^2T/(1 + aT)$, for the sheet's $\\sigma_y^2$ again $10T/(1 + aT)$. ∎ It is smaller by the factor $1 + aT$, because the system passes less of the band-limited input than of white noise.")
     system = truth_system(p.a, p.T, p.sigma_y2)
     low = float(shaping.psd(shaping.gauss_markov(p.sigma_y2, p.T), [0.0])[0])
     r.value("intensity_variant1", low, "m²/s", symbol="Q_1", agrees=answer, routes=("shaping filter at ω = 0", "closed form"))
@@ -203,7 +201,7 @@ def part_e(r, p, answer, systems):
     routes = ("sensitivity recursion", "weights on all measurements and the autocovariance of x")
     for i, found in enumerate(actual, start=1):
         r.value(f"true_variance_variant{i}", found.P_plus[1:, 0, 0], "m²", at=range(1, p.steps + 1), agrees=answer, routes=routes)
-    r.says("The second route of the check needs no recursion: each estimate is a weighted sum of the measurements so far, with the autocovariance of $x$ from $\\frac{d}{dt}E[x^2] = -2aE[x^2] + 2E[xy]$.")
+    r.says("The check by a second route needs no recursion: each estimate is a weighted sum of the measurements so far, with the autocovariance of $x$ from $\\frac{d}{dt}E[x^2] = -2aE[x^2] + 2E[xy]$.")
     return {"actual": actual}
 
 
@@ -241,19 +239,19 @@ def part_f(r, p, answer, systems, actual):
     wanted = [by_hand.steady_variances(*case, p.R, p.sigma_y2) for case in sets]
     for name in names:
         r.check(text("steady variances of the table, {name}", name=name.replace("_", " ")), [row[name] for row in rows], [row[name] for row in wanted], routes)
-    r.table("several", ["a, 1/s", "T, s", "Δt, s", "aT", "T/Δt", "optimal", "claimed 1", "true 1", "claimed 2", "true 2", "true 1 / optimal", "true 2 / optimal"],
-            [(*case, case[0] * case[1], case[1] / case[2], *row.values(), ratio(row["true_variant1"], row["optimal"]), ratio(row["true_variant2"], row["optimal"])) for case, row in zip(sets, rows, strict=True)],
-            "Steady variances of $x$ after a measurement, m², for the given parameters (first row) and others, among them $T = \\Delta t$ and $aT = 1$.")
-    r.says("{tab:several} has the steady variances for several systems.")
+    r.table("several", ["a, 1/s", "T, s", "Δt, s", "T/Δt", "optimal, m²", "1: true / optimal", "1: claimed / true", "2: true / optimal", "2: claimed / true"],
+            [(*case, case[1] / case[2], row["optimal"], *(share for i in (1, 2) for share in (ratio(row[f"true_variant{i}"], row["optimal"]), ratio(row[f"claimed_variant{i}"], row[f"true_variant{i}"])))) for case, row in zip(sets, rows, strict=True)],
+            "Steady variances of $x$ after a measurement for the given parameters (first row) and others, among them $T = \\Delta t$ and $aT = 1$: the optimal one, and for variants 1 and 2 how much larger the true one is, and what is claimed beside it.")
+    r.says("{tab:several} has the steady variances for several systems.", " The loss is large where the correlation time is long beside the memory of the filter, as {fig:memory} shows for many more." if p.R else "")
     if p.R:
         memory(r, p)
     verdicts = essential(best, actual, here)
     r.value("verdict_f_variants", verdicts[0] > ESSENTIAL)
     r.value("verdict_f_simplified", verdicts[1] > ESSENTIAL)
-    r.says("**Is the difference between the variants essential?** The criterion is that their true variances differ by more than {limit} of the optimal one, at any of the {steps} measurements or in the steady state. The largest difference is {found:2} of it: {verdict}.",
+    r.says("**Is the difference between the variants essential?** The criterion is that their true variances differ by more than {limit} of the optimal one, at any of the {steps} measurements or in the steady state. The largest difference is {found:2} of it, so the answer is {verdict}.",
            limit=ESSENTIAL, steps=p.steps, found=verdicts[0], verdict="yes" if verdicts[0] > ESSENTIAL else "no")
-    r.says("**Between a simplified filter and the exact one?** By the same criterion, for the worse variant: the true variance exceeds the optimal one by up to {found:2} of it, and in the steady state by {steady:2}: {verdict}.",
-           found=verdicts[1], steady=lasting(here), verdict="yes" if verdicts[1] > ESSENTIAL else "no")
+    r.says("**Between a simplified filter and the exact one?** The same criterion is applied to the worse variant. Its true variance is up to {found} times the optimal one, and {steady} times in the steady state, so the answer is {verdict}.",
+           found=1 + verdicts[1], steady=1 + lasting(here), verdict="yes" if verdicts[1] > ESSENTIAL else "no")
     r.holds("no filter is better than the optimal one", np.concatenate([found.P_plus[:, 0, 0] - best.P_plus[:, 0, 0] for found in actual]),
             ("sensitivity recursion", "optimal recursion"), size=float(best.P_minus[:, 0, 0].max()))
     return {"found": (here, verdicts, lasting(here))}
@@ -271,7 +269,7 @@ def over_time(r, p, best, actual):
         panels[1].append(Curve(text("variant {n}", n=i), k, found.claimed.P_plus[1:, 0, 0] / found.P_plus[1:, 0, 0], colour, style))
     r.figure("over_time", Drawing("Loss", STEP, (Panel("ratio true/optimal − 1", tuple(panels[0]), kind="log"), Panel("ratio claimed/true", tuple(panels[1]), levels=(Mark("right", 1.0),))), whole=True, height=6.2),
              "What the simplified filters lose and what they claim after each measurement: the fraction by which the true variance exceeds the optimal one, and the claimed variance over the true one.")
-    r.says("{fig:over_time} and {tab:over_time} follow the filters from the start. The first measurements find the filters with the wrong variance of $x$: the input has been on since $t = 0$ and cannot yet have changed, as white noise would have. Later the loss settles at its steady value; what a filter claims is another matter than what it does.")
+    r.says("{fig:over_time} and {tab:over_time} follow the filters from the start. At the first measurements the simplified filters expect too large a variance of $x$, for in a short time from rest a correlated input adds less to $x$ than white noise does. Later the loss settles at its steady value. What a filter claims and what it does are different things.")
 
 
 def several(p):
@@ -293,7 +291,7 @@ def memory(r, p):
         panels[1].append(Curve(text("Δt = {dt:3} s", dt=dt), x, [row["claimed_variant1"] / row["true_variant1"] for row in rows], colour))
     r.figure("memory", Drawing("Memory", "ratio $T/\\tau$", (Panel("ratio true/optimal − 1", tuple(panels[0]), kind="log"), Panel("ratio claimed/true", tuple(panels[1]), levels=(Mark("right", 1.0),))), log=True, height=6.4),
              "Variant 1 in the steady state, for three periods and many correlation times, against $T/\\tau$ with the memory τ of the filter: by what fraction its variance exceeds the optimal one, and what it claims.")
-    r.says("**The time scale.** {fig:memory} confirms what {part:b} says. For a correlation time up to a quarter of the memory τ of the filter its variance exceeds the optimal one by {within:2} of it at most, with any of the three periods, although $T/\\Delta t$ differs by a factor of up to 100 among the curves. What the filter claims lies between {low:3} and {high:3} times the variance that it has.", within=max(within),
+    r.says("**The time scale.** {fig:memory} confirms what {part:b} says. For a correlation time up to a quarter of the memory τ of the filter its variance is at most {within} times the optimal one, with any of the three periods, although $T/\\Delta t$ differs by a factor of up to 100 among the curves. The variance that the filter claims lies between {low:3} and {high:3} times its true one.", within=1 + max(within),
            low=min(min(curve.y) for curve in panels[1]), high=max(max(curve.y) for curve in panels[1]))
 
 

@@ -26,6 +26,7 @@ from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel, shaping
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
+from ctlabs.reporting.drawing import Curve, Drawing, Panel
 from ctlabs.reporting.params import Count, LabParameters, Positive, VarianceOrInf, given
 from ctlabs.reporting.plots import Arrow, Node
 from ctlabs.reporting.report import EXACT, SOLVER, Report
@@ -118,9 +119,9 @@ def part_b(r, p, answer, noisy):
     r.math(r"P_{11}^- = \Phi_{11}^2P_{11}^+ + 2\Phi_{11}\Phi_{12}P_{12}^+ + \Phi_{12}^2P_{22}^+ + q_{11}, \qquad P_{22}^- = \Phi_{21}^2P_{11}^+ + 2\Phi_{21}\Phi_{22}P_{12}^+ + \Phi_{22}^2P_{22}^+ + q_{22}")
     r.math(r"P_{12}^- = \Phi_{11}\Phi_{21}P_{11}^+ + (\Phi_{11}\Phi_{22}+\Phi_{12}\Phi_{21})P_{12}^+ + \Phi_{12}\Phi_{22}P_{22}^+ + q_{12}, \qquad K = \begin{bmatrix} P_{12}^-/S \\ P_{22}^-/S \end{bmatrix}")
     r.math(r"P_{11}^+ = P_{11}^- - \frac{(P_{12}^-)^2}S, \qquad P_{12}^+ = \frac RS P_{12}^-, \qquad P_{22}^+ = \frac RS P_{22}^-")
-    r.says("A superscript + on the right of a prediction means the last instant, a superscript − in an update the same instant. The estimate follows the same pattern:")
+    r.says("On the right of a prediction the superscript + means the instant before; in an update the superscript − means the same instant. The estimate follows the same pattern:")
     r.math(r"\hat U_1^- = \Phi_{11}\hat U_1^+ + \Phi_{12}\hat U_0^+, \quad \hat U_0^- = \Phi_{21}\hat U_1^+ + \Phi_{22}\hat U_0^+, \qquad \hat U_1^+ = \hat U_1^- + \frac{P_{12}^-}S(z-\hat U_0^-), \quad \hat U_0^+ = \hat U_0^- + \frac{P_{22}^-}S(z-\hat U_0^-)", "noisy")
-    r.says("With $R = 0$ these are the equations of part (a). For $R > 0$ the correction of $U_1$ is smaller by the factor $P_{22}^-/(P_{22}^- + R)$, so what counts is R beside $P_{22}^-$, the variance with which $U_0$ is predicted.")
+    r.says("With $R = 0$ these are the equations of part (a). For $R > 0$ the correction of $U_1$ is smaller by the factor $P_{22}^-/(P_{22}^- + R)$, so what counts is the size of R beside $P_{22}^-$, the variance with which $U_0$ is predicted.")
     if p.R_over_b2 == 0:
         r.says("Here $R = 0$ is given, so part (b) repeats part (a).")
     elif math.isinf(p.R_over_b2):
@@ -147,12 +148,13 @@ def plan(r, p, experiment, filters):
 def plot(r, p, answer, box, filters):
     """The plot of the sheet."""
     r.part = "b"  # what follows is about both parts
+    r.subsection("The error variance in time", "curve")
     schedules = {name: covariances(model, p.steps) for name, model in filters.items()}
     curves = {name: between(box, schedule, POINTS) for name, schedule in schedules.items()}
     labels = {"unmeasured": "no measurements", "noisy": text("(b) R = {R} b²", R=p.R_over_b2), "perfect": "(a) R = 0"}
     figure = plots.transient(curves["perfect"].t, {label: curves[name].P[:, 0, 0] for name, label in labels.items()}, ylabel="error variance of $U_1$, b²")
     r.figure("variance", figure, "Variance of the error of $\\hat{U}_1$, in units of b². Each measurement lowers it at once; between measurements it returns towards the curve without measurements.")
-    r.says("{fig:variance} is the plot that both parts ask for, {tab:variance} has its numbers. Up to the first measurement all three curves are one. Then each measurement lowers the variance at once, the perfect one more than the noisy one, and in between the unknown input raises it again.")
+    r.says("{fig:variance} is the plot that both parts ask for, {tab:variance} has its numbers. Up to the first measurement all three curves coincide. Then each measurement lowers the variance at once, the perfect one more than the noisy one, and in between the unknown input raises it again.")
     r.value("U1_variance_unmeasured", schedules["unmeasured"].P_minus[1:, 0, 0], "b²", at=schedules["noisy"].t[1:], agrees=answer, routes=("recursion", "closed form"))
     for name in ("perfect", "noisy"):
         half = curves[name].P[:-1, 0, 0].reshape(p.steps, POINTS + 1)[:, POINTS // 2]
@@ -167,6 +169,7 @@ def plot(r, p, answer, box, filters):
 
 def other_circuits(r, p):
     """What two other readings of the missing figure would give."""
+    r.subsection("Other circuits and other voltmeters", "circuits")
     r.says("**Other circuits.** The figure of the sheet being lost, {tab:circuits} gives two other readings. If an amplifier of unit gain stood between the sections (a buffered cascade), the second would not load the first; if the output were taken across $R_2$, the difference of the voltages would be measured. Their matrices are")
     r.math(r"F = \begin{bmatrix} -\frac1{R_1C_1} & 0 \\ \frac1{R_2C_2} & -\frac1{R_2C_2} \end{bmatrix} \;\text{(buffered)}, \qquad H = \begin{bmatrix} 1 & -1 \end{bmatrix} \;\text{(output across } R_2\text{)}.")
     names = {"ladder": "ladder (assumed)", "buffered": "buffered cascade", "across": "ladder, output across R₂"}
@@ -198,16 +201,18 @@ def noises(r, p, box):
 
 def ensembles(r, experiment, filters, steps):
     """Ensemble against theory, for both filters."""
-    r.says("**Simulation.** {fig:records} shows one run of the circuit and the errors that both filters make in it. About two errors in three are to lie between the dashed lines, those of part (a) between its own, which are never wider than those of part (b).")
+    r.subsection("Simulation", "simulation")
+    r.says("{fig:records} shows one run of the circuit and the errors that both filters make in it. About two errors in three should lie between the dashed lines of their own colour, of which those of part (a) are never wider apart than those of part (b).")
     shown = {"(a)": "perfect", "(b)": "noisy"}
     some = {name: experiment.histories(filters[name], steps=steps) for name in shown.values()}
-    curves = {text("{part} error", part=part): some[name].error("plus")[:, 0, 0] for part, name in shown.items()}
-    bands = {text("{part} ±σ", part=part): some[name].sd_plus[:, 0] for part, name in shown.items()}
-    mirrored = {f"_{name}": -sd for name, sd in bands.items()}
     t = some["noisy"].t
-    r.figure("records", plots.lines(t, {"$U_1$": some["noisy"].truth[:, 0, 0], **curves}, xlabel=TIME, ylabel="voltage and errors, b", marker=".",
-                                    straight={name: (t, sd) for name, sd in (bands | mirrored).items()}),
-             "One run: the voltage and the errors $\\hat{U}_1 - U_1$ of both filters after each measurement, with the standard deviations of theory (dashed).")
+    curves = [Curve("$U_1$", t, some["noisy"].truth[:, 0, 0], "blue")]
+    for (part, name), colour in zip(shown.items(), ("green", "orange"), strict=True):  # as in the plot of the sheet
+        sd = some[name].sd_plus[:, 0]
+        curves += [Curve(text("{part} error", part=part), t, some[name].error("plus")[:, 0, 0], colour), Curve(text("{part} ±σ", part=part), t, sd, colour, "dash", width=1.0),
+                   Curve("", t, -sd, colour, "dash", width=1.0, quiet=True)]
+    r.figure("records", Drawing("One run", TIME, (Panel("voltage and errors, b", tuple(curves)),)),
+             "One run: the voltage and the errors $\\hat{U}_1 - U_1$ of both filters after each measurement, with ± the standard deviations of theory (dashed).")
     limit = steady.solve(filters["noisy"])
     own = portrait(r, experiment, filters["noisy"], steps, prefix="noisy_", xlabel=TIME, limits=(limit.P_minus[0, 0], limit.P_plus[0, 0]), figures={
         "ensemble": "Part (b): the points lie about the curves of theory; about one in twenty is expected outside the bands."})

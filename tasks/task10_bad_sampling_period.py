@@ -72,7 +72,7 @@ def sampled(p, dt):
 def part_a(r, p, bad, good, experiment):
     """The recursion for the velocity."""
     r.section("a", "Equations of the estimate of ẏ")
-    r.says("The velocity cannot be estimated without the position, so both are the state. The exact discrete model is a turn by the phase $d$ (the angular frequency is 1/s, so $d$ is also the period in seconds):")
+    r.says("The velocity cannot be estimated without the position, so the state consists of both. The exact discrete model is a rotation by the phase $d$ (the angular frequency is 1/s, so $d$ is also the period in seconds):")
     r.math(r"F = \begin{bmatrix} 0 & 1 \\ -1 & 0 \end{bmatrix}, \qquad \Phi = e^{Fd} = \begin{bmatrix} \cos d & \sin d \\ -\sin d & \cos d \end{bmatrix}, \qquad Q_d = 0, \qquad H = \begin{bmatrix} 1 & 0 \end{bmatrix}, \qquad R = {R}, \qquad P_0 = {P0}",
            R=p.R, P0=np.array(p.P0))
     r.says("With $c = \\cos d$, $s = \\sin d$ and zero initial means, for $i = 1, 2, \\dots$, first the prediction ({ref:maybeck, section 5.3}; arguments $t_{i-1}^+$ on the right):")
@@ -104,13 +104,13 @@ def part_b(r, p, answer, bad, good):
     r.section("b", "Why 2π is a bad period")
     r.says("**From the inverse of the covariance.** Without process noise the prediction only turns it, and the update adds to it ({ref:maybeck, section 5.7}):")
     r.math(r"P^{-1}(t_i^-) = \Phi^{-T}P^{-1}(t_{i-1}^+)\Phi^{-1}, \qquad P^{-1}(t_i^+) = P^{-1}(t_i^-) + \frac1R\begin{bmatrix} 1 & 0 \\ 0 & 0 \end{bmatrix}")
-    r.says("At $d = 2\\pi$ (and at any $d = k\\pi$) $\\Phi = \\pm I$ turns nothing, so only the (1,1) element grows:")
+    r.says("At $d = 2\\pi$ (and at any $d = k\\pi$) $\\Phi = \\pm I$ leaves every covariance as it is, so only the (1,1) element grows:")
     r.math(r"P^{-1}(t_N^+) = P_0^{-1} + \frac NR\begin{bmatrix} 1 & 0 \\ 0 & 0 \end{bmatrix} \quad\Rightarrow\quad P_{11} = \frac{RP_{11}(0)}{R + NP_{11}(0)}, \quad P_{12} = \frac{RP_{12}(0)}{R + NP_{11}(0)}, \quad P_{22} = P_{22}(0) - \frac{NP_{12}^2(0)}{R + NP_{11}(0)}", "grows")
     (a, b), (_b, c) = p.P0
     r.says("The formulas on the right hold for a singular $P_0$ too. With the given numbers $P_{11} = {top}/({R} + {a}N)$, $P_{12} = {mid}/({R} + {a}N)$ and $P_{22} = {c} - {square} \\cdot N/({R} + {a}N)$. The variance of the position tends to zero; that of the velocity stays above",
            top=p.R * a, mid=p.R * b, R=p.R, a=a, c=c, square=b * b)
     r.math(r"\lim_{N\to\infty} P_{22} = P_{22}(0) - \frac{P_{12}^2(0)}{P_{11}(0)} = {floor} \; \text{m}^2/\text{s}^2,", "floor", floor=by_hand.conditional(p.P0))
-    r.says("the variance of $\\dot y(0)$ once $y(0)$ is known: the measurements tell of the velocity only what the initial correlation lets them. ∎",
+    r.says("the variance of $\\dot y(0)$ once $y(0)$ is known: the measurements inform on the velocity only through the initial correlation. ∎",
            " (Here the position is known from the start, and the velocity keeps its variance.)" if not a else "")
     at, routes = list(range(1, p.steps + 1)), ("recursion", "all measurements at once")
     few, many = covariances(bad, p.steps).P_plus[1:], covariances(good, p.steps).P_plus[1:]
@@ -188,7 +188,7 @@ def rule(r, losses):
 
 def near(r, p):
     """Near a loss: as a number."""
-    r.says("**Near a loss** the rank is 2, and says nothing of how good the observation is. With $d = k\\pi + \\varepsilon$ the measurements show $\\pm[y + j\\varepsilon\\,\\dot y]$, a straight line whose slope must be found: for small $N\\varepsilon$")
+    r.says("**Near a losing period** the rank is 2, which says nothing of how good the observation is. With $d = k\\pi + \\varepsilon$ the measurements show $\\pm[y + j\\varepsilon\\,\\dot y]$, a straight line whose slope must be found: for small $N\\varepsilon$")
     r.math(r"|G_N| = \sum_{m=1}^{N-1}(N-m)\sin^2m\varepsilon \approx \frac{\varepsilon^2N^2(N^2-1)}{12}, \qquad \text{information on } \dot y \approx \frac{\varepsilon^2N^3}{12R}", "slope")
     N = max(p.steps, 2)
     dets = [float(np.linalg.det(observability.gramian(discretise(model(p), 2 * math.pi + 0.1 / N / 2**j, R=[[1.0]]), N))) for j in range(3)]
@@ -196,6 +196,8 @@ def near(r, p):
     floor = by_hand.conditional(p.P0)
     periods = {"$d_1$": p.dt_bad, "$d_2$": p.dt_good, "π/2": math.pi / 2, "π": math.pi, "2π": 2 * math.pi}
     periods |= {f"2π + {share} %": 2 * math.pi * (1 + share / 100) for share in (3, 1, 0.1, 0.01)}
+    given_too = ("π/2", "π", "2π")  # left out where a given period is the same
+    periods = {name: dt for name, dt in periods.items() if name not in given_too or min(abs(dt - p.dt_bad), abs(dt - p.dt_good)) > 1e-9}
     rows = []
     for name, dt in periods.items():
         loss, schedule = observability.loss_by_sampling(model(p), dt), covariances(sampled(p, dt), max(SEARCHED, p.steps))
@@ -213,7 +215,7 @@ def near(r, p):
     panel = Panel("variance of ẏ, m²/s²", (Curve(text("after {n} measurements", n=n), grid, found), *given), kind="count", levels=(Mark("floor at $d = k\\pi$", floor),))
     r.figure("periods", Drawing("Periods", "sampling period d, s", (panel,)),
              "Variance of the velocity after {n} measurements against the sampling period; the points are the given periods, less full cycles.", n=n)
-    r.says("In {fig:periods} the variance is at its floor at π and 2π, however many measurements there are, and small almost everywhere else. With more measurements the peaks become narrower, not lower: by {eq:slope} their width falls like $N^{-3/2}$. {tab:periods} compares rank and quality: close to a loss the rank is full and the quality poor.")
+    r.says("In {fig:periods} the variance stays above its floor (dashed) at π and 2π, however many measurements there are, and it is small almost everywhere else. With more measurements the peaks become narrower, not lower: by {eq:slope} their width falls like $N^{-3/2}$. {tab:periods} compares rank and quality: near a losing period the rank is full and the quality poor.")
     gains(r, p)
 
 
@@ -226,7 +228,7 @@ def gains(r, p):
             panel.append(Curve(text("{name} = {dt:4} s", name=f"${NAMES[name]}$", dt=dt), k, K[:, i], colour, style))
     r.figure("gains", Drawing("Gains", STEP, (Panel("gain of y, $K_1$", tuple(panels[0])), Panel("gain of ẏ, $K_2$, 1/s", tuple(panels[1]))), whole=True, height=6.0),
              "Gains of position and velocity at both given periods.")
-    r.says("{fig:gains} has the gains of {eq:update}.", " At a losing period $K_2 = P_{12}/(P_{11} + R)$ lives on the initial correlation alone and dies with it; at the other the velocity is corrected by what each turn of the oscillator shows." if by_hand.loses(p.dt_bad) != by_hand.loses(p.dt_good) else "")
+    r.says("{fig:gains} has the gains of {eq:update}.", " At the losing period $K_2 = P_{12}/(P_{11} + R)$ comes from the initial correlation alone and tends to 0 with it; at the other period the velocity is corrected by what each turn of the oscillator shows." if by_hand.loses(p.dt_bad) != by_hand.loses(p.dt_good) else "")
 
 
 def plan(r, p, experiment):
@@ -270,11 +272,11 @@ def part_c(r, p, bad, good, experiment, steps):
     if shown:
         r.figure("ensemble", Drawing("Ensembles", STEP, shown, whole=True, height=6.6),
                  "RMS errors of position and velocity after each measurement at the three periods: theory (lines) and {runs} runs (points).", runs=experiment.runs)
-        r.says("{fig:ensemble} and {tab:ensemble} are the answer in numbers: at each period the position becomes known, with the root of the number of measurements. The velocity does so only where the period brings it into view; near a loss it takes many measurements.")
+        r.says("{fig:ensemble} and {tab:ensemble} give the answer in numbers. At each period the position becomes known, its error falling about like $1/\\sqrt N$. The velocity becomes known only where the period brings it into view, and near a losing period that takes many measurements.")
     r.table("ensemble", ["period", "$d$, s", "condition", "σ of y, m", "RMS of y, m", "σ of ẏ, m/s", "RMS of ẏ, m/s", "mean error of ẏ, m/s", "NEES", "NIS"], rows,
             "The three periods after {steps} measurements: theory (σ) and ensemble. NEES is 2 in theory (1 where one combination of the states is known exactly), NIS 1.", steps=steps)
     r.value("rms_velocity", [float(row[6].value) for row in rows], "m/s")
-    r.says("{fig:bad_errors} shows 25 runs at the first period.", " Each run keeps the error of the velocity that it has: the samples tell nothing of it." if by_hand.loses(p.dt_bad) else "")
+    r.says("{fig:bad_errors} shows 25 runs at the first period.", " Each run keeps the error of the velocity that it had after the first measurements, for the samples tell nothing more of it." if by_hand.loses(p.dt_bad) else "")
     return {"measured": [row[6] for row in rows], "sd": [row[5] for row in rows]}
 
 

@@ -20,10 +20,10 @@ from ctlabs.labs.experiment import Experiment, covariances, filtered
 from ctlabs.labs.portrait import largest, mean_error, portrait, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
-from ctlabs.reporting import plots
+from ctlabs.reporting.drawing import Curve, Drawing, Panel
 from ctlabs.reporting.params import Count, LabParameters, Real, Variance, given
 from ctlabs.reporting.report import EXACT, SOLVER, Report
-from ctlabs.text import latex_number, text
+from ctlabs.text import Uncertain, latex_number, text
 
 META = {
     "name": "task11",
@@ -111,8 +111,8 @@ def part_a(r, p, answer, system):
                prior=shown(exact["prior"][i]), gain=shown(exact["gain"][i]), posterior=shown(exact["posterior"][i]))
     r.math(r"\hat x(t_1^-) = {mean}, \qquad \hat x(t_1^+) = \hat x(t_2^-) = {one}", "first", mean=shown(_rational(p.x1_mean)), one=affine(exact["coefficients"][0]))
     r.math(r"\hat x(t_2^+) = {two}", "second", two=affine(exact["coefficients"][1]))
-    r.says("**Information.** The reciprocal of the update is $1/P(t_i^+) = 1/P(t_i^-) + 1/R$: each measurement adds $1/R$ = {added} 1/m², the same at $t_1$ and $t_2$ whatever was known before. The prediction between them takes information away ({tab:information}):", added=answer["information_increment"][0])
-    rows = [(f"t{i + 1}", _inverse(exact["prior"][i]), answer["information_increment"][i], _inverse(exact["posterior"][i])) for i in (0, 1)]
+    r.says("**Information.** The reciprocal of the update is $1/P(t_i^+) = 1/P(t_i^-) + 1/R$: each measurement adds $1/R$ = {added} 1/m², the same at $t_1$ and $t_2$ whatever was known before. The prediction between them takes information away ({tab:information}).", added=answer["information_increment"][0])
+    rows = [(f"$t_{i + 1}$", _inverse(exact["prior"][i]), answer["information_increment"][i], _inverse(exact["posterior"][i])) for i in (0, 1)]
     r.table("information", ["", "1/P⁻, 1/m²", "added, 1/m²", "1/P⁺, 1/m²"], rows, "Information before and after the two measurements.")
     schedule = covariances(system, 1, first=0)
     P_minus, P_plus, K = (stack[:, 0, 0] for stack in (schedule.P_minus, schedule.P_plus, schedule.K))
@@ -130,7 +130,7 @@ def part_a(r, p, answer, system):
         name = f"posterior_estimate_coefficients_{i + 1}"
         r.value(name, answer[name], symbol=rf"\text{{coefficients of }}\hat x(t_{i + 1}^+)")
         r.check(name.replace("_", " "), table[i, : i + 2], answer[name], ("filter's answer to unit measurements", "exact fractions"), EXACT)
-    r.says("The coefficients in {eq:first} and {eq:second} are those of 1, $z_1$ and $z_2$. The constant is what is left of the initial mean; all weights (of the mean, z1, z2) add up to one, so that the estimate is unbiased.")
+    r.says("The coefficients in {eq:first} and {eq:second} are those of 1, $z_1$ and $z_2$. The constant is what is left of the initial mean. The weights of the mean, of $z_1$ and of $z_2$ add up to one, so that the estimate is unbiased.")
 
 
 def _rational(x):
@@ -168,9 +168,9 @@ def part_b(r, p, answer, system):
         r.value(name, stack[: p.steps, 0, 0], unit, at=at, agrees=answer, routes=routes, kind=SOLVER)
     r.table("sequence", ["i", "P⁻, m²", "K", "P⁺, m²", "1/P⁺, 1/m²"], [(i + 1, schedule.P_minus[i, 0, 0], schedule.K[i, 0, 0], schedule.P_plus[i, 0, 0], 1 / schedule.P_plus[i, 0, 0] if schedule.P_plus[i, 0, 0] else math.inf) for i in range(p.steps)],
             "The filter along the measurements.")
-    r.says("**Steady state.** With $P(t_{i+1}^-) = P(t_i^-)$ what a measurement removes is what the noise adds, $\\bar{P}^{-2}/(\\bar{P}^- + R) = Q$, so")
+    r.says("**Steady state.** With $P(t_{i+1}^-) = P(t_i^-)$ what a measurement removes is what the noise adds, $(\\bar{P}^-)^2/(\\bar{P}^- + R) = Q$, so")
     exact, number = shown(by_hand.steady_exact(p)), latex_number(answer["prior_variance_steady"])
-    r.math(r"\bar P^- = \frac{Q + \sqrt{Q^2 + 4QR}}2 = {root}, \qquad \bar P^+ = \bar P^- - Q = {posterior}, \qquad \bar K = \frac Q{\bar P^-}{gain}", "steady",
+    r.math(r"\bar P^- = \frac{Q + \sqrt{Q^2 + 4QR}}2 = {root}, \qquad \bar P^+ = \bar P^- - Q = {posterior}, \qquad \bar K = \frac{Q}{\bar P^-} {gain}", "steady",
            root=exact if exact == number else rf"{exact} \approx {number}", posterior=answer["posterior_variance_steady"], gain=f" = {latex_number(answer['gain_steady'])}" if p.Q else r" \to 0")
     limit = steady.solve(system)
     both = ("Riccati equation", "closed form")
@@ -203,24 +203,28 @@ def weights(r, p, answer, system, N):
         whole[:, 0] *= p.x1_mean
         r.check(text("coefficients of all estimates up to {n} measurements", n=N), own, whole, ("filter's answer to unit measurements", "conditioning on all measurements at once"), SOLVER, scale=max(1.0, abs(p.x1_mean)))
     recent = np.arange(max(1, N - 11), N + 1)
-    figure = plots.lines(
-        recent, {text("weight of measurement j in the estimate after measurement {n}", n=N): last[recent - 1]}, xlabel="measurement number j", ylabel="weight (gain K times later 1 − K)", marker=".", steps=True,
-        straight={"steady: $\\bar{K}(1-\\bar{K})^{N-j}$": (recent, share * (1 - share) ** (N - recent))} if share else None,
-    )
-    r.says("{fig:weights} shows the weights of {eq:sum}: they grow towards the last measurement, and the last is the gain." if p.Q and p.R else "{fig:weights} shows the weights of {eq:sum}.")
+    steady_ones, weighty = share * (1 - share) ** (N - recent), np.where(last[recent - 1] > 1e-300, last[recent - 1], math.nan)
+    curves = [Curve(text("weight of measurement j in the estimate after measurement {n}", n=N), recent, weighty, "blue", "points", size=5.0)]
+    if share and (steady_ones > 1e-300).all():
+        curves.append(Curve("steady: $\\bar{K}(1-\\bar{K})^{N-j}$", recent, steady_ones, "grey", "dash"))
+    kind = "log" if np.isfinite(weighty).any() else "count"
+    figure = Drawing("Weights", "measurement number j", (Panel("weight (gain K times later 1 − K)", tuple(curves), kind=kind),), whole=True)
+    settled = answer["settling_step"] is not None and answer["settling_step"] <= N - 12
+    r.says(("{fig:weights} shows the weights of {eq:sum}: they grow towards the last measurement, whose weight is the gain." if p.Q and p.R else "{fig:weights} shows the weights of {eq:sum}."),
+           " On the logarithmic axis they lie on the straight line of the steady filter." if settled and p.Q and p.R else "")
     r.figure("weights", figure, "Weights of the last 12 of {n} measurements in the estimate after all of them: the filter forgets old measurements because the state has moved since." if p.Q else
              "Weights of the last 12 of {n} measurements in the estimate after all of them: the state does not move, so none is forgotten.", n=N)
 
 
 def vectors(r, p):
     """H = I with matrices."""
-    r.says("**Vectors.** If $x$ and $z$ have the same dimension and $H = I$, the formulas keep their form with matrices (for regular ones):")
+    r.says("**Vectors.** If $x$ and $z$ have the same dimension and $H = I$, the formulas keep their form with matrices as long as these are regular:")
     r.math(r"P^{-1}(t_i^+) = P^{-1}(t_i^-) + R^{-1}, \qquad K(t_i) = P(t_i^-)[P(t_i^-) + R]^{-1} = P(t_i^+)R^{-1}, \qquad P(t_{i+1}^-) = P(t_i^+) + Q")
     r.math(r"\hat x(t_i^+) = [I - K(t_i)]\,\hat x(t_i^-) + K(t_i)z_i, \qquad I - K(t_i) = P(t_i^+)P^{-1}(t_i^-)")
-    r.says("(With $\\Phi \\ne I$ and a regular square $H$ the measurement adds $H^TR^{-1}H$, and $P(t_{i+1}^-) = \\Phi P(t_i^+)\\Phi^T + Q$.) Each measurement adds $R^{-1}$. In the steady state $\\bar{P}^-(\\bar{P}^- + R)^{-1}\\bar{P}^- = Q$; choosing coordinates in which $R = I$ and $Q = \\text{diag}(q_j)$ makes it scalar, $\\bar{P}^-_{jj} = [q_j + \\sqrt{q_j^2 + 4q_j}]/2$.")
+    r.says("Each measurement adds $R^{-1}$. (With $\\Phi \\ne I$ and a regular square $H$ it adds $H^TR^{-1}H$, and $P(t_{i+1}^-) = \\Phi P(t_i^+)\\Phi^T + Q$.) In the steady state $\\bar{P}^-(\\bar{P}^- + R)^{-1}\\bar{P}^- = Q$; choosing coordinates in which $R = I$ and $Q = \\text{diag}(q_j)$ makes it scalar, $\\bar{P}^-_{jj} = [q_j + \\sqrt{q_j^2 + 4q_j}]/2$.")
     P1, Q, R = (scale * np.array(shape) for scale, shape in zip((by_hand.start(p), p.Q, p.R), SHAPES, strict=True))
     system = model([p.x1_mean] * 2, P1, Q, R)
-    r.says("Example in two dimensions, with the scalar values on the scale:")
+    r.says("An example in two dimensions, in which the scalar values multiply fixed matrices:")
     r.math(r"P(t_1^-) = {P1}, \qquad Q = {Q}, \qquad R = {R}", P1=P1, Q=Q, R=R)
     schedule = covariances(system, max(p.steps, 2) - 1, first=0)
     if p.R and by_hand.start(p) and 1e-6 < by_hand.start(p) / p.R < 1e6:
@@ -238,12 +242,12 @@ def vectors(r, p):
 
 def plan(r, p, experiment, count):
     """Every number chosen."""
-    r.says("{tab:plan} lists what was chosen. The ensemble is compared with the variances of (b), over enough measurements to see the steady state. Index 0 is $t_1$: the first measurement is made at the start, without a prediction.")
+    r.says("{tab:plan} lists what was chosen. The ensemble is compared with the variances of (b), over enough measurements to see the steady state. The first measurement is made at the start $t_1$, without a prediction.")
     r.table("plan", ["quantity", "value", "why"], [
         ["measurements", count, "several settling times, unless Q is small"],
-        ["mean and variance of x(t1), m and m²", [p.x1_mean, by_hand.start(p)], "from the given moments"],
+        ["mean and variance of $x(t_1)$, m and m²", [p.x1_mean, by_hand.start(p)], "from the given moments"],
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
-        ["seed", experiment.seed, "any: the checks hold for all"],
+        ["seed", experiment.seed, "any; the tests hold for all"],
     ], "Plan of the experiment.")
 
 
@@ -253,10 +257,10 @@ def part_c(r, p, answer, system, experiment, count):
     limits = (answer["prior_variance_steady"], answer["posterior_variance_steady"])
     r.says("{fig:record} is one run, {fig:ensemble} the statistics of all {runs}; {tab:ensemble} has the first measurements and the last one.", runs=experiment.runs)
     stats = portrait(r, experiment, system, count - 1, first=0, limits=limits, xlabel=SINCE, figures={
-        "record": "The estimate jumps towards each measurement and keeps still between them, for a random walk has no trend to follow.",
-        "ensemble": "The RMS falls within two measurements to its limit; the points lie on both sides of theory, about one in twenty outside the band."})
+        "record": "Each measurement draws the estimate towards itself; between two measurements the estimate does not change, for a random walk has no trend to follow.",
+        "ensemble": "The points lie on both sides of theory, about one in twenty outside the band."})
     theory, unit = covariances(system, count - 1, first=0), "m"
-    rows = [(i + 1, theory.sd_minus[i, 0], stats.rms_minus[i, 0], theory.sd_plus[i, 0], rms(stats, i), mean_error(stats, i), known(stats.nees[i]), known(stats.nis[i])) for i in (*range(min(p.steps, 6)), count - 1)]
+    rows = [(i + 1, theory.sd_minus[i, 0], Uncertain(float(stats.rms_minus[i, 0]), float(stats.rms_minus[i, 0]) / math.sqrt(2 * experiment.runs)), theory.sd_plus[i, 0], rms(stats, i), mean_error(stats, i), averaged(stats.nees[i], experiment), averaged(stats.nis[i], experiment)) for i in (*range(min(p.steps, 6)), count - 1)]
     r.table("ensemble", ["i", "σ⁻ of theory, m", "RMS⁻, m", "σ⁺ of theory, m", "RMS⁺, m", "mean error⁺, m", "NEES", "NIS"], rows,
             "The ensemble before (−) and after (+) the first measurements and the last one; NEES and NIS are averages over the runs, 1 in theory (— where the variance is zero).")
     r.value("rms_error", stats.rms[:2, 0], "m", at=[1, 2])
@@ -265,9 +269,9 @@ def part_c(r, p, answer, system, experiment, count):
     return {"measured": two, "sd": float(theory.sd_plus[1, 0])}
 
 
-def known(x):
-    """A number, or None for one that does not exist."""
-    return None if math.isnan(x) else x
+def averaged(x, experiment):
+    """An average of χ²(1) over the runs with its standard error, "—" where there is none."""
+    return "—" if math.isnan(x) else Uncertain(float(x), math.sqrt(2 / experiment.runs))
 
 
 def conclusions(r, p, answer):
@@ -277,17 +281,17 @@ def conclusions(r, p, answer):
     if p.R == 0:
         lines.append("The measurements are perfect: the estimate is the last measurement, and what was known before is of no use." if second else "The first measurement is perfect and the state does not move: the others add nothing." if first else "The state is known from the start and does not move; even perfect measurements add nothing to that.")
     else:
-        lines.append(text("The first measurement has the weight {first} against the prior mean, the second {second} against the estimate before it.", first=first, second=second))
-        lines.append(text("Each adds the information 1/R = {added} 1/m²; how much of the variance this removes depends on what was known: {one} % at t1, {two} % at t2.", added=1 / p.R, one=100 * first, two=100 * second))
+        lines.append(text("The first measurement has the weight {first:4} beside the prior mean, the second the weight {second:4} beside the estimate before it.", first=first, second=second))
+        lines.append(text("Each adds the information 1/R = {added} 1/m²; how much of the variance this removes depends on what was known: {one:3} % at $t_1$, {two:3} % at $t_2$.", added=1 / p.R, one=100 * first, two=100 * second))
     if by_hand.start(p) == 0 and p.R:
-        lines.append("x(t1) is known (its second moment is the square of its mean), so the first measurement changes nothing.")
+        lines.append("$x(t_1)$ is known (its second moment is the square of its mean), so the first measurement changes nothing.")
     if p.Q and p.R:
-        lines.append(text("The filter settles at measurement {settled}: P⁻ = {prior}, P⁺ = {posterior} m², K = {gain}.", settled=answer["settling_step"], prior=answer["prior_variance_steady"], posterior=answer["posterior_variance_steady"], gain=answer["gain_steady"]))
+        lines.append(text("From measurement {settled} on the variance is within 1 % of its limit: $\\bar P^- = {prior:4}$ m², $\\bar P^+ = {posterior:4}$ m², $\\bar K = {gain:4}$.", settled=answer["settling_step"], prior=answer["prior_variance_steady"], posterior=answer["posterior_variance_steady"], gain=answer["gain_steady"]))
     elif p.R and by_hand.start(p):
         lines.append("Without process noise the state is a constant: its variance falls like R/i and the gain tends to 0.")
     elif p.R:
         lines.append("Without process noise it stays known for ever.")
-    lines.append("With vectors and H = I everything holds with matrices; in suitable coordinates the steady state splits into scalar ones.")
+    lines.append("With vectors and $H = I$ everything holds with matrices, and in suitable coordinates the steady state separates into scalar ones.")
     lines.append(largest(r))
     r.items(lines)
 
@@ -295,29 +299,29 @@ def conclusions(r, p, answer):
 def result(p, answer, measured, sd):
     """The lab in three sentences."""
     second = answer["posterior_estimate_coefficients_2"]
-    limit = "The variance after a measurement tends to {posterior:4} m², with the gain {gain:4} ({eq:steady})." if p.Q and p.R else "The limits are zero ({eq:steady}): in the end the state is known after each measurement."
+    limit = "The variance after a measurement tends to {posterior:4} m² and the gain to {gain:4} ({eq:steady}); with every new measurement the weights of the old ones fall by the factor {left:3} ({fig:weights})." if p.Q and p.R else "The limits are zero ({eq:steady}): in the end the state is known after each measurement; {fig:weights} shows what each measurement weighs."
     return [
-        text("After two measurements the estimate is a weighted mean of what was known, $z_1$ and $z_2$, with the weights {mean:3}, {one:3} and {two:3}; each measurement adds the same information 1/R.",
+        text("After two measurements the estimate is a weighted mean of what was known before, of $z_1$ and of $z_2$, with the weights {mean:3}, {one:3} and {two:3}; each measurement adds the same information 1/R.",
              mean=1 - second[1] - second[2], one=second[1], two=second[2]),
-        text(limit, posterior=answer["posterior_variance_steady"], gain=answer["gain_steady"]),
+        text(limit, posterior=answer["posterior_variance_steady"], gain=answer["gain_steady"], left=1 - answer["gain_steady"]),
         text("In the experiment the RMS error after two measurements was {measured}, where theory has {sd:4} m.", measured=measured, sd=sd),
     ]
 
 
 def discussion(r, p):
     """What the numbers mean together."""
-    r.says("**Information and variance.** A measurement adds 1/R to the information whatever was known ({eq:information}), but the variance that this removes is large where little was known and small where much was: the second measurement removes less than the first unless the state has moved far in between.")
+    r.says("**Information and variance.** A measurement adds 1/R to the information whatever was known ({eq:information}), but the variance that this removes is large where little was known and small where much was. So the second measurement removes less than the first unless the state has moved far in between.")
     if p.Q and p.R:
-        r.says("**Forgetting.** Process noise makes old measurements worthless: the weight of a measurement that is $j$ steps old is $\\bar K(1-\\bar K)^j$, so the filter has a memory of about $1/\\bar K$ measurements ({fig:weights}). Without process noise all would keep one weight, and the estimate would be a mean.")
+        r.says("**Forgetting.** Process noise devalues old measurements: the weight of a measurement that is $j$ steps old is $\\bar K(1-\\bar K)^j$, so the filter has a memory of about $1/\\bar K$ measurements ({fig:weights}). Without process noise all measurements would have the same weight, and the estimate would be a mean.")
     r.says("**Experiment.** A point of {fig:ensemble} outside the band is no fault: one in twenty is expected there, and errors of successive instants are correlated, so that such points come in groups. The exact tests are in {app:chance}.")
 
 
 def answers():
     """Each item of the sheet in a sentence or two."""
     return {
-        "a": "{eq:first} and {eq:second}; variances and gains stand above them as exact fractions. Each measurement adds 1/R to the information ({tab:information}).",
-        "b": "{eq:information} and {eq:sum} for any number of measurements, the limits in {eq:steady}; for vectors with $H = I$ the same with matrices, and each measurement adds $R^{-1}$.",
-        "c": "{fig:ensemble} and {tab:ensemble}: RMS, mean, NEES and NIS of the ensemble agree with (a) and (b).",
+        "a": "The estimates are {eq:first} and {eq:second}; variances and gains stand above them as exact fractions. Each measurement adds 1/R to the information ({tab:information}).",
+        "b": "For any number of measurements the answer is {eq:information} and {eq:sum}, with the limits {eq:steady}. For vectors with $H = I$ the formulas are the same with matrices, and each measurement adds $R^{-1}$.",
+        "c": "RMS, mean, NEES and NIS of the ensemble agree with (a) and (b) ({fig:ensemble}, {tab:ensemble}).",
     }
 
 

@@ -85,7 +85,7 @@ def part_a(r, p, answer):
 def part_b(r, p, answer):
     """What 'independent white' says."""
     r.section("b", "Is \"independent white\" Gaussian said twice?")
-    r.says("*White* is about one sequence in time: its values at different instants are uncorrelated, and if the sequence is Gaussian (its values jointly so), independent. If \"independent\" meant the same thing, it would be redundant. Here it says of **two** sequences that no values of $v_1$ and $v_2$, at any two instants, depend on each other, and that does not follow from each being white and Gaussian. So the phrase is not redundant. It leaves unsaid that both are independent of $x(t_0)$ and of $w_d$, which (a) uses.")
+    r.says("*White* concerns one sequence in time: its values at different instants are uncorrelated, and, if they are jointly Gaussian, independent. If \"independent\" meant the same thing, it would be redundant. Here it says of **two** sequences that no values of $v_1$ and $v_2$, at any two instants, depend on each other, and that does not follow from each being white and Gaussian. So the phrase is not redundant. It leaves unsaid that both are independent of $x(t_0)$ and of $w_d$, which (a) uses.")
     r.says("Three pairs, each member white and Gaussian with variances 1 and $R_2$, that are not independent:")
     r.items(["$v_2$ correlated with $v_1$ at the same instant: part (d).",
              "$v_2(t_i) = \\sqrt{R_2}\\,v_1(t_{i-1})$: no correlation at any one instant, and $R$ is diagonal. The error before the update already contains $v_1(t_{i-1})$, so that the filter's own variance is wrong.",
@@ -112,7 +112,7 @@ def part_b(r, p, answer):
         ["knows the noise", best],
     ], "Why independence of the two sequences has to be said: the second pair, sensors and $R_2$ held at their values for $t$, after {steps} measurements.", steps=steps)
     r.value("verdict_b", False)
-    r.says("So the words are not redundant: {tab:independence} shows a pair, white and Gaussian each for itself and not independent, for which the filter claims a wrong variance.")
+    r.says("{tab:independence} is for the second pair. Each of its members is white and Gaussian, they are not independent of each other, and the filter claims a wrong variance: the words are not redundant.")
 
 
 def length(p):
@@ -200,7 +200,7 @@ def by_correlation(r, x, P, h2, R2, p):
         drawn.append(Curve("equal claims, different estimates", [meet], [by_hand.both(x, P, h2, 0, 0, R2, meet)[1]], "green", "points", size=7.0))
     r.figure("correlation", Drawing("Correlation", "covariance R₁₂ of the noises (a pure number)", (Panel("error variance (a pure number)", tuple(drawn), kind="count"),)),
              "Error variances of one update against the covariance of the noises.")
-    r.says("In {fig:correlation} the filter that ignores $R_{12}$ claims the same whatever it is. Its true variance is never below the joint one and touches it at $R_{12} = 0$ only; towards the ends, where one noise is a multiple of the other, the joint update can cancel them and the naive one cannot.")
+    r.says("In {fig:correlation} the filter that ignores $R_{12}$ claims the same variance for every $R_{12}$. Its true variance is never below the joint one and touches it at $R_{12} = 0$ only; towards the ends, where one noise is a multiple of the other, the joint update can cancel them and the naive one cannot.")
     nu = [p.z1 - 2 * x, p.z2 - h2 * x]
     r.check("variance at the crossing", by_hand.both(x, P, h2, *nu, R2, meet)[1], float(updates.sequential([x], [[P]], [p.z1, p.z2], [[H1], [h2]], np.diag([R1, R2])).P[0, 0]),
             ("joint, correlated, by Cramer's rule", "sequential, R12 ignored"))
@@ -232,12 +232,12 @@ def correlation(p, answer):
 def part_e(r, p, answer, experiment):
     """The linear reading over many measurements."""
     r.section("e", "Experiment")
-    r.says("**The linear reading.** {fig:errors} and {fig:ensemble} are the filter with both measurements.", " The bands breathe with $\\sin t_i$ and $\\cos^2t_i$: where the second measurement is good they are narrow.")
+    r.says("**The linear reading.** {fig:errors} and {fig:ensemble} show the filter with both measurements. The widths of the bands vary with $\\sin t_i$ and $\\cos^2t_i$: they are narrow where the second measurement is good.")
     steps = length(p)
     t = np.arange(steps + 1) * p.t
     system = model(p, t)
     stats = portrait(r, experiment, system, steps, figures={
-        "errors": "The innovations are those of the first measurement.",
+        "errors": "The innovations are those of the first measurement, $z_1$.",
         "ensemble": "The second measurement varies in time, and with it the theory."})
     said = {"measured": rms(stats), "sd": float(covariances(system, steps).sd_plus[-1, 0])}
     some = experiment.histories(system, steps=steps)
@@ -274,7 +274,7 @@ def correlated_ensemble(r, p, answer, experiment, t):
     r.figure("correlated", Drawing("Correlated", STEP, (Panel("σ of the error (a pure number)", curves, kind="count"),), whole=True),
              "Correlated noises with the coefficient {rho:3}: standard deviations of theory (lines) and RMS errors of {runs} runs (points), with $R_{12}$ used and ignored.", rho=coefficient, runs=experiment.runs)
     mean = float(np.mean(actual.P_plus[1:, 0, 0]) / np.mean(seen.P_plus[1:, 0, 0])) if seen.P_plus[1:].any() else 1.0
-    r.says("In {fig:correlated} the filter that ignores the correlation has on average {mean:3} times the variance of the one that uses it, and claims {claim:3} times its own true one; the ensemble follows the true curves, whatever is claimed.", rho=coefficient, mean=mean,
+    r.says("In {fig:correlated} the filter that ignores the correlation has on average {mean:3} times the variance of the one that uses it, and it claims {claim:3} times its own true one. The ensemble follows the true curves, whatever is claimed.", mean=mean,
            claim=float(np.mean(claimed[1:]) / np.mean(actual.P_plus[1:])) if actual.P_plus[1:].any() else 1.0)
 
 

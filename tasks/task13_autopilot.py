@@ -89,7 +89,7 @@ def part_a(r, p, answer, two, three):
 def part_b(r, p, answer, pair, sampled):
     """Sampled measurements."""
     r.section("b", "Measurements once per period")
-    r.says("A measurement with the white noise of strength $N_m$ once per $dt$ is taken as one with the variance $R_d = N_m/dt = {R}$ m², which carries the same information per second; at $dt = 1$ s it is the same number as the sheet's intensity. The states are those of (a); over a period they move by",
+    r.says("For the measurement in white noise of the strength $N_m$ stands one measurement in each period Δt with the variance $R_d = N_m/\\Delta t = {R}$ m², which carries the same information per second; at $\\Delta t = 1$ s it is the same number as the sheet's intensity. The states are those of (a); over a period they move by",
            R=float(sampled.R[0, 0]))
     r.model(sampled)
     f, c = sampled.Phi, sampled.offset
@@ -147,7 +147,7 @@ def signed(value):
 
 def data_sets(r, p):
     """The data as printed, and without the squares, beside the given ones."""
-    r.says("**The data.** The sheet prints $22500^2$, $36^2$ and $81^2$. They are taken as they stand, yet such numbers are more likely units that lost their letter: 22500 m², 36 m²·s, 81 m²·s. Read literally, the standard deviation of the commanded altitude is 22.5 km about a mean of 3 km; in plain units it is 150 m. {tab:data} has both readings. The ratio $N_c/N_m$, on which the gains depend, is {printed:2} in the one and {plain:2} in the other, so the filters are of one kind; the lengths differ by a factor of some ten.",
+    r.says("**The data.** The sheet prints $22500^2$, $36^2$ and $81^2$. They are taken as they stand, but more likely the letter m of a unit is lost in each: 22500 m², 36 m²·s, 81 m²·s. Read literally, the standard deviation of the commanded altitude is 22.5 km about a mean of 3 km; in plain units it is 150 m. {tab:data} has both readings. The ratio $N_c/N_m$, on which the gains depend, is {printed:2} in the one and {plain:2} in the other, so the two filters are alike; the lengths differ by a factor of about ten.",
            printed=PRINTED[0] / PRINTED[1], plain=UNITS[0] / UNITS[1])
     own = (p.N_c, p.N_m, p.var_hc0)
     sets = {"as printed": PRINTED, "in plain units": UNITS}
@@ -169,7 +169,9 @@ def data_sets(r, p):
         rows.append((text("{name} (the given ones)" if mark else "{name}", name=name), N_c, N_m, var, limit.P[0, 0], limit.K[0, 0],
                      discrete.P_minus[0, 0], discrete.P_plus[0, 0], discrete.K[0, 0], last[0, 0],
                      100 * (last[0, 0] / limit.P[0, 0] - 1) if N_c else None, math.sqrt(last[2, 2])))
-    r.table("data", ["data", "$N_c$, m²·s", "$N_m$, m²·s", "var $h_{c0}$, m²", "$P_{11}(\\infty)$, m²", "$K_1(\\infty)$, 1/s", "$\\bar P_{11}^-$, m²", "$\\bar P_{11}^+$, m²", "$\\bar K_1$", "$P_{11}$(300 s), m²", "above its limit, %", "σ of $h_{c0}$ at 300 s, m"], rows,
+    quantities = ("$N_c$, m²·s", "$N_m$, m²·s", "variance of $h_{c0}$, m²", "$P_{11}(\\infty)$, m²", "$K_1(\\infty)$, 1/s", "$\\bar P_{11}^-$, m²", "$\\bar P_{11}^+$, m²", "$\\bar K_1$", "$P_{11}$ at 300 s, m²", "above its limit, %", "σ of $h_{c0}$ at 300 s, m")
+    names, *columns = zip(*rows, strict=True)
+    r.table("data", ["quantity", *names], [(quantity, *values) for quantity, values in zip(quantities, columns, strict=True)],
             "Two readings of the data: the limits of both filters, and what is reached at 300 s.")
 
 
@@ -183,7 +185,7 @@ def part_c(r, p, answer, three, sampled):
     t = np.unique(np.concatenate([np.geomspace(start, end, 80), np.linspace(end / 80, end, 80)]))
     continuous = bucy.transient(three, t)
     top = max(plan_b.P_minus[-1, 0, 0], continuous.P[-1, 0, 0])
-    label = text("dt = {dt} s", dt=p.dt)
+    label = text("Δt = {dt} s", dt=p.dt)
     if top > 0:
         figure = plots.sampled({label: plan_b}, t, continuous.P[:, 0, 0], xlabel=TIME, ylabel="$P_{11}$, m²",
                                limit=answer["altitude_variance_steady_continuous"], ylim=(0.0, 2 * top))
@@ -198,7 +200,7 @@ def part_c(r, p, answer, three, sampled):
                          names=["|$K_1$|", "|$K_2$|", "|$K_3$|"] if log == "xy" else ["$K_1$", "$K_2$", "$K_3$"],
                          units=["1/s", "1/s²", "1/s"], xlabel=TIME, log=log)
     r.figure("gains", figure, "Gains of the continuous filter (lines), and those of the sampled filter divided by its period (points).")
-    r.says("{fig:gains} has the gains. $K_1$ is proportional to $P_{11}$. A measurement of the sampled filter does in one step what the continuous filter does within a period, so its gain over the period is close to the continuous one and the points lie on the lines or, while much is corrected in one period, below them.",
+    r.says("{fig:gains} shows the gains; $K_1$ is proportional to $P_{11}$. A measurement of the sampled filter does in one step what the continuous filter does within a period, so that its gain divided by the period is close to the continuous one. The points lie on the lines or, while much is corrected in one period, below them.",
            " $K_3$ falls to 0 with the variance of the command: the filter stops learning the constant, and later drifts of the command would not be followed." if p.var_hc0 else "")
     compared(r, p, three, plan_b)
 

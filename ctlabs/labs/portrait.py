@@ -52,7 +52,8 @@ def rms(stats: Statistics, step: int = -1, state: int = 0, unit: str = "") -> Un
 
 def mean_error(stats: Statistics, step: int = -1, state: int = 0, unit: str = "") -> Uncertain:
     """The mean of the filtering errors of an ensemble at one instant, with its standard error σ/√runs."""
-    return Uncertain(float(stats.bias[step, state]), float(stats.rms[step, state]) / math.sqrt(stats.runs), unit)
+    bias, square = float(stats.bias[step, state]), float(stats.rms[step, state]) ** 2
+    return Uncertain(bias, math.sqrt(max(square - bias**2, 0.0) / stats.runs), unit)
 
 
 def agreement(

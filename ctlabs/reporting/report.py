@@ -188,6 +188,10 @@ class Report:
         self.part = part
         self.blocks.append(Heading(translated(title), 3, part))
 
+    def subsection(self, title: str, name: str) -> None:
+        """Begin a smaller division that answers no lettered item; ``{sec:name}`` refers to it."""
+        self.blocks.append(Heading(translated(title), 3, name=name))
+
     def says(self, /, *sentences: str, **values: object) -> None:
         """A paragraph; ``{name}`` is replaced by a value, with five significant digits, ``{name:3}`` with three.
 

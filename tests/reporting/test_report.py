@@ -328,7 +328,8 @@ class TestText:
     def test_headings_have_levels_and_parts(self, report):
         """Large divisions stand above lettered sections."""
         report.heading("Conclusions")
-        assert report.blocks == [Heading("First part", 3, "a"), Heading("Conclusions", 2, None)]
+        report.subsection("What is left", "left")
+        assert report.blocks == [Heading("First part", 3, "a"), Heading("Conclusions", 2, None), Heading("What is left", 3, None, "left")]
 
 
 class TestResults:

@@ -16,7 +16,7 @@ from ctlabs.labs.experiment import Experiment
 from ctlabs.reporting.drawing import Band, Curve, Drawing, Mark, Panel
 from ctlabs.reporting.report import Check, Heading, Picture, Report, Table, Text, Value
 from ctlabs.reporting.wording import in_words_of_the_reader
-from ctlabs.text import text, translated
+from ctlabs.text import fill, text, translated
 
 ROOT = Path(__file__).parents[2]
 LABS = labs.catalogue()
@@ -124,6 +124,30 @@ def test_every_sentence_of_a_lab_can_be_translated(name, marked):
     found = [piece for piece in pieces(report) if piece not in sheet]
     assert sum("«" in piece for piece in found) > 50
     assert [piece for piece in found if "«" not in piece and WORDS.search(piece)] == []
+
+
+def unplaced(call: ast.Call) -> list[str]:
+    """Values of a sentence or an equation that its text has no place for; none where the text is not all literal."""
+    parts = [node for argument in call.args for node in ast.walk(argument)]
+    if any(isinstance(node, ast.Name | ast.JoinedStr) for node in parts):
+        return []
+    words = " ".join(node.value for node in parts if isinstance(node, ast.Constant) and isinstance(node.value, str))
+    one = asked(words)
+    named = [each.arg for each in call.keywords if each.arg]
+    return [name for name in named if fill(words, **one) == fill(words, **one | {name: "other"})]
+
+
+def asked(words: str) -> dict[str, str]:
+    """A value for everything that looks like a placeholder."""
+    return dict.fromkeys(re.findall(r"\{([a-zA-Z]\w*)(?::\d+)?\}", words), "one")
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "tasks").rglob("*.py")), ids=lambda path: path.stem)
+def test_every_value_has_its_place(path):
+    """In a text or an equation: braces that follow a brace are an argument of LaTeX, and what stands in them is not filled."""
+    calls = [node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, ast.Call)]
+    spoken = [each for each in calls if ast.unparse(each.func) in {"r.says", "r.math", "text"}]
+    assert [(each.lineno, found) for each in spoken if (found := unplaced(each))] == []
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "tasks").rglob("*.py")), ids=lambda path: path.stem)

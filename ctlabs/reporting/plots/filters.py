@@ -119,7 +119,7 @@ def errors(
         for k, style in ((1, "-"), (2, "--")):
             axes.plot(ensemble.t, k * band, color=ORANGE, linestyle=style, label=f"±{k}σ" if k > 1 else "±σ")
             axes.plot(ensemble.t, -k * band, color=ORANGE, linestyle=style)
-        axes.set_ylabel(f"{name}, {of}")
+        axes.set_ylabel(f"{name}{of_unit(of)}")
         whole(axes)
     grid[-1, 0].set_xlabel(xlabel)
     legend(figure, grid[0, 0], columns=5)
@@ -140,7 +140,7 @@ def ensemble_against_theory(
     figure, grid = panels(n + 1, 2, sharex=True, height=1.6 + 1.9 * (n + 1))
     rms_band, bias_band = stats.rms_band(P), stats.bias_band(P)
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
-        unit = f", {unit}" if unit else ""
+        unit = of_unit(unit)
         against_theory(grid[i, 0], stats.t, np.sqrt(P[:, i, i]), [edge[:, i] for edge in rms_band], stats.rms[:, i])
         grid[i, 0].set_ylabel(f"{_('RMS error of')} {name}{unit}")
         grid[i, 0].set_ylim(bottom=0)
@@ -156,6 +156,11 @@ def ensemble_against_theory(
         axes.set_xlabel(xlabel)
     legend(figure, grid[0, 0])
     return figure
+
+
+def of_unit(unit: str) -> str:
+    """What follows a quantity at its axis: its unit, or in words that it has none."""
+    return f" ({_('a pure number')})" if unit == "1" else f", {unit}" if unit else ""
 
 
 def against_theory(axes: Axes, t: ArrayLike, theory: ArrayLike, band: Sequence[ArrayLike], ensemble: ArrayLike) -> None:
