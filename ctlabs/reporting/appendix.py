@@ -44,8 +44,14 @@ def sentence(checks: Sequence[Check]) -> Iterable[str]:
             + " ([A](#sec-appendix))"
         )
     elif routes and tests:
-        said = _(
-            "*Confirmed by two independent routes ({n} comparisons, {table}) and by {tests} tests of an ensemble (p = {p}, {other}).*"
+        said = (
+            _(
+                "*Confirmed by two independent routes ({n} comparisons, {table}) and by {tests} tests of an ensemble (p = {p}, {other}).*"
+            )
+            if len(routes) > 1
+            else _(
+                "*Confirmed by two independent routes ({table}) and by {tests} tests of an ensemble (p = {p}, {other}).*"
+            )
         )
         yield fill(
             said, n=len(routes), table=_table("checks"), tests=len(tests), p=together(tests), other=_table("chance")
