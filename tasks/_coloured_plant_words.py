@@ -23,7 +23,7 @@ def discussion(r, p):
     r.says("**What colour costs.** The Kalman–Bucy filter needs white noises. Coloured plant noise is brought to this form by a larger state ({eq:augmented}), and nothing else has to be derived; the price is one state more for each state of the shaping filter, and a model of the noise that must be known.")
     if p.b and p.D:
         r.says("**Why the simple filter errs on the safe side.** It takes for white a noise whose density at high frequency is smaller than it believes ({fig:spectra}). So its error is smaller than its claim ({eq:true}). With S(0) as the strength this holds for a first-order noise at all parameters; with a resonance, whose density lies above S(0) somewhere, it need not.")
-        r.says("**Why it is not the optimum.** Between two moments the noise keeps its value for about 1/α = {time:3} s. The observer uses this: it has an estimate of w and predicts with it. The simple filter meets each value of w as a surprise ({fig:noise}, {fig:factors}).", time=1 / p.alpha)
+        r.says("**Why it is not the optimum.** The noise keeps its value for about 1/α = {time:3} s. The observer uses this: it has an estimate of w and predicts with it. The simple filter meets each value of w as a surprise ({fig:noise}, {fig:factors}).", time=1 / p.alpha)
     r.says("**Points outside the band.** The experiment stands for continuous time, so its period is much shorter than the time constants, and the ensemble's errors at neighbouring instants are nearly the same numbers. A deviation at the beginning (it is that of the drawn initial states) therefore lasts until the filter has forgotten it: a row of points outside the band of {fig:ensemble} is one event. In {app:chance} all instants are tested with regard to this.")
 
 

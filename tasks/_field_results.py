@@ -22,6 +22,11 @@ PAPER = {"sigma_eta": 3.0, "b20": 0.25, "b11": 1.0, "dt": 0.2, "h": 1.0, "N1": 3
 SYMBOLS = {"sigma_eta": r"\sigma_\eta", "b20": "b_{20}", "b11": "b_{11}", "dt": r"\Delta t", "h": "h", "N1": "N_1", "m": "m", "P0": "P_0"}
 
 
+def named(values):
+    """Parameters with their letters: $h = 1$, $m = 100$."""
+    return ", ".join(f"${SYMBOLS[name]} = {value:g}$" for name, value in values.items())
+
+
 def percentile(value, ensemble):
     """Share of the ensemble below a value, %."""
     return 100.0 * float((ensemble < value).mean() + 0.5 * (ensemble == value).mean())
@@ -80,7 +85,7 @@ def table_says(r, p, worlds, samples, variants, rows, fields_rows, error_rows, l
     different = [name for name, value in PAPER.items() if getattr(p, name) != value]
     if different:
         r.says("The printed table holds for {paper}. Here {others}: the comparison is with another experiment.",
-               paper=", ".join(f"{name} = {value:g}" for name, value in PAPER.items()), others=", ".join(f"{name} = {getattr(p, name):g}" for name in different))
+               paper=named(PAPER), others=named({name: getattr(p, name) for name in different}))
     for alpha in PRINTED_FIELD:
         if worlds[alpha, alpha] is not None:
             r.chance(text("variances of z at all nodes and steps, α = {alpha}", alpha=alpha), worlds[alpha, alpha].test,
@@ -105,7 +110,7 @@ def part_figures(r, p, answer, here, world, drawn):
     r.check("estimate drawn at every node and step", z_hat, literal, ("discrete filter", "eq. 46, literally"), scale=float(np.abs(literal).max()) or 1.0)
     r.check("estimate drawn, by structure", z_hat,
             fields.filter_exact(field, data[1:], sigma_n=here.sigma_n, P0=p.P0).z_hat, ("dense matrices", "structure"))
-    r.says("{fig:figure1} is the field, figure 1 of the paper: from rest it grows, and disturbances travel to the right. {fig:figure2} joins the paper's figures 2 and 3 for node {node}: the measurements scatter about the field, the estimate follows it far more closely.", node=node)
+    r.says("{fig:figure1} is the field, figure 1 of the paper: from rest it grows, and disturbances travel to the right. {fig:figure2} joins the paper's figures 2 and 3 for node {node}: the measurements scatter about the field, the estimate follows it more closely.", node=node)
     r.figure("figure1", plots.surface(field.x, t, z, xlabel=PLACE, tlabel=TIME, zlabel="field z, u"),
              "The field over place and time for α = {alpha} 1/s, β = {beta} 1/m.", alpha=p.alpha, beta=p.beta)
     r.figure("figure2", plots.lines(t, {"estimate $\\hat{z}$": z_hat[:, node], "field z": z[:, node]}, xlabel=TIME, ylabel="field at one node, u", points={"measured $z_n$": (t[1:], data[1:, node])}),
@@ -163,7 +168,7 @@ def part_verdict(r, p, cases, worlds, samples, variants):
     if not same:
         r.value("verdict_table", None, reason="the printed numbers hold for other values of the parameters")
         r.says("The printed numbers are not judged here: they hold for {paper}.",
-               paper=", ".join(f"${SYMBOLS[name]} = {value:g}$" for name, value in PAPER.items()))
+               paper=named(PAPER))
         return
     judged(r, worlds, samples, variants, true, bound, printed, lower, whole)
 

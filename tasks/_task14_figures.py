@@ -41,7 +41,9 @@ def moves(r, p, every, answer):
         panels.append(Panel(label, curves, levels=(Mark("limit", p.limit_rms),) if "before" in label else ()))
     r.figure("moves", Drawing("Moves", "instant number of the fix that is moved", tuple(panels), whole=True, height=6.2),
              "What moving one fix of {pair} does, with the numbers of (b): RMS at the end, and largest RMS before a fix.", pair=named(pair))
-    r.says("{fig:moves} moves one fix of {pair} and leaves the other. The second fix decides the end. The first hardly changes it, yet it decides what the RMS is before the fixes: too early, and it has grown again before the second; too late, and it is large before the first itself.", pair=named(pair))
+    first, second = (every["b"].rms[pairs[:, 1 - k] == pair[1 - k]] for k in (0, 1))
+    r.says("{fig:moves} moves one fix of {pair} and leaves the other. At the end the RMS lies between {a:4} and {b:4} m as the second fix moves, and between {c:4} and {d:4} m as the first does. What the first one decides is the RMS before the fixes: too early, and it has grown again before the second; too late, and it is large before the first itself.",
+           pair=named(pair), a=second.min(), b=second.max(), c=first.min(), d=first.max())
 
 
 def limits(r, p, every):
@@ -57,7 +59,7 @@ def limits(r, p, every):
         curves.append(Curve(text("numbers of ({part})", part=part), grid, np.where(at >= 0, least[np.maximum(at, 0)], np.nan), COLOURS[part], style))
     r.figure("limits", Drawing("Limits", "limit on the RMS before a fix, m", (Panel("least RMS at the end, m", tuple(curves)),), marks=(Mark("given limit", p.limit_rms),)),
              "The least RMS at the end that some selection reaches, against the limit. A curve begins where the first selection becomes possible.")
-    r.says("{fig:limits} shows what the limit costs. A curve begins at the least limit that some selection keeps ({tab:plans}) and falls in steps, each at a limit that lets a fix move by one more instant, down to the value without a limit.")
+    r.says("{fig:limits} shows what the limit costs. A curve begins at the least limit that some selection keeps ({tab:plans}) and falls in steps, each at a limit that makes a better selection possible, down to the value without a limit.")
 
 
 def flights(r, plans, experiment):

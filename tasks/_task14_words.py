@@ -53,16 +53,16 @@ def result(p, answer, measured):
         second = text("The limit of {limit} m on the RMS before a fix changes nothing in (b) ({fig:pairs}).", limit=p.limit_rms)
     else:
         second = text("The limit of {limit} m on the RMS before a fix makes {pair} the best, with {rms:4} m: each fix is as late as its limit, its neighbour or the end allows ({fig:pairs}).", limit=p.limit_rms, pair=named(b), rms=answer["b_terminal_rms"])
-    return [first, second, text("In the experiment the RMS error at the end was {measured} under the plan of (a).", measured=measured)]
+    return [first, second, text("In the experiment the RMS error at the end was {measured} under the plan of (a), where theory has {theory:4} m.", measured=measured, theory=answer["a_terminal_rms"])]
 
 
 def discussion(r, p, answer):
     """What the numbers teach."""
-    r.says("**What the two fixes are for.** Under a limit the fixes have different tasks. The last one makes the position accurate at the end. Those before it keep the vehicle on its map until then: that they make the end more accurate as well is a small gain, for the last fix hides what was before it."
+    r.says("**What the two fixes are for.** Under a limit the fixes have different tasks. The last one makes the position accurate at the end. Those before it keep the vehicle on its map until then: that they make the end more accurate as well is a small gain where $R$ is not much larger than $Q_d$, for then the last fix hides most of what was before it."
            if p.fixes > 1 else "**What the fix is for.** It makes the position accurate at the end, and so it is taken as late as the limit allows.")
     none = [part for part in "bcde" if answer[f"{part}_best_pair"] is None]
     if none:
-        r.says("**Where no plan exists.** A plan that cannot be kept is found before the flight and not in it. {fig:limits} shows what a wider limit, which means a larger map, would give; in {parts} nothing else than a larger map, a better start or a better drive helps.", parts=" and ".join(f"({part})" for part in none))
+        r.says("**Where no plan exists.** That no plan keeps the limit, as in {parts}, is found before the flight and not in it. What helps always is a wider limit, which means a larger map ({fig:limits}). A better start helps where the RMS is beyond the limit at the start, a better drive where the noise of a period takes it there; better fixes, or fewer, help only where $Q_d$ alone is within $L^2$ or fewer fixes are enough.", parts=" and ".join(f"({part})" for part in none))
     r.says("**What is particular here.** That a fix is worth more later rests on one state that is not forgotten ($\\Phi = 1$) and noise that only adds. With several states, or a state that decays, a fix may be worth more early, and the proof fails; the search over all selections remains.")
     r.says("**Theory and experiment.** The points of {fig:flights} lie on the curves within what {app:chance} allows.")
 

@@ -39,7 +39,7 @@ def discussion(r, answer):
     """What the numbers mean together."""
     r.says("**Coloured noise is a state, not a nuisance.** As soon as the noise is modelled, the measurement is perfect, and the question is no longer how large the noise is but how its spectrum differs from the signal's. What the filter uses is the difference $z_i - bz_{i-1}$ ({eq:derived}): it removes what is left of the old noise, and the part $(a-b)s_{i-1}$ that remains is the larger, the more the poles differ.")
     r.says("**When the poles are equal.** Then nothing remains: signal and noise are two processes of one shape, and no filter can do better than to divide z in the ratio of their strengths ({eq:equal}). The pair is unobservable; that it does no harm for a positive frequency is the difference between observability and detectability.")
-    r.says("**Initial values and strengths.** A wrong variance of $n(t_0)$ is a mistake about the past, and a stable filter forgets it. A wrong strength is a mistake about all that is to come; it stays in the gain, and the filter's own variance does not show it ({eq:wrong}). Only the innovations would.")
+    r.says("**Initial values and strengths.** A wrong variance of $n(t_0)$ is a mistake about the past, and a stable filter forgets it. A wrong strength is a mistake about all that is to come; it stays in the gain, and the filter's own variance does not show it ({eq:wrong}). The innovations do: their variance is no longer the claimed one, and they are no longer white.")
     r.says("**Points outside the band.** Successive errors share the factor {pole:3} ({eq:transfer}); where it is near 1, points of {fig:ensemble} that leave the band do so in groups. The tests of {app:chance} account for it.", pole=answer["filter_pole"])
 
 

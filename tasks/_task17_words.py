@@ -26,8 +26,8 @@ def discussion(r, answer):
 def answers():
     """Each item of the sheet in a sentence."""
     return {
-        "a": "One state, {eq:one}; the filter is {eq:filter} and tends to the time-invariant one of this part, while the two-state model has no steady covariance ({eq:trap}).",
-        "b": "{eq:discrete}; the steady state is {eq:steady}, and {fig:discrete_ensemble} and {tab:ensemble} are the experiment.",
+        "a": "The system needs one state ({eq:one}); the filter is {eq:filter} and tends to that of {eq:limit}, while the two-state model has no steady covariance ({eq:trap}).",
+        "b": "The filter is {eq:discrete}, its steady state {eq:steady}; {fig:discrete_ensemble} and {tab:ensemble} are the experiment.",
     }
 
 

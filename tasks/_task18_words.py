@@ -29,7 +29,7 @@ def discussion(r, found):
     """What the experiment adds to the theory."""
     r.says("**Theory and experiment.** On the linear truth the ensembles of the three sets pass all tests of {app:chance}; the run of points outside a band in {fig:ensemble} is expected, for without process noise an error is carried on from one instant to the next.")
     if found:
-        r.says("**What linearisation costs.** The equations are linear for deviations that are small beside the errors of the filter, not only beside the orbit: a quadratic term of the size $\\rho^2r_0$ is nothing on a map of the orbit and may be much against σ. That is why a linear filter about the nominal orbit may be inconsistent ({fig:nees}) although {fig:orbit} shows two motions that hardly differ.")
+        r.says("**What linearisation costs.** The equations are linear for deviations that are small beside the errors of the filter, not only beside the orbit: a quadratic term of the size $\\rho^2r_0$ is nothing on a map of the orbit and may be large beside σ. That is why a linear filter about the nominal orbit may be inconsistent ({fig:nees}) although {fig:orbit} shows two motions that hardly differ.")
     r.says("**Why no noise is a warning.** With $Q = 0$ the filter falls asleep: its variances tend to 0, and any force that the model leaves out (drag, the shape of the Earth) will then lead it astray. In use a small $Q$ keeps it awake.")
     r.says("**Why the range cannot find the angle.** The field is central, so a turn of the whole motion is again a motion with the same ranges. No accuracy and no number of measurements helps: observability is a property of what is measured, not of how well.")
 
@@ -37,11 +37,11 @@ def discussion(r, found):
 def answers(ranks):
     """Each item of the sheet in a sentence."""
     return {
-        "a": "{eq:any}: along a general trajectory the model varies with time.",
-        "b": "{eq:circle}, with the transition matrix {eq:transition}; no noise drives the state.",
+        "a": "The matrices are those of {eq:any}; along a general trajectory the model varies with time.",
+        "b": "The model is {eq:circle}, with the transition matrix of {eq:transition}; no noise drives the state.",
         "c": text("By the criterion of observability the angle: ranks {one} with the angle, {two} with the range, {three} with both ({tab:ranks}). Both together ", one=ranks["theta"], two=ranks["range"], three=ranks["both"])
         + text("observe more than either." if ranks["both"] > max(ranks["theta"], ranks["range"]) else "observe no more than the angle, but make the estimates more accurate ({tab:variances})."),
-        "d": "{fig:errors}, {fig:ensemble} and {tab:variances}: the errors are those of theory, and the angle is found only where it is measured.",
+        "d": "On the linear truth the errors are those of theory ({fig:errors}, {fig:ensemble}, {tab:variances}), and the angle is found only where it is measured.",
     }
 
 
@@ -73,6 +73,6 @@ def conclusions(r, p, answer, schedules, ranks, found):
                               "its variances are right." if not wrong else
                               "its variances are too small with {sets}, for it linearises about an orbit that is not the satellite's." if j == 0 else
                               "its variances are too small with {sets}, where its first estimates are too far from the truth to linearise about.",
-                              sets=" and ".join(wrong), label=label, ends=prose(list(ends.values()), 3)))
+                              sets=" and ".join(wrong) if len(wrong) < 3 else "each of the three sets", label=label, ends=prose(list(ends.values()), 3)))
     lines.append(largest(r))
     r.items(lines)

@@ -18,7 +18,7 @@ def result(p, answer, measured, sd, when):
         text("The error variance of the unstable plant tends to $R(1 + \\sqrt{1 + Q/R})$, that is {end:4} m² for {R}, from whatever P(0) it starts ({eq:limit}).", end=end, R=label(p.R_values[0])),
         text("The filter is uniformly and exponentially stable although the plant is not: its pole tends to {pole:4} 1/s where the plant's is at +1 1/s, and V = y²/P proves it ({fig:lyapunov}).", pole=pole),
         "No record was simulated, since x grows too much within one period; the variances of the discrete filter enclose P(t) at every instant ({fig:sawtooth})." if measured is None
-        else text("The variances of the discrete filter enclose P(t) at every instant, and in the experiment the RMS error at {when:3} s was {measured}, where theory has {sd:4} m.", when=when, measured=measured, sd=sd),
+        else text("The variances of the discrete filter enclose P(t) at every instant, and in the experiment with {R} the RMS error at {when:3} s was {measured}, where theory has {sd:4} m.", R=label(p.R_values[0]), when=when, measured=measured, sd=sd),
     ]
 
 
@@ -55,8 +55,9 @@ def conclusions(r, p, answer, steps):
     lines = []
     for i, R in enumerate(p.R_values):
         end, prior, posterior = (answer[name][i] for name in ("variance_steady_continuous", "prior_variance_steady", "posterior_variance_steady"))
-        words = "is constant" if math.isclose(p.P0, end, rel_tol=1e-12) else "rises" if p.P0 < end else "falls"
-        lines.append(text("{name}: from P0 = {P0} m² the variance {words} (limit {end} m²), the filter's pole is {pole} 1/s. The discrete filter swings between {prior} and {posterior} m².",
+        words = "stays" if p.P0 == end else "rises" if p.P0 < end else "falls"
+        lines.append(text("With {name} the variance {words} from $P_0 = {P0}$ m² to {end:4} m² and the filter's pole is {pole:4} 1/s; the discrete filter swings between {prior:4} and {posterior:4} m²." if p.P0 != end
+                          else "With {name} the variance {words} at {end:4} m² and the filter's pole is {pole:4} 1/s; the discrete filter swings between {prior:4} and {posterior:4} m².",
                           name=label(R), P0=p.P0, words=words, end=end, pole=answer["filter_pole"][i], prior=prior, posterior=posterior))
     lines.append("The plant is unstable with the pole +1 1/s, its filter uniformly and exponentially stable with a pole at −1 1/s or beyond: measurements hold the error, not the state.")
     share = max(abs(c) for c in answer["error_of_the_approximation"])

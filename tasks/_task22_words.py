@@ -52,13 +52,13 @@ def conclusions(r, p, answer):
         which = "the noise is not driven, so that its value becomes known" if p.Q1 else "the object stands still, and averaging finds its place"
         lines.append(text("The error variance tends to 0: {which}.", which=which))
     else:
-        lines.append(text("The error variance of x₁ goes monotonically from {start} to {end} m², and the filter becomes time-invariant with c1 = {c1} and the pole −{pole} 1/s.",
+        lines.append(text("The error variance of x₁ goes monotonically from {start} to {end} m², and the filter becomes time-invariant with $c_1 = {c1}$ and the pole −{pole} 1/s.",
                           start=answer["variance_after_first_measurement"], end=end, c1=answer["c1"], pole=p.a * answer["c1"]))
         lines.append(text("Sampled every {dt} s it is {above:3} % larger in the steady state.", dt=p.dt, above=100 * (answer["posterior_variance_steady"] / end - 1)))
     settled = r.values["settling_time"].value
     if settled is not None:
         lines.append(text("The continuous filter settles in {when} s, the discrete one at measurement {step}.", when=settled, step=r.values["settling_step"].value))
-    lines.append("Perfect measurements cost nothing but an equation: one of the two states is known after each of them, and the filter reduces to one state, whose derived measurement has noise correlated with the process. No measurement has to be differentiated.")
+    lines.append("Perfect measurements make the filter smaller: one of the two states is known after each of them, and one state is left, whose derived measurement has noise correlated with that of the process. No measurement has to be differentiated.")
     if not p.a:
         lines.append("The model is not observable: object and noise cannot be told apart.")
     lines.append(largest(r))

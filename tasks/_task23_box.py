@@ -39,7 +39,7 @@ def part_b(r, p, answer, system, small, box):
     r.section("b", "The optimal filter, its test, and a criticism of the box")
     r.says("Signal and noise have the spectra")
     r.math(r"S_s = \frac{\sigma}{\omega^2+a^2}, \quad S_n = \frac{\nu}{\omega^2+b^2}, \qquad S_s + S_n = q\,\frac{\omega^2+c^2}{(\omega^2+a^2)(\omega^2+b^2)}, \quad q = \sigma + \nu, \quad c^2 = \frac{\sigma b^2+\nu a^2}{q}", "spectra")
-    r.says("with $a = {a}$, $b = {b}$, $\\sigma = {power}$, $\\nu = {noise}$. **Route 1, Wiener** ({ref:wiener}; {ref:maybeck, section 5.12}). With the stable factor $\\Psi = \\sqrt{q}\\,(s+c)/[(s+a)(s+b)]$ of the sum,",
+    r.says("with $a = {a}$, $b = {b}$, $\\sigma = {power}$, $\\nu = {noise}$. **Route 1, Wiener** ({ref:wiener}; {ref:maybeck, section 5.12}). The sum has the stable factor $\\Psi = \\sqrt{q}\\,(s+c)/[(s+a)(s+b)]$, whose inverse is causal as well: $z/\\Psi$ is white, and nothing is lost in passing to it. From this white process $S_s/\\Psi(-s)$ would be the best filter, had it the future too; a causal one can use only the part $[\\cdot]_+$ with its poles in the left half-plane,",
            a=p.signal_pole, b=p.noise_pole, power=p.signal_power, noise=p.noise_power)
     r.math(r"\frac{S_s}{\Psi(-s)} = \frac{\sigma\,(b-s)}{\sqrt q\,(s+a)(c-s)}, \qquad \left[\cdot\right]_+ = \frac{\sigma(a+b)}{\sqrt q\,(a+c)}\,\frac1{s+a} \quad (\text{the residue at } -a)")
     r.math(r"H_{opt} = \frac1\Psi\left[\frac{S_s}{\Psi(-s)}\right]_+ = g\,\frac{s+b}{s+c}, \qquad g = \frac{\sigma}{q}\,\frac{a+b}{a+c}", "optimum")
@@ -132,7 +132,9 @@ def tests(r, p, answer, box, best):
     slow = best[0][1] / best[1][1]
     parts = ["The box lets {box} of the test noise through, the optimum {optimum}. In {fig:tests} this is seen frequency by frequency"]
     if slow and best[0][0]:
-        parts.append(": for slow changes the density behind the box is {ratio:3} times that behind the optimum, for fast ones {fast:3} times.")
+        same = math.isclose(box[0][0], best[0][0])
+        parts.append(": for slow changes the density behind the box is {ratio:3} times that behind the optimum, for fast ones it is the same." if same
+                     else ": for slow changes the density behind the box is {ratio:3} times that behind the optimum, for fast ones {fast:3} times.")
     else:
         parts.append(".")
     r.says(*parts, box=powers[0], optimum=powers[1], ratio=1 / slow**2 if slow else 0.0, fast=(box[0][0] / best[0][0]) ** 2 if best[0][0] else 0.0)

@@ -21,7 +21,7 @@ def result(p, answer, measured, sd, when):
     if not optimal:
         second = text("One of the two processes is absent, so that the optimal filter has no error; the box has {boxed:4} V².", boxed=boxed)
     else:
-        second = text("The optimum for the told spectra is ({g:4} s + {gb:4})/(s + {c:4}) with the mean square error {optimal:4} V²; the box has {percent:3} % more.", g=g, gb=g * p.noise_pole, c=c, optimal=optimal, percent=100 * (boxed / optimal - 1))
+        second = text("The optimum for the given spectra is ({g:4} s + {gb:4})/(s + {c:4}) with the mean square error {optimal:4} V²; that of the box is {percent:3} % larger.", g=g, gb=g * p.noise_pole, c=c, optimal=optimal, percent=100 * (boxed / optimal - 1))
     return [
         text("The test shows a stable filter (s + 4)/[2(s + 2)], which can be a Kalman filter only if its measurement has no white noise ({eq:box}, {fig:tests})."),
         second,
@@ -31,10 +31,10 @@ def result(p, answer, measured, sd, when):
 
 def discussion(r, p, answer):
     """What the numbers mean together."""
-    r.says("**What a test with noise can tell.** Spectra of power know nothing of phase. Every zero of the box could lie on the other side of the imaginary axis and the test would be the same ({fig:candidates}); the cross-spectrum of input and output would decide. It is a rule of design, minimum phase, and no measurement that makes the box unique.")
+    r.says("**What a test with noise can tell.** Spectra of power know nothing of phase. Every zero of the box could lie on the other side of the imaginary axis and the test would be the same ({fig:candidates}); the cross-spectrum of input and output would decide. What makes the box unique is a rule of design, minimum phase, and not the test.")
     r.says("**Two routes to one filter.** Wiener's factorisation asks for the stationary optimum at once, the state space for the optimum at every time, and the latter tends to the former ({eq:optimum}, {eq:state}). For stationary processes they are one theory; the state space goes on where a start, a changing parameter or a vector comes in.")
     if printed(p):
-        r.says("**The engineer.** He found the right gain, so he could solve the Riccati equation; but a Kalman filter is driven by the *innovation*, and his is driven by the measurement. He loses {percent:3} % of the mean square error, and a filter without any dynamics would have been better ({tab:errors}). His test could not warn him: noise of the one colour gives one number, and no test without the signal shows how far an estimate is from it.",
+        r.says("**The engineer.** He found the right gain, so he could solve the Riccati equation; but a Kalman filter is driven by the *innovation*, and his is driven by the measurement. His mean square error is {percent:3} % larger than need be, and a filter without any dynamics would have been better ({tab:errors}). His test could not warn him: noise of the one colour gives one number, and no test without the signal shows how far an estimate is from it.",
                percent=100 * (answer["black_box_variance"] / answer["optimal_variance"] - 1))
     else:
         r.says("**The engineer.** With the present parameters the box is the filter of another problem. Driven by the measurement and not by the innovation, it has the pole of its own signal, and it cannot follow a change of the spectra.")

@@ -114,7 +114,7 @@ def part_example(r, p, answer, systems):
         for line in equations[kind]:
             r.math(line.replace("+ z", "+ y"))
     r.math(r"\hat x(0) = E[x(0)], \quad \hat w(0) = 0, \qquad P_{11}(0) = p_0, \quad P_{12}(0) = 0, \quad P_{22}(0) = D", "start")
-    r.says("**Steady state in closed form.** The filter's polynomial $\\Delta(s) = \\det(sI - F + KH) = s^2 + c_1s + c_0$ is a spectral factor ({ref:kalman_bucy}),")
+    r.says("**Steady state in closed form.** The filter's polynomial $\\Delta(s) = \\det(sI - F + KH) = s^2 + c_1s + c_0$ is a spectral factor ({ref:kalman_bucy}): the innovation is white with the strength r, and y follows from it through $1 + H(sI - F)^{-1}K = \\Delta(s)/\\det(sI - F)$, so that $r\\,\\Delta(s)\\Delta(-s)$ over $\\det(sI - F)\\det(-sI - F)$ is the density of y, which is r plus that of x. Multiplied by the determinants and divided by r (the Riccati equation gives the same line for an unstable plant too) this is")
     r.math(r"\Delta(s)\Delta(-s) = (a^2-s^2)(\alpha^2-s^2) + \frac{2D\alpha b^2}{r} \;\Rightarrow\; c_0 = \sqrt{a^2\alpha^2 + \frac{2D\alpha b^2}{r}}, \quad c_1 = \sqrt{a^2+\alpha^2+2c_0},", "polynomial")
     r.says("and comparing coefficients, $\\Delta(s) = s^2 + (K_1+\\alpha-a)s + \\alpha(K_1-a) + bK_2$, gives the gains and, with $P_{11} = rK_1$, $P_{12} = rK_2$ and the third variance equation, the covariance,")
     r.math(r"K_1 = c_1 - \alpha + a, \qquad K_2 = \frac{c_0 - \alpha(c_1-\alpha)}{b} = \frac{2D\alpha b/r}{c_0+\alpha^2+\alpha c_1}, \qquad P_{22} = D - \frac{P_{12}^2}{2\alpha r}.", "limit")
@@ -123,13 +123,16 @@ def part_example(r, p, answer, systems):
     polynomial = np.real(np.poly(example.F - found.K @ example.H))
     r.value("covariance_steady", found.P, "m², m²/s, m²/s²", agrees=answer, routes=routes)
     r.value("gain_steady", found.K[:, 0], "1/s, 1/s²", symbol="(K_1, K_2)", agrees=answer, routes=routes)
-    r.value("filter_polynomial", polynomial, "1, 1/s, 1/s²", symbol="(1, c_1, c_0)", agrees=answer, routes=routes)
+    r.value("filter_polynomial", polynomial, "1, 1/s, 1/s²", agrees=answer, routes=routes)
     transient = bucy.transient(example, TIMES)
     r.value("covariance_continuous", transient.P, "m², m²/s, m²/s²", at=TIMES, agrees=answer, routes=("Riccati equation, integrated", "closed form about the limit"))
     P = np.asarray(answer["covariance_steady"])
     r.says("The deviation from the limit has the closed form $P - P_\\infty = e^{At}\\Delta(I + M\\Delta)^{-1}e^{A^Tt}$ with $\\Delta = P(0) - P_\\infty$, $A = F - KH$ and $M = \\int_0^te^{A^Ts}H^Tr^{-1}He^{As}ds$, by which the integrated covariances are checked.")
-    r.says("Here $P_{11} = {P11}$, $P_{12} = {P12}$, $P_{22} = {P22}$; of the variance D = {D} of the noise the observer removes {share} %. Filter poles: {poles}.",
-           P11=P[0, 0], P12=P[0, 1], P22=P[1, 1], D=p.D, share=100 * (1 - P[1, 1] / p.D) if p.D else 0.0, poles=", ".join(text("{x}", x=pole if abs(pole.imag) > 1e-12 else pole.real) for pole in found.poles.tolist()))
+    first, second = sorted(found.poles.tolist(), key=lambda pole: (pole.real, pole.imag))
+    r.says("Here $c_1 = {c1}$ 1/s and $c_0 = {c0}$ 1/s², $P_{11} = {P11}$ m², $P_{12} = {P12}$ m²/s, $P_{22} = {P22}$ m²/s²; of the variance $D = {D}$ m²/s² of the noise the observer removes {share:3} %. ",
+           "The poles of the filter are {a} ± {b}i 1/s." if abs(first.imag) > 1e-12 else "The poles of the filter are {a} and {b} 1/s.",
+           c1=polynomial[1], c0=polynomial[2], P11=P[0, 0], P12=P[0, 1], P22=P[1, 1], D=p.D, share=100 * (1 - P[1, 1] / p.D) if p.D else 0.0,
+           a=first.real, b=abs(first.imag) if abs(first.imag) > 1e-12 else second.real)
     t = np.linspace(0.0, horizon(p), 201)
     curves = bucy.transient(example, t).P
     shown = {"$P_{11}$, m²": (0, 0), "$P_{12}$, m²/s": (0, 1), "$P_{22}$, m²/s²": (1, 1)}

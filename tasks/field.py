@@ -165,11 +165,11 @@ def plan(r, p, experiment):
     r.says("{tab:plan} lists what was chosen. One record per α is the table's field; the ensemble says which of its numbers are typical. All variants of one α share field and noise (scaled by $\\sigma_n$), as in the paper.")
     r.table("plan", ["quantity", "value", "why"], [
         ["steps m", p.m, "the paper's k = 0…m, unless another number is given"],
-        ["nodes", p.N1 + 1, "N = N1 + 1"],
+        ["nodes", p.N1 + 1, "$N = N_1 + 1$"],
         ["seeds", experiment.runs, "a percentile of the ensemble is known to about ±3 % with 1000"],
         ["seed", experiment.seed, "its first run is the record of the table and the figures"],
-        ["start", "X_0 = 0", "the paper's; the filter believes P0"],
-        ["measurements", "every node, k = 1…m", "eq. 36"],
+        ["start", "$X_0 = 0$", "that of the paper; the filter believes in $P_0$"],
+        ["measurements", "every node, k = 1…m", "equation (36) of the paper"],
     ], "Plan of the experiment.")
 
 

@@ -77,7 +77,7 @@ def part_batch(r, p, y, poly, moved):
     r.says("In {ref:shapiro} signal, slow error and noise make up the sample,")
     r.math(r"y[k] = \lambda^T\varphi[k] + \mu^T\psi[k] + n[k], \qquad \lambda \sim N(m_\lambda, K_\lambda), \quad \mu \sim N(m_\mu, K_\mu), \quad n \sim N(0, K).", "sample")
     r.says("**The loss does not matter.** Given the samples, $s[N] = \\lambda^T\\varphi[N]$ is Gaussian, so its density is symmetric about its mean $m$ and falls away from it. For a loss $W(e)$ that is convex and even, $g(a) = E\\,W(s - a)$ is convex in $a$, and $g(m + h) = g(m - h)$ by the symmetry; hence $g(m) \\le \\frac12 g(m + h) + \\frac12 g(m - h) = g(m + h)$ for every $h$. The rule of equations (4)–(7), a decision without randomness, is therefore the conditional mean (10) for every such loss, the squared one (9) among them ({ref:sherman}). ∎ (Numbers of equations in this paragraph and in the list of misprints are those of the paper.)")
-    r.says("**Correct equations.** With the joint information of λ and μ the conditional mean follows by eliminating μ. With")
+    r.says("**Correct equations.** The slow error cannot be subtracted, for it is not known either. So the joint information of λ and μ is formed and μ is eliminated from it; what the samples had to spend on μ is the last term of J. With")
     r.math(r"A = K_\mu^{-1} + \Phi_\mu^TK^{-1}\Phi_\mu, \qquad J = K_\lambda^{-1} + \Phi_\lambda^TK^{-1}\Phi_\lambda - \Phi_\lambda^TK^{-1}\Phi_\mu A^{-1}\Phi_\mu^TK^{-1}\Phi_\lambda", "information")
     r.says("estimate and risk are")
     r.math(r"\hat s[N,k] = \varphi^T[N]J^{-1}\{K_\lambda^{-1}m_\lambda + \Phi_\lambda^TK^{-1}\bar y - \Phi_\lambda^TK^{-1}\Phi_\mu A^{-1}(K_\mu^{-1}m_\mu + \Phi_\mu^TK^{-1}\bar y)\}, \qquad R[N] = \varphi^T[N]J^{-1}\varphi[N].", "batch")
@@ -159,7 +159,7 @@ def part_recursive(r, p, answer, y, poly, moved, experiment):
     ]
     r.value("batch_minus_recursive_max", max(differences))
     r.holds("batch = recursion to 10⁻⁹", 1e-9 - max(differences), ("batch", "recursion"), size=1.0)
-    r.says("The largest difference of batch and recursion over the three examples is {worst:2} (estimates in units of the largest prior standard deviation, covariances of the largest prior variance): the two are one estimator. In (iii) the batch has one μ a sample and noise of full covariance; the recursion has four states.", worst=max(differences))
+    r.says("The largest difference of batch and recursion over the three examples is {worst:2} (estimates in units of the largest prior standard deviation, covariances of the largest prior variance): the two are one estimator. That they must be so is clear: both are the conditional mean of the same Gaussian quantities given the same samples, and all that the past samples say of the state is in its estimate and covariance, so that the recursion need not look back. In (iii) the batch has one μ a sample and noise of full covariance; the recursion has four states.", worst=max(differences))
     beyond = filtered(moving_state(), np.concatenate([moved.z[1:], np.full((AR_BEYOND, 1, 1), np.nan)]))
     s_hat, risk = bayes.batch(moving(), moved.z[1:, 0, 0]).signal([1.0, AR_DT * (AR_N + AR_BEYOND)])
     routes = ("recursion without measurements", "batch")

@@ -136,7 +136,7 @@ def missing(r, p, case, plan, free, fewer):
     if limit**2 < P0:
         r.says("At the start the RMS is {start:4} m already, above the limit of {limit} m, and without a fix it only grows: no fix can be taken at all.", start=math.sqrt(P0), limit=limit)
     else:
-        r.says("The variance is within the limit at the start, but after what fixes can be taken it has grown beyond the limit at the instant of a later one: even right after a fix with R = {R} m² a period adds {Q} m² to what is left.", R=R, Q=Qd)
+        r.says("At the start the RMS of {start:4} m is within the limit. But a period adds $Q_d = {Q}$ m² to what a fix with $R = {R}$ m² leaves, and the variance passes $L^2 = {square}$ m² before {count} fixes have been taken, even if they follow each other at once.", start=math.sqrt(P0), R=R, Q=Qd, square=limit**2, count=p.fixes)
     r.says("The least limit that some selection keeps is {needed:4} m. Without a limit the best selection would be {pair} with {rms:4} m at the end, but its RMS before a fix reaches {worst:4} m.",
            needed=plan.needed, pair=words.named(free.instants), rms=free.rms, worst=free.worst)
     if fewer:

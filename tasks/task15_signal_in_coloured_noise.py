@@ -46,7 +46,7 @@ class Parameters(LabParameters):
     """What may be changed."""
 
     w0: Variance = given(1.0, unit="1/s", meaning="pole of the signal's model; 0 makes it an integrator")
-    wn: Variance = given(2.0, unit="1/s", meaning="pole of the noise's shaping filter")
+    wn: Variance = given(2.0, unit="1/s", meaning="pole of the noise's shaping filter", symbol="w_n")
     dt: Positive = given(0.5, unit="s", meaning="period of the measurements")
     Q1: Variance = given(2.0, unit="V²/s", meaning="strength of the white noise w1 that drives the signal")
     Q2: Variance = given(1.0, unit="V²/s", meaning="strength of the white noise w2 that drives the noise")
@@ -103,7 +103,7 @@ def part_a(r, p, answer, system):
     r.check("P⁺ = p[[1, −1], [−1, 1]]", plan.P_plus, form, ("recursion of matrices", "proof"), EXACT, scale=float(plan.P_minus.max()))
     r.table("recursion", ["i", "p, V²", "Kₛ", "variance of the prediction of s, V²"], [(i, plan.P_plus[i, 0, 0], plan.K[i, 0, 0], plan.P_minus[i, 0, 0]) for i in at],
             "The recursion of {eq:recursion} for the given numbers.")
-    r.says("{tab:recursion} has the numbers: a perfect measurement of the sum leaves much of the signal uncertain, and every prediction adds to that.")
+    r.says("{tab:recursion} has the numbers. A perfect measurement of the sum does not make the signal known; the last column is the variance that it meets, of which p is left.")
     r.says("**Steady state.** The fixed point of {eq:recursion} is the positive root of")
     r.math(r"(a-b)^2p^2 + [q_1(1-b^2) + q_2(1-a^2)]\,p - q_1q_2 = 0.", "steady")
     limit = answer["signal_variance_steady"]
@@ -122,11 +122,11 @@ def part_b(r, p, answer, system, small):
     r.section("b", "The basis (z, s) and the reduced filter")
     r.says("In the basis $x^* = (z, s) = Tx$ the measurement is the first state, which is known exactly after each update, and")
     r.math(r"T = \begin{bmatrix} 1 & 1 \\ 1 & 0 \end{bmatrix}, \quad \Phi^* = T\Phi T^{-1} = \begin{bmatrix} b & a-b \\ 0 & a \end{bmatrix}, \quad Q_d^* = \begin{bmatrix} q_1+q_2 & q_1 \\ q_1 & q_1 \end{bmatrix}, \quad H^* = \begin{bmatrix} 1 & 0 \end{bmatrix}, \qquad P^*(t_i^+) = TP(t_i^+)T^T = \begin{bmatrix} 0 & 0 \\ 0 & p_i \end{bmatrix}.", "basis")
-    r.says("The element $P_{22}^* = p_i$ obeys the recursion of part (a), in which nothing but its own last value appears; the first row and column are zero. So only $\\hat{s}$ has to be computed. What $z(t_i)$ adds to $z(t_{i-1})$ is a measurement of the signal one step before, whose noise is that of the process and correlates with it ({ref:maybeck, section 5.9}),")
+    r.says("The element $P_{22}^* = p_i$ obeys the recursion of part (a), in which nothing but its own last value appears; the first row and column are zero. So only $\\hat{s}$ has to be computed. What $z(t_i)$ adds to $z(t_{i-1})$ is a measurement of the signal one step before. Its noise contains the noise $w_1$ of the signal itself and so is correlated with it ({ref:maybeck, section 5.9}),")
     r.math(r"z_i - b\,z_{i-1} = (a-b)\,s_{i-1} + (w_1 + w_2), \qquad s_i = a\,s_{i-1} + w_1.", "derived")
     r.says("The reduced filter, complete, is")
     r.math(r"\hat s_0 = K_{s,0}\,z_0, \qquad \hat s_i = a\,\hat s_{i-1} + K_{s,i}\,[z_i - b\,z_{i-1} - (a-b)\,\hat s_{i-1}], \qquad \hat n_i = z_i - \hat s_i,", "reduced")
-    r.says("with $p_i$ and $K_{s,i}$ as in {part:a}: one state and one scalar recursion instead of two states and three elements of a covariance. {fig:reduced} shows how it is built: the lower delay takes the colour out of the measurement, the loop through a − b feeds the innovation back.")
+    r.says("with $p_i$ and $K_{s,i}$ as in {part:a}: one state and one scalar recursion instead of two states and three elements of a covariance. {fig:reduced} shows how it is built: the delay on the left takes the colour out of the measurement, the loop through $a - b$ subtracts what the last estimate lets one expect of the rest.")
     nodes = {
         "z": Node((0, 1), "$z_i$", "signal"), "z1": Node((0.9, 1), "", "branch"), "+": Node((2.6, 1), "", "sum"), "K": Node((4.0, 1), "$K_{s,i}$"), "*": Node((5.4, 1), "", "sum"), "o": Node((6.4, 1), "", "branch"),
         "s": Node((7.3, 1), r"$\hat{s}_i$", "signal"), "b": Node((0.9, -0.2), r"$b\,z^{-1}$"), "a": Node((5.4, -0.2), "$a\\,z^{-1}$"), "f": Node((4.0, -1.2), "$(a-b)\\,z^{-1}$"), "d": Node((2.6, -0.2), "", "sum"),
@@ -134,10 +134,10 @@ def part_b(r, p, answer, system, small):
     }
     arrows = [Arrow("z", "z1"), Arrow("z1", "+"), Arrow("z1", "b"), Arrow("b", "d", "", "+"), Arrow("+", "K"), Arrow("K", "*"), Arrow("*", "o"), Arrow("o", "s"), Arrow("o", "o2"), Arrow("o2", "a"), Arrow("a", "*"),
               Arrow("o2", "f", turn="along"), Arrow("f", "d", "", "+"), Arrow("d", "+", "", "−")]
-    r.figure("reduced", plots.block_diagram(nodes, arrows), "The reduced filter of {eq:reduced}: a differencing of the measurement, and one state with feedback of the innovation.")
+    r.figure("reduced", plots.block_diagram(nodes, arrows), "The reduced filter, {eq:reduced}: the measurement is differenced, and one state is left.")
     full = same_as_whole(r, small, system, p.steps, answer["signal_variance"])
     r.says("**The steady filter.** With $K_s$ constant its transfer function has one pole and one zero; the zero cancels the colour of the noise:")
-    r.math(r"\frac{\hat s(z)}{z(z)} = K_s\,\frac{1 - b\,z^{-1}}{1 - [a - (a-b)K_s]\,z^{-1}}.", "transfer")
+    r.math(r"\frac{\hat S(z)}{Z(z)} = K_s\,\frac{1 - b\,z^{-1}}{1 - [a - (a-b)K_s]\,z^{-1}}.", "transfer")
     if answer["signal_variance_steady"] is None:
         b, g = small.model, full.K[-1, 0, 0]
         pole = b.Phi[0, 0] - g * b.H[0, 0]
@@ -151,7 +151,7 @@ def part_b(r, p, answer, system, small):
     if p.w0 == p.wn:
         r.says("Here $w_0 = w_n$: zero and pole coincide at {pole} and cancel; the filter is the constant {gain} once the initial condition is forgotten.", pole=pole, gain=num[0])
     else:
-        r.says("Here the zero is at {zero} and the pole at {pole}; a constant z is passed with the factor {static}, white measurements with the factor {gain} at once.",
+        r.says("Here the zero is at {zero} and the pole at {pole}; a constant measurement is passed with the factor {static}, a sudden change with the factor {gain} at first.",
                zero=-num[1] / num[0] if num[0] else 0.0, pole=pole, static=sum(num) / sum(den) if sum(den) else math.inf, gain=num[0])
 
 
@@ -216,7 +216,7 @@ def wrong_filters(r, p):
         return
     r.table("wrong", ["truth", "claimed, V²", "true, V²", "optimal, V²", "true over optimal"], rows,
             "The given filter in steady state on other truths.")
-    r.says("{tab:wrong} has it: a wrong initial variance is forgotten, a wrong strength is not. The claim stays what it was, whatever the truth is.")
+    r.says("In {tab:wrong} the claim stays what it was, whatever the truth is. A wrong strength is not forgotten; a wrong initial variance is, so that it has no row there.")
 
 
 def plan(r, p, experiment, answer, system):

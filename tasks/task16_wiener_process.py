@@ -43,9 +43,9 @@ class Parameters(LabParameters):
 
     Q: Variance = given(4.0, unit="m²/s", meaning="strength of the process noise w")
     R: Positive = given(16.0, unit="m²·s", meaning="strength of the measurement noise v")
-    x0_mean: Real = given(10.0, unit="m", meaning="mean of x(0)")
+    x0_mean: Real = given(10.0, unit="m", meaning="mean of x(0)", symbol=r"\bar x_0")
     P0: Variance = given(25.0, unit="m²", meaning="variance of x(0)")
-    dt: Positive = given(1.0, unit="s", meaning="period of the discrete measurements")
+    dt: Positive = given(1.0, unit="s", meaning="period of the discrete measurements", symbol="dt")
 
 
 def model(p):
@@ -113,7 +113,7 @@ def part_b(r, p, answer, system, sampled):
     r.math(r"x(t_{i+1}) = x(t_i) + w_d(t_i), \quad z(t_i) = x(t_i) + v_d(t_i), \qquad Q_d = Q\,dt, \quad R_d = \frac{R}{dt}", "sampled")
     r.says("**What is left out.** While $z$ is averaged, $x$ itself moves. The average over the period that ends at $t_i$ is")
     r.math(r"\frac1{dt}\int_{t_{i-1}}^{t_i}z\,dt = x(t_i) + \frac1{dt}\int_{t_{i-1}}^{t_i}v\,dt - \frac1{dt}\int_{t_{i-1}}^{t_i}(\tau - t_{i-1})\,w(\tau)\,d\tau", "average")
-    r.says("with a last term of the variance $Q\\,dt/3$. Beside the variance $R/dt$ of the noise this is the fraction $Q\\,dt^2/(3R) = (\\kappa\\,dt)^2/3$, here {share:2}: it vanishes like $dt^2$, faster than the difference of first order between $P^\\pm$ and $P(t)$ that sampling itself makes. So the model takes the measurement as one of $x(t_i)$.", share=p.Q * p.dt**2 / (3 * p.R))
+    r.says("with a last term of the variance $Q\\,dt/3$, which is correlated with the $w_d$ of the same period, with the covariance $-Q\\,dt/2$. {eq:sampled} leaves it out: it is the model of a sampler that measures $x(t_i)$ itself. Beside the variance $R/dt$ of the noise that of the last term is the fraction $Q\\,dt^2/(3R) = (\\kappa\\,dt)^2/3$, here {share:2}. Its covariance does more: a filter that knows of both has the steady variance $P^+ = \\sqrt{QR}\\,(1 + (\\kappa\\,dt)^2/24 + \\dots)$, since averages lose next to nothing of the continuous record, while the sampler's is lower by $Q\\,dt/2$ to first order ({eq:steady}). Both tend to the continuous filter as $dt \\to 0$.", share=p.Q * p.dt**2 / (3 * p.R))
     r.model(sampled)
     r.check("Q_d", sampled.Qd, [[p.Q * p.dt]], ("integral of ΦGQGᵀΦᵀ", "by hand"), EXACT)
     r.check("R_d", sampled.R, [[p.R / p.dt]], ("model", "by hand"), EXACT)
@@ -159,7 +159,7 @@ def plan(r, p, experiment, system):
     scale = time_scale(p)
     steps = min(max(math.ceil(10 * scale / p.dt), 20), 400)
     close = fine(system, p.dt, steps, scale)
-    r.says("{tab:plan} lists what was chosen. The continuous filter cannot be run on a computer as it stands, since white noise has no values. It is replaced by the discrete filter with a period δ much shorter than its time constant, on measurements with the variance $R/\\delta$; the variance of this filter differs from $P(t)$ by $O(\\delta)$, and {tab:ensemble} says by how much. The same paths of x serve both filters in the pictures of single runs.")
+    r.says("{tab:plan} lists what was chosen. The continuous filter cannot be run on a computer as it stands, since white noise has no values. It is replaced by the discrete filter with a period δ much shorter than its time constant, on measurements with the variance $R/\\delta$; the variance of this filter differs from $P(t)$ by $O(\\delta)$, and {tab:ensemble} says by how much. In the picture of a single run both filters follow the same path of x.")
     r.table("plan", ["quantity", "value", "why"], [
         ["period of the discrete filter dt, s", p.dt, "given"],
         ["its measurements", steps, "ten time constants, but 20 at least and 400 at most"],

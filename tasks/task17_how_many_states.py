@@ -47,7 +47,7 @@ class Parameters(LabParameters):
     R: Positive = given(2.0, unit="m²·s", meaning="strength of the measurement noise v")
     P01: Variance = given(1.0, unit="m²", meaning="variance of x1(0)")
     P02: Variance = given(2.0, unit="m²", meaning="variance of x2(0)")
-    dt: Positive = given(1.0, unit="s", meaning="period of the discrete measurements")
+    dt: Positive = given(1.0, unit="s", meaning="period of the discrete measurements", symbol="dt")
 
 
 def model(p):

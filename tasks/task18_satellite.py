@@ -46,11 +46,11 @@ class Parameters(LabParameters):
     """What may be changed."""
 
     r0: Positive = given(7.0e6, unit="m", meaning="radius of the nominal circular orbit")
-    w: PositiveOrNull = given(None, unit="rad/s", meaning="its angular rate; null: $\\sqrt{3.986004418\\cdot10^{14}/r_0^3}$, the Earth's")
+    w: PositiveOrNull = given(None, unit="rad/s", meaning="its angular rate; where none is given, $\\sqrt{3.986004418\\cdot10^{14}/r_0^3}$, the Earth's")
     sigma_r: Positive = given(50.0, unit="m", meaning="standard deviation of the range measurement")
     sigma_theta: Positive = given(1e-4, unit="rad", meaning="standard deviation of the angle measurement", symbol=r"\sigma_\Theta")
     dt: Positive = given(60.0, unit="s", meaning="sampling period")
-    steps: Count = given(200, unit="1", meaning="measurements")
+    steps: Count = given(200, unit="1", meaning="number of measurements", symbol="N")
     P0: Covariance(4) = given(((1e6, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1e-8, 0), (0, 0, 0, 1e-14)), unit="m, m/s, rad, rad/s", meaning="covariance of the deviations at t0")
 
 
@@ -103,8 +103,8 @@ def orbit(r, p, w, scale):
               Panel("along, r₀δΘ, km", (Curve("nonlinear equations", turns, p.r0 * bent[2] / 1e3, "black"),)),
               Panel("nonlinear − linear, m", (Curve("upwards", turns, up, "blue"), Curve("along the orbit", turns, along, "orange"))))
     r.figure("orbit", Drawing("Deviations", TURNS, panels, height=7.4),
-             "Two revolutions after a deviation of +σ in all four states, seen from the nominal satellite: the deviations upwards and along the orbit, and the difference between the nonlinear and the linear motion. {shrunk}",
-             shrunk=text("The start is less than given, {share:2} of the orbit.", share=scales.spread(p)) if scales.far(p) else "")
+             text("Two revolutions after a deviation of +σ in all four states, seen from the nominal satellite: the deviations upwards and along the orbit, and the difference between the nonlinear and the linear motion.",
+                  " The start is less than given, {share:2} of the orbit." if scales.far(p) else "", share=scales.spread(p)))
     r.says("In {fig:orbit} the deviation upwards is a periodic one about a constant, while that along the orbit drifts by the same amount in each revolution. The linear equations leave the nonlinear motion by {apart:2} m at most, which is {share:2} of the largest deviation.",
            apart=float(np.hypot(up, along).max()), share=float(np.hypot(up, along).max() / max(np.hypot(bent[0], p.r0 * bent[2]).max(), 1e-300)))
 

@@ -95,7 +95,7 @@ def part_a(r, p, answer, systems):
     t = np.linspace(0.0, HORIZON, 241)
     lines = {label(R): bucy.transient(system, t).P[:, 0, 0] for R, system in zip(p.R_values, systems, strict=True)}
     ends = dict(zip(lines, [limit.P[0, 0] for limit in limits], strict=False)) if len(lines) == len(limits) else None
-    r.says("{fig:variance} and {tab:variance}: each curve goes monotonically from $P_0$ to its limit. A noisier measurement has the higher limit and is slower in reaching it, for the rate κ is the smaller, the larger R is; $P_\\infty$ itself never falls below 2R, however small Q may be.")
+    r.says("In {fig:variance} each curve goes monotonically from $P_0$ to its limit; {tab:variance} has the numbers. A noisier measurement has the higher limit and is slower in reaching it, for the rate κ is the smaller, the larger R is; $P_\\infty$ itself never falls below 2R, however small Q may be.")
     r.figure("variance", plots.transient(t, lines, limits=ends, xlabel=TIME, ylabel="error variance, m²"), "P(t) of {eq:variance} for each R, and its limit (dashed).")
 
 
@@ -171,7 +171,7 @@ def part_c(r, p, answer, sampled):
     r.table("discrete", ["R, m²·s", "P⁻, m²", "P⁺, m²", "K", "pole (1−K)e^Δt", "P∞ of continuous time, m²"],
             [(R, limit.P_minus[0, 0], limit.P_plus[0, 0], limit.K[0, 0], pole, end) for R, limit, pole, end in zip(p.R_values, limits, poles, answer["variance_steady_continuous"], strict=True)],
             text("Steady state of the discrete filters, Δt = {dt} s, beside that of continuous time.", dt=p.dt))
-    r.says("{tab:discrete}: the limits of the continuous filter lie between those of P⁻ and P⁺, and all poles inside the unit circle.")
+    r.says("In {tab:discrete} each limit of the continuous filter lies between P⁻ and P⁺, and every pole inside the unit circle.")
     not_euler(r, p, answer, sampled)
 
 
@@ -213,7 +213,7 @@ def not_euler(r, p, answer, sampled):
     r.figure("approximation", plots.lines(t[keep], {k: v[keep] for k, v in curves.items()}, xlabel=TIME, ylabel="RMS error, m", log="y", straight=claimed, points={"RMS of x": (t[keep][::skip], growth[keep][::skip])}),
              "Errors of the right filter and of that with 1 + Δt, {name}; dots: the size of x.", name=label(p.R_values[0]))
     grown = true[:stop][-1] > 2 * right.sd_plus[:stop, 0][-1]
-    r.says("In the figure the two filters claim nearly the same (dashed line), ", "but the true error of the second leaves its claim and then grows in parallel with x." if grown else "and at this period the second is true to its claim over the time shown; its error will leave it only when x has become large enough.")
+    r.says("In {fig:approximation} the two filters claim nearly the same (dashed line), ", "but the true error of the second leaves its claim and then grows in parallel with x." if grown else "and at this period the second is true to its claim over the time shown; its error will leave it only when x has become large enough.")
 
 
 def plan(r, p, experiment, answer):
@@ -294,7 +294,7 @@ def convergence(r, p, systems):
         for name, (values, order) in errors.items():
             r.order(text("order of {name}, {R}", name=name, R=label(R)), np.abs(values), order, ("discrete filter", "continuous filter"))
         rows += [(R, dt, *(float(values[i]) for values, _order in errors.values())) for i, dt in enumerate(periods)]
-    r.says("**A shorter period.** {tab:convergence}: as the period is halved the bounds come nearer by half, their mean by three quarters. The sampled filter agrees with the continuous one.")
+    r.says("**A shorter period.** In {tab:convergence} each halving of the period halves the distance of both bounds from $P_\\infty$ and leaves a quarter of that of their mean, as {eq:expansion} says: in the limit the sampled filter is the continuous one.")
     r.table("convergence", ["R, m²·s", "Δt, s", "P⁻ − P∞, m²", "P∞ − P⁺, m²", "mean − P∞, m²"], rows, "Steady variances of the discrete filter as the period is halved, from the limit of P(t).")
 
 

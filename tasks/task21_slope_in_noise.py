@@ -136,7 +136,7 @@ def halving_and_bound(r, p, system, T):
     age = np.linspace(0.0, 4 * T, 161)[1:]
     decay = {text("error at {s} s", s=s): np.array([by_hand.variance(p.R, p.P0, s + t) / by_hand.variance(p.R, p.P0, s) for t in age]) for s in (0.0, T, 3 * T, 10 * T)}
     figure = plots.lines(age, decay, xlabel="time since the error entered, s", ylabel="what is left of it, ratio ψ(s + T, s)", ordered=True, ylim=(0, 1.05))
-    r.says("{fig:decay} and {tab:halving} show the missing uniformity: the curves are drawn over the age of the error, so for a uniformly asymptotically stable filter they would all lie below one curve that falls to zero. Here they rise to 1 as the error enters later and later; where the error that enters at t = 0 is gone, that of $10t_*$ has lost about two thirds.")
+    r.says("{fig:decay} and {tab:halving} show the missing uniformity: the curves are drawn over the age of the error, so for a uniformly asymptotically stable filter they would all lie below one curve that falls to zero. Here they rise to 1 as the error enters later and later; where only a few per cent are left of the error that enters at t = 0, that of $10t_*$ has lost less than two thirds.")
     r.figure("decay", figure, "What is left of an error, by its age, if it enters at 0, $t_*$, $3t_*$ and $10t_*$: the later it enters, the longer it stays.")
 
 
@@ -175,9 +175,9 @@ def plan(r, p, experiment):
     r.table("plan", ["quantity", "value", "why"], [
         ["period Δt, s", p.dt, "given"],
         ["measurements", steps, "to ten times the instant of the largest gain; 20 at least, 300 at most"],
-        ["last measurement at, s", steps * p.dt, "there P is far below P0, if the number above is not the most"],
+        ["last measurement at, s", steps * p.dt, "there P is far below $P_0$, unless the number above is the most that is allowed"],
         ["runs", experiment.runs, text("a standard error of the variance of {percent:2} %", percent=100 * math.sqrt(2 / experiment.runs))],
-        ["seed", experiment.seed, "a is drawn anew in every run, with variance P0"],
+        ["seed", experiment.seed, "a is drawn anew in every run, with the variance $P_0$"],
     ], "Plan of the experiment.")
     return {"steps": steps}
 

@@ -131,6 +131,8 @@ def filter_a(r, p, answer, small):
     r.check("P(t) at 201 times", curve, closed, ("Riccati equation, integrated", "closed form"))
     r.says("In closed form {eq:filter} has the solution")
     r.math(r"P(t) = \frac{P(0^+)(1 - \beta\tau) + \alpha\tau}{1 + [\beta + \gamma P(0^+)]\,\tau}, \quad \tau = \frac{\tanh ac_1t}{ac_1}, \qquad \alpha = \frac{Q_1Q_2}{Q_1+Q_2}, \quad \beta = \frac{aQ_1}{Q_1+Q_2}, \quad \gamma = \frac{a^2}{Q_1+Q_2}", "variance")
+    if p.a:
+        r.says("As $a \\to 0$ the noise, too, becomes a Wiener process: β and γ vanish, τ becomes t, and $P(t) = P(0^+) + \\alpha t$ has no limit. One sees it beforehand: with $a = 0$ both states have the eigenvalue 0, $HF = 0$, and how z is divided leaves no trace in it; the model is not observable.")
 
 
 def part_b(r, p, answer, discrete):
@@ -180,7 +182,7 @@ def part_c(r, p, answer, discrete):
         rate = p.a * answer["c1"]
         num, den = answer["filter_transfer_function"]
         figure = plots.bode({"continuous": (num, den), text("discrete, Δt = {dt} s", dt=p.dt): (*transfer, p.dt)}, np.geomspace(rate / 30, max(30 * p.a, 3 / p.dt), 400), marks={"$ac_1$": rate, "$a$": p.a})
-        r.says("{fig:bode}: slow changes of z pass with gain 1, since noise of the pole a dies out and what remains must be the object; fast ones pass only with the gain that is the object's share of them. Between the corners the phase lags. The discrete filter follows the continuous one up to frequencies near its Nyquist frequency.")
+        r.says("In {fig:bode} slow changes of z pass with gain 1, since noise of the pole a dies out and what remains must be the object; fast ones pass with the gain $c_1$ only, whose square is the object's share $Q_1/(Q_1 + Q_2)$ in their power. The phase lags, most between the corners. The discrete filter follows the continuous one up to frequencies near its Nyquist frequency.")
         r.figure("bode", figure, "Frequency responses of the steady filters of {eq:transfer} and {eq:reduced}; dotted: the corners.")
 
 

@@ -51,7 +51,7 @@ class Parameters(LabParameters):
     noise_pole: Positive = given(4.0, unit="1/s", meaning="pole of the noise's spectrum", symbol="b")
     test_pole: Positive = given(5.0, unit="1/s", meaning="pole of the test input 2pN/(ω² + p²) in part (b)", symbol="p")
     dt: Positive = given(0.1, unit="s", meaning="period of the discrete measurements")
-    steps: Count = given(20, unit="1", meaning="measurements after t0 in the list", symbol="N")
+    steps: Count = given(20, unit="1", meaning="measurements after t0 in the list", symbol=r"i_{\max}")
 
     @model_validator(mode="after")
     def _present(self):

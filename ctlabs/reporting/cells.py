@@ -66,7 +66,12 @@ def _sizes(value: Any) -> list[int]:
 
 
 def plain_words(text: str) -> str:
-    """Markdown and LaTeX out of a caption, for alternative texts and CSV headers."""
-    text = re.sub(r"\{\w+:[^{}]+\}", "", text)
+    r"""Markdown and LaTeX out of a caption, for alternative texts and CSV headers; a reference becomes its kind.
+
+    >>> plain_words("The gain of {eq:filter}, $\\bar K$")
+    'The gain of the equation,  K'
+    """
+    kinds = {"eq": _("the equation"), "fig": _("the figure"), "tab": _("the table")}
+    text = re.sub(r"\{(\w+):[^{}]+\}", lambda found: kinds.get(found[1], ""), text)
     text = re.sub(r"\\(?:bar|hat|tilde|mathrm)\b|\*\*|[`$\\{}]", "", text)
     return text.replace("[", "(").replace("]", ")")

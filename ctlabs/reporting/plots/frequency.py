@@ -99,7 +99,7 @@ def bode(
     nyquist = sorted({np.pi / dt for dt in map(_period, systems.values()) if dt and np.pi / dt <= omega.max()})
     lines += [Mark(_("Nyquist frequency"), at, "black", "dot", 1.0) for at in nyquist]
     panels = (
-        Panel(fill(_("magnitude, {unit}"), unit=unit), size, kind="log" if some else ""),
+        Panel(_("magnitude") if unit == "1" else fill(_("magnitude, {unit}"), unit=unit), size, kind="log" if some else ""),
         Panel(_("phase, degrees"), phase),
     )
     return Drawing(_("Bode plot"), _("frequency ω, rad/s"), panels, log=True, marks=tuple(lines), height=5.4)
