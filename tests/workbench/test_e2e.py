@@ -859,7 +859,7 @@ def test_dark_and_light_are_chosen(visit: Visits) -> None:
 def test_two_tabs_have_two_drafts(visit: Visits) -> None:
     """What is typed in one is not in the other, undo and settings neither."""
     person = visit()
-    one, two = person.tab(), person.tab()
+    one, two = person.tab(), person.tab(query="?draft=new")
     one.load(OSCILLATOR)
     two.load(ready("local_level").dumps(), "level.toml")
     until(lambda: one.page.url != two.page.url)
@@ -896,7 +896,7 @@ def test_another_host_needs_its_token(another: Servers, visit: Visits) -> None:
     server = another("--host", "0.0.0.0")
     token = re.search(r"\?token=([\w-]+)", server.start())
     assert token
-    person, stranger = visit(server), visit(server)
+    person, stranger = visit(server, admitted=False), visit(server, admitted=False)
     stranger.forgiven = "403"
     page = stranger.context.new_page()
     assert page.goto(f"{server.address}/model").status == 403

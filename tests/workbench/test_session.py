@@ -503,13 +503,19 @@ def test_a_long_history_forgets_its_oldest_steps_only(session: Session, monkeypa
 
 
 def test_a_draft_that_is_open_twice_is_not_overwritten(session: Session, store: Store) -> None:
-    """Two servers on one folder: the one whose history is old is told to reload, and both texts stay whole."""
+    """Two servers on one folder: edits of cells merge, and what was meant for the old text as a whole is refused."""
     other = Session.resume(store, session.draft.id)
     session.do(c.EditCell(("title",), "Mine"))
-    for late in (lambda: other.do(c.EditCell(("title",), "Theirs")), lambda: other.do(c.Add("state", "x"))):
-        with pytest.raises(ValueError, match="edited elsewhere: reload the page"):
-            late()
-    assert Session.resume(store, session.draft.id).title == "Mine"
+    other.do(c.EditCell(("model", "F", 0, 1), "7.5"))
+    assert other.title == "Mine"
+    session.do(c.EditCell(("model", "F", 1, 0), "8.5"))
+    assert session.sheet.grids["F"].rows[0][1].text == "7.5"
+    assert Session.resume(store, session.draft.id).text == session.text
+    for late in (c.Rewrite(other.text + "# mine\n"), c.Remove("state", 0)):
+        session.do(c.EditCell(("title",), session.title + "!"))
+        with pytest.raises(ValueError, match="edited elsewhere and has been read again"):
+            other.do(late)
+        assert other.text == session.text
     session.undo()
     other = Session.resume(store, session.draft.id)
     session.redo()

@@ -14,7 +14,9 @@ time and is then the same. Errors are ``ValueError`` in one line and change noth
 from __future__ import annotations
 
 import asyncio
+import logging
 import re
+import threading
 import unicodedata
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -26,7 +28,7 @@ from ctlabs.studies.understanding import Understanding, compute
 from ctlabs.workbench.desk import commands
 from ctlabs.workbench.desk.commands import Command
 from ctlabs.workbench.desk.sheet import ModelSheet
-from ctlabs.workbench.desk.store import REVISIONS
+from ctlabs.workbench.desk.store import REVISIONS, Edited
 from ctlabs.workbench.runs import comparing
 from ctlabs.workbench.runs.comparing import Difference
 from ctlabs.workbench.runs.outcomes import REGISTERED, Asked, Outcome, Upload, outcome, packed
@@ -35,6 +37,8 @@ from ctlabs.workbench.runs.running import Running
 if TYPE_CHECKING:
     from ctlabs.workbench.desk.store import Draft, KeptExperiment, Store
     from ctlabs.workbench.runs.worker import Cancel, Runner, RunProgress
+
+log = logging.getLogger("ctlabs.workbench")
 
 #: Longest name of an experiment.
 LONGEST = 120
@@ -66,11 +70,9 @@ class Session:
 
     def __init__(self, draft: Draft, *, store: Store, runner: Runner | None = None) -> None:
         self.draft, self.store, self.runner = draft, store, runner
-        self._revisions = [(each.number, each.label) for each in store.history(draft.id)]
-        self._sheet: ModelSheet | None = None
-        self._understanding: Understanding | None = None
-        self._at = next(i for i, (number, _) in enumerate(self._revisions) if number == draft.number)
-        self._set(_file(draft.text), draft.text)
+        #: Held by whoever edits: a large model is edited in a thread.
+        self.turn = threading.RLock()
+        self._read(draft)
         noted = draft.notes.get("plan")
         self.plan = replace(Asked(), **_told(self.file)) if noted is None else self._plan(noted)
         self._parsing: tuple[tuple[Upload, ModelFile | tuple[str, ...]], Record] | None = None
@@ -84,6 +86,23 @@ class Session:
         self.experiment_run, self.lab_run = Running(), Running()
         #: Which part of the results is looked at: it is shown again after the next run.
         self.part = ""
+
+    def _read(self, draft: Draft) -> None:
+        """Take what the store has of the draft."""
+        self.draft = draft
+        self._revisions = [(each.number, each.label) for each in self.store.history(draft.id)]
+        self._at = next(i for i, (number, _) in enumerate(self._revisions) if number == draft.number)
+        self._set(_file(draft.text), draft.text)
+
+    def again(self) -> bool:
+        """Read the draft again if another server on the same folder has edited it; whether one has."""
+        with self.turn:
+            found = self.store.draft(self.draft.id)
+            if found is None or found.number == self._revisions[self._at][0]:
+                return False
+            self._read(found)
+            self._begun = dict(found.notes.get("begun", ()))
+            return True
 
     @classmethod
     def begin(cls, store: Store, owner: str = "local", text: str = "", *, runner: Runner | None = None) -> Session:
@@ -138,13 +157,24 @@ class Session:
         return self._sheet
 
     def do(self, command: Command) -> None:
-        """Carry out a command and save the result.
+        """Carry out a command and save the result; where another server has edited the draft meanwhile, on what it has become:
+        what was typed into other cells there stays.
 
         Raises
         ------
         ValueError
             The command is impossible: one line, and nothing has changed.
         """
+        with self.turn:
+            try:
+                self._do(command)
+            except Edited:
+                self.again()
+                if isinstance(command, commands.Rewrite | commands.Remove):  # it was meant for what is no more
+                    raise
+                self._do(command)
+
+    def _do(self, command: Command) -> None:
         file, label = commands.apply(self.file, command)
         text = file.dumps()
         if not text:
@@ -405,6 +435,14 @@ class Session:
         return self._parsing[1]
 
     def _move(self, at: int) -> None:
+        with self.turn:
+            try:
+                self._moved(at)
+            except Edited:
+                self.again()
+                raise
+
+    def _moved(self, at: int) -> None:
         try:
             text = self.store.move(self.draft.id, self._revisions[at][0], after=self._revisions[self._at][0])
         except LookupError as error:
@@ -437,8 +475,11 @@ class Session:
         return outcome(result)
 
     def _finished(self, found: Outcome, text: str, plan: Asked, name: str) -> Outcome:
-        self._show(found, None)  # it can be looked at even where it cannot be kept
-        self._show(found, self._keep(found, text, plan, name))
+        self._show(found, None)
+        try:
+            self._show(found, self._keep(found, text, plan, name))
+        except RuntimeError:  # it can be looked at even where it cannot be kept; the page says that it is not
+            log.exception("keeping an experiment")
         return found
 
     def _show(self, found: Outcome, number: int | None) -> None:

@@ -67,6 +67,12 @@ window.ctlabs = {
       if (document.activeElement === document.body) document.querySelector(".ctl-main")?.focus({ preventScroll: true });
     }, 50);
   },
+  // The server is told as soon as no field of the page has the focus.
+  rest() {
+    const field = document.activeElement?.closest?.(".ctl-main :is(input, textarea, [contenteditable])");
+    if (!field) return emitEvent("ctlabs_rests");
+    field.addEventListener("focusout", () => setTimeout(() => this.rest()), { once: true });
+  },
   // Results that are elsewhere than where one looks are brought there; those that are seen stay where they are.
   bring(id) {
     const card = getHtmlElement(id), top = card?.getBoundingClientRect().top;
