@@ -312,7 +312,8 @@ class Server:
         """A request as a program makes it that was shown the token, unless it says itself which cookies it has."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
         try:
-            sent = {"Host": f"127.0.0.1:{self.port}", "Cookie": self._cookie()} | {key.replace("_", "-"): value for key, value in headers.items()}
+            sent = {"Host": f"127.0.0.1:{self.port}", "Cookie": self._cookie()}
+            sent |= {key.replace("_", "-"): value for key, value in headers.items()}
             connection.request(method, path, headers=sent)
             answer = connection.getresponse()
             return answer.status, {key.lower(): value for key, value in answer.getheaders()}, answer.read().decode()
@@ -553,6 +554,9 @@ def test_in_a_browser_tabs_and_browsers_are_apart(served: Server, browser: Any) 
     _shows(same, "model")
     until(lambda: same.input_value(FIELD) == "mine")
     same.fill(FIELD, "ours")
+    same.wait_for_selector(SAVED)
+    assert one.evaluate("document.activeElement.value") == "mine"  # nothing is taken from hands that may be typing
+    one.evaluate("document.activeElement.blur()")
     one.wait_for_function(f"() => document.querySelector(\"{FIELD}\")?.value === 'ours'")
     other = Watched(browser, served)
     other.tab.goto(other.address)

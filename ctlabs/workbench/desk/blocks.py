@@ -23,7 +23,6 @@ from ctlabs.linalg import riccati
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.companion import companion
 from ctlabs.models import spectra
-from ctlabs.workbench.desk.plain import data
 
 #: Highest degree of a numerator or denominator.
 DEGREE = 12
@@ -169,7 +168,7 @@ def _block(F: Array, G: Array, H: Array, D: float) -> Block:
 
 def _into_noise(file: ModelFile, made: Block, command: InsertBlock, before: int) -> ModelFile:
     """The block's output enters where the white noise did."""
-    model, j = data(file)["model"], command.into
+    model, j = file.contents["model"], command.into
     strength = _text(model["Q"][j][j])
     if command.kind == "psd":
         own = [i for i in range(len(model["Q"])) if i != j]

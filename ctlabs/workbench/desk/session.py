@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("ctlabs.workbench")
 
+#: Models with a longer text are edited in a thread.
+LARGE = 12_000
 #: Longest name of an experiment.
 LONGEST = 120
 #: The commands that put a model in the place of another.
@@ -72,6 +74,8 @@ class Session:
         self.draft, self.store, self.runner = draft, store, runner
         #: Held by whoever edits: a large model is edited in a thread.
         self.turn = threading.RLock()
+        self._sheet: ModelSheet | None = None
+        self._understanding: Understanding | None = None
         self._read(draft)
         noted = draft.notes.get("plan")
         self.plan = replace(Asked(), **_told(self.file)) if noted is None else self._plan(noted)
@@ -117,6 +121,16 @@ class Session:
             msg = f"draft {draft}: expected one that is kept, received an unknown id"
             raise ValueError(msg)
         return cls(found, store=store, runner=runner)
+
+    @property
+    def large(self) -> bool:
+        """Whether an edit takes long enough to be made in a thread."""
+        return len(self._text) > LARGE
+
+    def prepare(self) -> None:
+        """Compute what a page shows of the model; of a large one it takes a while, and is best done in a thread."""
+        sheet = self.sheet
+        _ = sheet.problems, sheet.grids, sheet.constants, sheet.equations()
 
     def warm(self) -> None:
         """Load what :meth:`understand` needs; takes about a second, once, and is best called in a thread."""
