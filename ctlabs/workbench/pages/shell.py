@@ -11,6 +11,7 @@ the package's own function ``over(session, shell)`` draws what stays over every 
   nobody types there
 - ``shell.go("experiment")``, ``shell.refresh()``, ``shell.on_leave(stop)``, ``shell.name_draft("Tracking")``
 - ``shell.desk.store``, ``shell.desk.runner``, ``shell.owner``, ``shell.browser``: where things are kept and run, for whom
+- ``shell.query``: what the address asked for beside the draft
 
 An exception that leaves a handler of the page is shown in one line and its traceback goes to the log.
 """
@@ -79,6 +80,8 @@ class Shell:
     def __init__(self, desk: Desk, client: Client, request: Request, pages: str) -> None:
         self.desk, self.client, self._package, self._pages = desk, client, pages, listed(pages)
         self.browser: str = request.scope["ctlabs.session"]
+        #: What the address asked for beside the draft, until a page has taken it.
+        self.query = {key: value for key, value in request.query_params.items() if key != "draft"}
         theme = request.cookies.get("ctlabs_theme", "auto")
         self.theme = theme if theme in THEMES else "auto"
         self.current = self._pages[0].name
@@ -193,6 +196,7 @@ class Shell:
         self._place, name = place, self._asked or name
         for page in self._pages:
             self.shortcut(page.keys, page.title, partial(self.go, page.name), lasting=True)
+        self.shortcut("f1", "Help on what has the focus", self._no_help, lasting=True)
         self.shortcut("?", "Keyboard shortcuts", self.show_shortcuts, in_fields=False, lasting=True)
         ui.navigate.history.replace(self._url(name))
         self.show(name)
@@ -231,6 +235,8 @@ class Shell:
             try:
                 module = importlib.import_module(f"{self._package}.{name}")
                 with self._main:
+                    title = next(page.title for page in self._pages if page.name == name)
+                    ui.html(escape(title), sanitize=False, tag="h1").classes("ctl-sr")
                     module.page(self.place.session, self)
                 importlib.import_module(self._package).over(self.place.session, self)
             except Exception as why:
@@ -388,6 +394,11 @@ class Shell:
                     ui.html(f"<kbd>{escape(keys)}</kbd>", sanitize=False)
                     ui.label(label)
             ui.button("Close", on_click=made.close).props("flat autofocus")
+
+    def _no_help(self) -> None:
+        """The browser has found no help beside what has the focus: all of it is on a page of its own."""
+        if any(page.name == "help" for page in self._pages):
+            self.go("help")
 
     def _tell_keys(self) -> None:
         """The keys go to the browser with the page, as an attribute of it: there is no page without its keys."""
