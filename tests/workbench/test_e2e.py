@@ -684,7 +684,7 @@ def test_help_is_beside_every_field(visit: Visits) -> None:
     parts = tab.page.locator(".ctl-part .ctl-caption")
     until(lambda: parts.count() == parts.locator("[data-test^=help-]").count() >= 9)
     tab.get("help-F").click()
-    told = tab.page.locator(".q-menu [role=dialog]")
+    told = tab.page.locator(".q-menu[role=dialog]")
     told.locator("math").first.wait_for()
     until(lambda: "Example" in told.inner_text())
     tab.press("Escape")

@@ -450,8 +450,8 @@ class _Form:
         wide = field.kind == "matrix" or len(field.default) > 24
         with ui.element("div").classes("ctl-lab-field" + (" ctl-lab-wide" if wide else "")):
             if field.symbol:
-                unit = "" if field.unit in {"1", ""} else f", {escape(field.unit)}"
-                name = f' <span class="ctl-lab-hint">{escape(field.name)}</span>'
+                unit = f", {escape(field.unit)}" if field.kind == "matrix" and field.unit not in {"1", ""} else ""
+                name = "" if field.symbol == field.name else f' <span class="ctl-lab-hint">{escape(field.name)}</span>'
                 ui.html(f"{mathml(field.symbol)}{unit}{name}", sanitize=False).props("aria-hidden=true").classes("ctl-lab-symbol")
             cells = self._cells(field, value)
             words = f"{field.meaning} · {field.allowed}".replace(">=", "≥").replace("null", "empty")
