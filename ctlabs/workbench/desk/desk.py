@@ -126,6 +126,8 @@ class Desk:
                 session = _named(self._path)(draft, store=store, runner=self.runner)
             elif (again := getattr(session, "again", None)) is not None:
                 again()  # another server on the same folder may have edited it
+            if (told := getattr(session, "take_notices", None)) is not None:
+                notices += told()
             with self._lock:
                 self._open[draft.id] = session
                 self._tabs.setdefault(draft.id, []).append(shell)

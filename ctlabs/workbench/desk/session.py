@@ -14,6 +14,7 @@ time and is then the same. Errors are ``ValueError`` in one line and change noth
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import re
 import threading
@@ -90,6 +91,8 @@ class Session:
         self.experiment_run, self.lab_run = Running(), Running()
         #: Which part of the results is looked at: it is shown again after the next run.
         self.part = ""
+        #: Texts that could not be saved, by matrix and cell: they stay when another page is shown.
+        self.refused: dict[str, dict[str, tuple[str, str, str]]] = {}
 
     def _read(self, draft: Draft) -> None:
         """Take what the store has of the draft."""
@@ -107,6 +110,15 @@ class Session:
             self._read(found)
             self._begun = dict(found.notes.get("begun", ()))
             return True
+
+    def take_notices(self) -> tuple[str, ...]:
+        """What whoever opens the draft has to be told, once."""
+        interrupted = bool(self.draft.notes.get("running")) and not self.experiment_run.running
+        if interrupted:
+            self.draft.notes.pop("running")
+            self._running(going=False)
+        line = "run: the one that went on when the workbench ended was interrupted; Run on the page Experiment starts it again"
+        return (line,) if interrupted else ()
 
     @classmethod
     def begin(cls, store: Store, owner: str = "local", text: str = "", *, runner: Runner | None = None) -> Session:
@@ -329,7 +341,17 @@ class Session:
             The plan or the model cannot be run; it was cancelled, too large or too long. One line.
         """
         job, text, plan = self.job(), self.text, self.plan
-        return self._finished(await self._ran(job, progress, cancel), text, plan, name)
+        self._running(going=True)
+        try:
+            found = await self._ran(job, progress, cancel)
+        finally:
+            self._running(going=False)
+        return self._finished(found, text, plan, name)
+
+    def _running(self, *, going: bool) -> None:
+        """Note that a run goes on, so that one is known which a killed server has not ended."""
+        with contextlib.suppress(RuntimeError):
+            self.store.note(self.draft.id, running=going)
 
     async def rerun(
         self,

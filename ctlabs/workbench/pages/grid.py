@@ -27,6 +27,10 @@ Typed = Callable[[str, str], str | Awaitable[str]]
 
 
 
+#: A text that was refused: what was there before, the text, why.
+Refused = tuple[str, str, str]
+
+
 class CellElement(ui.element, component=STATIC / "grid.js"):
     """What a matrix and a field have in common: texts that are typed, numbered messages, texts that were refused.
 
@@ -34,14 +38,22 @@ class CellElement(ui.element, component=STATIC / "grid.js"):
     ----------
     on_typed : called with a cell's key and text; its answer is a line why the text is impossible, or empty
     on_done : called when a cell is left
+    refused : where the texts that were refused are remembered, if they are to outlive the element
 
     A text that is impossible stays in its cell with the line, until something else is shown or typed there.
     """
 
-    def __init__(self, mode: str, name: str, on_typed: Typed, on_done: Callable[[], object] | None = None) -> None:
+    def __init__(
+        self,
+        mode: str,
+        name: str,
+        on_typed: Typed,
+        on_done: Callable[[], object] | None = None,
+        refused: dict[str, Refused] | None = None,
+    ) -> None:
         super().__init__()
         self._typed, self._ack = on_typed, 0
-        self._refused: dict[str, tuple[str, str, str]] = {}
+        self._refused = {} if refused is None else refused
         self._last: dict[str, Any] = {}
         with self._props.suspend_updates():
             self._props.update({"mode": mode, "name": name, "rows": [], "rowNames": [], "ack": 0})
@@ -99,7 +111,11 @@ class CellElement(ui.element, component=STATIC / "grid.js"):
         self._last = found
         now = {**found, "ack": self._ack}
         for key, (before, text, line) in list(self._refused.items()):
-            if self._known(key) != before:  # the model has another text there by now
+            try:
+                gone = self._known(key) != before  # the model has another text there by now
+            except LookupError:
+                gone = True
+            if gone:
                 del self._refused[key]
             else:
                 self._put(now, key, text, line)
@@ -143,8 +159,9 @@ class GridElement(CellElement):
         on_done: Callable[[], object],
         row_kind: str = "",
         column_kind: str = "",
+        refused: dict[str, Refused] | None = None,
     ) -> None:
-        super().__init__("grid", name, on_typed, on_done)
+        super().__init__("grid", name, on_typed, on_done, refused)
         self._kinds = {"rowKind": row_kind or None, "removeColumn": column_kind or None}
         self.on("remove", lambda event: on_remove(event.args[0], int(event.args[1])))
 

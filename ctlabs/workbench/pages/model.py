@@ -352,6 +352,7 @@ class ModelPage:
             on_done=self.done,
             row_kind=row_kind,
             column_kind=column_kind,
+            refused=self.session.refused.setdefault(name, {}),
         )
 
     def _draw_times(self) -> None:
