@@ -162,9 +162,12 @@ class _Understand:
         self.wrong.set_visibility(bool(problems))
         if problems:
             where, message = next(iter(problems.items()))
+            name, _, rest = where.partition(".")
+            # Of a constant it is said at its field, beside this.
+            told = f"The constant {rest.removesuffix('.value')} is to be put right" if name == "constants" else f"{rest or where}: {message}"
             more = f" ({len(problems) - 1} more)" if len(problems) > 1 else ""
             below = " What stands below is of the model before." if stale else ""
-            self.why.text = f"{where.removeprefix('model.')}: {message}{more}.{below}"
+            self.why.text = f"{told}{more}.{below}"
         self.report.set_visibility(not problems)
         self.results.classes(add="ctl-stale" if stale else "", remove="" if stale else "ctl-stale")
         self.summary.classes(add="ctl-stale" if stale else "", remove="" if stale else "ctl-stale")
