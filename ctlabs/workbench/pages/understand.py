@@ -164,7 +164,8 @@ class _Understand:
             where, message = next(iter(problems.items()))
             name, _, rest = where.partition(".")
             # Of a constant it is said at its field, beside this.
-            told = f"The constant {rest.removesuffix('.value')} is to be put right" if name == "constants" else f"{rest or where}: {message}"
+            constant = f"The constant {rest.removesuffix('.value')} is to be put right"
+            told = constant if name == "constants" else f"{rest or where}: {message}"
             more = f" ({len(problems) - 1} more)" if len(problems) > 1 else ""
             below = " What stands below is of the model before." if stale else ""
             self.why.text = f"{told}{more}.{below}"
