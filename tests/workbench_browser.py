@@ -104,7 +104,7 @@ class Workbench:
     """The command ``ctlabs workbench`` in a process of its own, on a free port, with a folder of its own."""
 
     def __init__(self, folder: Path, *options: str) -> None:
-        self.folder, self.options, self.port = folder, options, 0
+        self.folder, self.options, self.port, self.token = folder, options, 0, ""
         self.outside_file, self.log = folder / "outside.log", folder / "server.log"
         (folder / "listener").mkdir()
         (folder / "listener" / "sitecustomize.py").write_text(textwrap.dedent(_LISTENER))
@@ -128,6 +128,8 @@ class Workbench:
         found = re.search(r":(\d+)/", line)
         assert found, line + self.log.read_text()
         self.port = int(found[1])
+        token = re.search(r"\?token=([\w-]+)", line)
+        self.token = token[1] if token else ""
         return line
 
     def kill(self) -> None:
@@ -188,15 +190,20 @@ def another(tmp_path: Path, opened: Browser) -> Iterator[Callable[..., Workbench
 
 
 class Visit:
-    """A browser with cookies of its own, that notes what it asks for and what it complains of."""
+    """A browser with cookies of its own, that notes what it asks for and what it complains of.
 
-    def __init__(self, browser: Browser, server: Workbench, **options: Any) -> None:
+    ``admitted`` : whether it has been shown the server's token
+    """
+
+    def __init__(self, browser: Browser, server: Workbench, *, admitted: bool = True, **options: Any) -> None:
         self.server, self.forgiven = server, "(?!)"
         options = {"viewport": DESKTOP, "reduced_motion": "reduce", **options}  # nobody waits for what fades in
         self.context = browser.new_context(**options)
         self.context.set_default_timeout(PATIENCE)
         self.requests: list[str] = []
         self.complaints: list[str] = []
+        if admitted and server.token:
+            self.context.request.get(f"{server.address}/model?token={server.token}")
         self.context.on("page", self._watch)
 
     def tab(self, page: str = "model", query: str = "") -> Tab:

@@ -684,7 +684,7 @@ def test_help_is_beside_every_field(visit: Visits) -> None:
     parts = tab.page.locator(".ctl-part .ctl-caption")
     until(lambda: parts.count() == parts.locator("[data-test^=help-]").count() >= 9)
     tab.get("help-F").click()
-    told = tab.page.locator(".q-menu [role=dialog]")
+    told = tab.page.locator(".q-menu[role=dialog]")
     told.locator("math").first.wait_for()
     until(lambda: "Example" in told.inner_text())
     tab.press("Escape")
@@ -859,7 +859,7 @@ def test_dark_and_light_are_chosen(visit: Visits) -> None:
 def test_two_tabs_have_two_drafts(visit: Visits) -> None:
     """What is typed in one is not in the other, undo and settings neither."""
     person = visit()
-    one, two = person.tab(), person.tab()
+    one, two = person.tab(), person.tab(query="?draft=new")
     one.load(OSCILLATOR)
     two.load(ready("local_level").dumps(), "level.toml")
     until(lambda: one.page.url != two.page.url)
@@ -888,6 +888,56 @@ def test_two_tabs_with_one_draft_show_the_same(visit: Visits) -> None:
     holds(same.cell("H", 0, 2), "0")
 
 
+def test_nothing_is_taken_from_typing_hands(visit: Visits) -> None:
+    """Two tabs with one draft: what one types stays whole while the other edits, and in the end both have both."""
+    one = begun(visit)
+    same = Tab(one.visit, one.visit.context.new_page())
+    same.open(one.page.url)
+    cell = same.cell("F", 1, 0)
+    cell.focus()
+    cell.press("End")
+    same.page.keyboard.type("*1.00")
+    edit(one, "H", 0, 2, text="0.25")
+    holds(same.cell("H", 0, 2), "0.25")
+    same.page.keyboard.type("01")
+    assert cell.input_value() == "-omega^2*1.0001"
+    assert same.page.evaluate("document.activeElement.dataset.test") == "cell-F-1-0"
+    holds(one.cell("F", 1, 0), "-omega^2*1.0001")
+
+
+def test_the_bare_address_and_the_title_lead_back(visit: Visits) -> None:
+    """To the draft last worked on, also in the tab that has it; and the title does not load the page again."""
+    tab = begun(visit)
+    address = tab.page.url
+    tab.open(tab.visit.server.address)
+    holds(tab.cell("F", 1, 0), "-omega^2")
+    assert tab.page.url == address
+    tab.page.evaluate("window.stays = 1")
+    tab.go("keep")
+    tab.page.click(".ctl-title")
+    holds(tab.cell("F", 1, 0), "-omega^2")
+    assert tab.page.evaluate("window.stays") == 1
+
+
+def test_what_was_found_stays_while_a_constant_is_wrong(visit: Visits) -> None:
+    """Understand follows as one types; a word for a number greys the results and is told once, a right one brings them back."""
+    tab = begun(visit)
+    tab.go("understand")
+    tab.curves("plot-bode")
+    seen = tab.get("summary").inner_text()
+    field = tab.field("constant-omega")
+    field.focus()
+    field.press("End")
+    tab.page.keyboard.type("+")
+    tab.get("understand-wrong").wait_for()
+    assert tab.page.locator(".ctl-stale").count() == 2
+    assert tab.page.locator("[data-test=reason]:visible").count() == 0
+    tab.press("Backspace")
+    tab.get("understand-wrong").wait_for(state="hidden")
+    until(lambda: tab.get("summary").inner_text() == seen)
+    assert tab.page.locator(".ctl-stale").count() == 0
+
+
 # Who may come in ---------------------------------------------------------------------------------------------------------
 
 
@@ -896,7 +946,7 @@ def test_another_host_needs_its_token(another: Servers, visit: Visits) -> None:
     server = another("--host", "0.0.0.0")
     token = re.search(r"\?token=([\w-]+)", server.start())
     assert token
-    person, stranger = visit(server), visit(server)
+    person, stranger = visit(server, admitted=False), visit(server, admitted=False)
     stranger.forgiven = "403"
     page = stranger.context.new_page()
     assert page.goto(f"{server.address}/model").status == 403

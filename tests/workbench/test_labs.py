@@ -369,7 +369,8 @@ class Bench(Running):
         self.start(catalogue.work(self.runner, self.draft, name, typed_values(name, **typed), runs, seed, folder), name)
 
     def outcome(self, name: str) -> catalogue.LabOutcome | None:
-        return catalogue.outcome(catalogue.place(self.data, self.draft, name))
+        kept = catalogue.kept(catalogue.place(self.data, self.draft, name))
+        return catalogue.outcome(kept[-1]) if kept else None
 
 
 def test_a_lab_runs_beside_the_page_and_is_cancelled_within_a_second(runner: Runner, tmp_path: Path) -> None:
@@ -423,3 +424,95 @@ def test_the_process_writes_where_it_was_told(runner: Runner, tmp_path: Path) ->
         assert [path.name for path in (tmp_path / "labs" / DRAFT).iterdir()] == ["task14"]
 
     asyncio.run(story())
+
+
+# What is kept and handed on -------------------------------------------------------------------------------------------
+
+
+def result(folder: Path, seed: int, value: float, **parameters: float) -> None:
+    """As much of a report as is read of it."""
+    folder.mkdir(parents=True)
+    check = {"name": "limit", "value": value, "passed": value < 2}
+    told = {"lab": "task07", "title": "T", "checks": [check], "parameters": parameters, "runs": 10, "seed": seed}
+    (folder / "results.json").write_text(json.dumps(told))
+    (folder / "run.json").write_text(json.dumps({"seconds": 1.0, "ensembles": 3}))
+
+
+def test_the_last_runs_are_kept_in_their_order_and_compared(tmp_path: Path) -> None:
+    """By number and not by letter; one from before there were numbers is the first; what is half written is none."""
+    place = tmp_path / "task07"
+    result(place, 0, 1.0, R=1.0, Q=1.0)
+    for number in (2, 10, 9):
+        result(place / str(number), number, 1.0 + number / 8, R=4.0, Q=1.0)
+    (place / "11").mkdir()
+    assert [each.name for each in catalogue.kept(place)] == ["task07", "2", "9", "10"]
+    first, last = (catalogue.outcome(each) for each in (place, place / "10"))
+    assert first is not None
+    assert last is not None
+    assert catalogue.compared(first, last) == [("R", "1", "4"), ("seed", "0", "10"), ("limit", "1", "2.25 (failed)")]
+
+
+def test_a_new_run_has_a_new_place_and_the_oldest_make_room(tmp_path: Path) -> None:
+    """The page's folder never holds more than so many."""
+    place = tmp_path / "task07"
+    asked: list[Any] = []
+
+    class Runner_:
+        def run(self, _name: str, arguments: dict[str, Any], **_: Any) -> None:
+            asked.append(arguments)
+
+    for seed in range(catalogue.KEPT + 3):
+        work = catalogue.work(Runner_(), "0" * 16, "task07", {}, 10, seed, place)  # type: ignore[arg-type]  # as much as it needs
+        work(lambda _: None, None)  # type: ignore[arg-type]
+        result(Path(asked[-1]["folder"]), seed, 1.0)
+    assert [each.name for each in catalogue.kept(place)] == [str(k) for k in range(4, catalogue.KEPT + 4)]
+    assert [each["expected"] for each in asked[:2]] == [0, 3]
+
+
+def test_an_address_holds_what_is_typed_and_nothing_else() -> None:
+    """There and back for numbers, lists and matrices; a name or shape that the lab does not have is passed over."""
+    from urllib.parse import parse_qsl
+
+    for lab, typed in (("task07", {"R": "4,5", "lambdas": "1; 2"}), ("task10", {"P0": [["4", "1/2"], ["0.5", "<b>"]]})):
+        told = dict(parse_qsl(catalogue.address(lab, typed, "50", "3")))
+        assert told.pop("lab") == lab
+        assert catalogue.from_address(lab, told) == {**typed, "": ["50", "3"]}
+    assert catalogue.address("task07", {}) == "lab=task07"
+    assert catalogue.from_address("task10", {"P0": "[[1]]", "none": "1", "Q": "[", "R": "2"}).keys() <= {"Q", "R", ""}
+
+
+def test_decimal_commas_are_understood() -> None:
+    """Alone, in a list with semicolons, and as groups of thousands not."""
+    found = check("task07", {"R": "0,5", "Q": "2,5e-1", "lambdas": "0,5; 2"}).values
+    assert found is not None
+    assert (found["R"], found["Q"], found["lambdas"]) == (0.5, 0.25, [0.5, 2])
+    assert "R" in check("task07", {"R": "1,000,000"}).problems
+
+
+def test_a_labs_model_takes_what_is_typed() -> None:
+    """Constants of the same name; what is as it was stays as it was written."""
+    from ctlabs.files.modelfile import loads, ready
+
+    text, taken = catalogue.model_with("task13", "task13", {"N_c": "400", "mean_hc0": "wrong"})
+    assert taken == ("N_c",)
+    assert loads(text).constants == {**ready("task13").constants, "N_c": 400.0}
+    assert catalogue.model_with("task13", "task13", {}) == (ready("task13").dumps(), ())
+    for entry in labs_with_models():
+        assert catalogue.model_with(entry[1], entry[0], {}) == (ready(entry[1]).dumps(), ())
+
+
+def labs_with_models() -> list[tuple[str, str]]:
+    return [(sheet.name, model.name) for sheet in catalogue.sheets() for model in sheet.models]
+
+
+def test_statements_are_typeset() -> None:
+    """Every lab's: no dollar signs are left, and what a sheet asks is there by its letter."""
+    pytest.importorskip("nicegui", reason="the workbench is not installed")
+    from ctlabs.workbench.pages.labs import _statement
+
+    for sheet in catalogue.sheets():
+        html = _statement(sheet)
+        assert "$" not in html
+        if sheet.asked is not None:
+            assert html.count("<dt>") == len(sheet.asked.items)
+            assert "<math" in html or "$" not in sheet.asked.statement

@@ -514,6 +514,35 @@ def test_earlier_models_are_offered_the_latest_first(tmp_path: Path) -> None:
     store.close()
 
 
+def test_a_refused_text_outlives_its_element(client: Any, session: Session) -> None:
+    """What could not be saved is there again when the page is drawn again, until the model has another text there."""
+    from ctlabs.workbench.pages.grid import GridElement
+
+    nothing: Callable[..., None] = lambda *_: None  # noqa: E731
+    kept: dict[str, tuple[str, str, str]] = {}
+
+    def drawn() -> GridElement:
+        made = GridElement("F", lambda *_: "full", on_block=nothing, on_remove=nothing, on_done=nothing, refused=kept)
+        made.show(session.sheet.grids["F"], "F")
+        return made
+
+    edit(drawn(), "1,0", "7.25", 1)
+    assert drawn().props["rows"][1][0] == ["7.25", "", "full"]
+    session.do(EditCell(("model", "F", 1, 0), "8.5"))
+    assert drawn().props["rows"][1][0][0] == "8.5"
+    assert kept == {}
+
+
+def test_cells_are_whole_pixels_high() -> None:
+    """A box of a fractional height cuts the underscores of some fonts off."""
+    style = (STATIC / "cells.css").read_text(encoding="utf-8")
+    for rule in (r"\.ctl-cells input, \.ctl-cells textarea \{[^}]*\}", r"\.ctl-cells \.ctl-name, \.ctl-cells \.ctl-unit \{[^}]*\}"):
+        found = re.search(rule, style)
+        assert found is not None
+        assert not re.search(r"(?<!-)height: [^a;][^;]*(rem|em|%)", found[0])
+        assert re.search(r"min-height: \d+px", found[0])
+
+
 def test_the_numbers_of_lines_are_as_high_as_the_lines() -> None:
     """The text of a model file and the numbers beside it have the same font, height of a line and padding at the top."""
     style = (STATIC / "cells.css").read_text(encoding="utf-8")

@@ -269,7 +269,7 @@ def test_the_token_is_given_once_and_then_kept() -> None:
     assert (answer.status, answer.scope) == (303, None)
     assert answer.header("location") == "/understand?draft=5"
     cookie = answer.header("set-cookie")
-    assert re.fullmatch(r"ctlabs_token_8080=[0-9a-f]{64}; Path=/; HttpOnly; SameSite=Strict", cookie)
+    assert re.fullmatch(r"ctlabs_token_8080=[0-9a-f]{64}; Path=/; HttpOnly; SameSite=Lax", cookie)
     assert TOKEN not in cookie
     shown = cookie.partition(";")[0]
     assert ask(OPEN, host=THERE, cookie=shown).status == 200

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import hashlib
 import http.client
 import importlib.util
 import os
@@ -98,10 +99,10 @@ def desk(tmp_path: Path) -> Iterator[Callable[..., Desk]]:
 
 
 def test_tabs_have_drafts_of_their_own_and_share_when_asked(desk: Callable[..., Desk]) -> None:
-    """A second tab has another draft; one that asks for the first's draft has its session; both are left apart."""
+    """A tab that wants a new draft has another; one that asks for the first's has its session; both are left apart."""
     d = desk(True)
     one, two, same, other = Tab("a"), Tab("a"), Tab("a"), Tab("b")
-    first, second = d.enter(one, ""), d.enter(two, "")  # type: ignore[arg-type]  # as much of a tab as it needs
+    first, second = d.enter(one, ""), d.enter(two, "new")  # type: ignore[arg-type]  # as much of a tab as it needs
     third = d.enter(same, first.draft.id)  # type: ignore[arg-type]
     fourth = d.enter(other, "")  # type: ignore[arg-type]
     assert len({first.draft.id, second.draft.id, fourth.draft.id}) == 3
@@ -114,9 +115,36 @@ def test_tabs_have_drafts_of_their_own_and_share_when_asked(desk: Callable[..., 
     d.leave(same)  # type: ignore[arg-type]
     d.leave(same)  # type: ignore[arg-type]  # twice is once
     assert Session.closed == [first.draft.id]
-    again = d.enter(Tab("a"), "")  # type: ignore[arg-type]
-    assert again.draft.id == first.draft.id  # the browser's latest that no tab has
+    again = d.enter(Tab("a"), first.draft.id)  # type: ignore[arg-type]
     assert again.session is not first.session
+
+
+def test_the_bare_address_leads_to_the_work_of_last_time(desk: Callable[..., Desk]) -> None:
+    """Also where a tab still has it; and however often one comes and goes, a browser has one empty draft at most."""
+    d = desk(True)
+    work = d.enter(Tab("a"), "")  # type: ignore[arg-type]
+    d.store.edit(work.draft.id, "title = 'mine'")
+    assert d.enter(Tab("a"), "").draft.id == work.draft.id  # type: ignore[arg-type]
+    for _ in range(3):
+        tab = Tab("a")
+        fresh = d.enter(tab, "new")  # type: ignore[arg-type]
+        assert fresh.draft.id != work.draft.id
+        d.leave(tab)  # type: ignore[arg-type]
+    assert len(d.store.drafts("local")) == 2
+    d.store.edit(fresh.draft.id, "title = 'later'")
+    assert d.enter(Tab("a"), "").draft.id == fresh.draft.id  # type: ignore[arg-type]
+
+
+def test_a_folder_that_cannot_be_written_is_said_and_everything_works(tmp_path: Path) -> None:
+    """A file is in the way of the folder: the draft is kept as long as the desk, and one line says so."""
+    (tmp_path / "file").write_text("")
+    d = Desk(tmp_path / "file" / "data", shared=True, session="tests.workbench.test_server:Session")
+    seat = d.enter(Tab("a"), "")  # type: ignore[arg-type]
+    assert "nothing that is done now is kept after the workbench has ended" in seat.notices[0]
+    d.store.edit(seat.draft.id, "title = 'passing'")
+    place = d.store.folder
+    d.close()
+    assert not place.exists()
 
 
 def test_a_browser_that_comes_back_finds_its_work_before_an_empty_draft(desk: Callable[..., Desk]) -> None:
@@ -268,6 +296,9 @@ class Server:
         found = re.search(r":(\d+)/", line)
         assert found, line + self.process.stdout.read()
         self.port = int(found[1])
+        token = re.search(r"\?token=([\w-]+)", line)
+        assert token
+        self.token = token[1]
         return line
 
     def end(self, how: int = signal.SIGINT) -> str:
@@ -278,15 +309,20 @@ class Server:
         return said
 
     def ask(self, path: str = "/", method: str = "GET", **headers: str) -> tuple[int, dict[str, str], str]:
-        """A request as a program makes it."""
+        """A request as a program makes it that was shown the token, unless it says itself which cookies it has."""
         connection = http.client.HTTPConnection("127.0.0.1", self.port, timeout=60)
         try:
-            sent = {"Host": f"127.0.0.1:{self.port}"} | {key.replace("_", "-"): value for key, value in headers.items()}
+            sent = {"Host": f"127.0.0.1:{self.port}", "Cookie": self._cookie()}
+            sent |= {key.replace("_", "-"): value for key, value in headers.items()}
             connection.request(method, path, headers=sent)
             answer = connection.getresponse()
             return answer.status, {key.lower(): value for key, value in answer.getheaders()}, answer.read().decode()
         finally:
             connection.close()
+
+    def _cookie(self) -> str:
+        proof = hashlib.sha256(b"ctlabs workbench cookie " + self.token.encode()).hexdigest()
+        return f"ctlabs_token_{self.port}={proof}"
 
     def upgrade(self, **headers: str) -> int:
         """The status of the answer to a socket's handshake."""
@@ -338,17 +374,18 @@ def test_the_guard_is_around_everything(served: Server) -> None:
         socket.create_connection(("127.0.0.1", served.port), timeout=2)
 
 
-def test_another_address_needs_the_printed_token(tmp_path: Path) -> None:
+@pytest.mark.parametrize("host", ["0.0.0.0", "127.0.0.1"])
+def test_every_address_needs_the_printed_token(tmp_path: Path, host: str) -> None:
     """Nothing without it; with it, once in the address and then in the cookie, pages and sockets."""
-    made = Server(tmp_path, host="0.0.0.0")
+    made = Server(tmp_path, host=host)
     line = made.start()
     try:
         token = re.search(r"token=([\w-]{32}) ", line)
         assert token
-        assert made.ask()[0] == made.ask("/?token=wrong")[0] == 403
+        assert made.ask(Cookie="")[0] == made.ask("/?token=wrong", Cookie="")[0] == 403
         own = {"Origin": f"http://127.0.0.1:{made.port}"}
-        assert made.upgrade(**own) == 403
-        status, headers, _ = made.ask(f"/keep?token={token[1]}&draft=7")
+        assert made.upgrade(**own, Cookie="") == 403
+        status, headers, _ = made.ask(f"/keep?token={token[1]}&draft=7", Cookie="")
         assert (status, headers["location"]) == (303, "/keep?draft=7")
         cookie = headers["set-cookie"].partition(";")[0]
         assert made.ask("/keep", Cookie=cookie)[0] == 200
@@ -384,6 +421,7 @@ class Watched:
         self.address = f"http://127.0.0.1:{server.port}"
         self.requests: list[str] = []
         self.complaints: list[str] = []
+        self.context.request.get(f"{self.address}/?token={server.token}")
         self.tab = self.another()
 
     def another(self) -> Any:
@@ -500,12 +538,12 @@ def test_in_a_browser_the_keyboard_alone_and_a_phone(served: Server, browser: An
 
 @pytest.mark.slow
 def test_in_a_browser_tabs_and_browsers_are_apart(served: Server, browser: Any) -> None:
-    """Another tab has another draft; the same address is shared, and shows what the other did; another browser sees neither."""
+    """A tab with a new draft has its own; the same address is shared, and shows what the other did; another browser sees neither."""
     seen = Watched(browser, served)
     one, two = seen.tab, seen.another()
     one.goto(seen.address)
     _shows(one, "model")
-    two.goto(seen.address)
+    two.goto(f"{seen.address}/?draft=new")
     _shows(two, "model")
     assert one.url != two.url
     one.fill(FIELD, "mine")
@@ -516,6 +554,9 @@ def test_in_a_browser_tabs_and_browsers_are_apart(served: Server, browser: Any) 
     _shows(same, "model")
     until(lambda: same.input_value(FIELD) == "mine")
     same.fill(FIELD, "ours")
+    same.wait_for_selector(SAVED)
+    assert one.evaluate("document.activeElement.value") == "mine"  # nothing is taken from hands that may be typing
+    one.evaluate("document.activeElement.blur()")
     one.wait_for_function(f"() => document.querySelector(\"{FIELD}\")?.value === 'ours'")
     other = Watched(browser, served)
     other.tab.goto(other.address)

@@ -322,6 +322,11 @@ class ModelFile:
         """The plain data of the text, whatever is wrong with it; a copy."""
         return parsed(self.dumps(), self.name)
 
+    @property
+    def contents(self) -> Table[str, Any]:
+        """The plain data of the text, whatever is wrong with it, to be read only."""
+        return self.data() if self._replaced else self._data
+
     # --- the text and its changes ----------------------------------------------------------------------------------------
 
     def dumps(self) -> str:
@@ -374,7 +379,8 @@ class ModelFile:
     def edit_all(self, changes: Sequence[tuple[Path, Any]]) -> ModelFile:
         """Other values at several places, as by :meth:`edit` one after the other."""
         ways = [(self._way(where), value) for where, value in changes]
-        return self._changed(lambda text, _: edits.assign(text, *ways), ways[0][0]) if ways else self
+        data = None if self._replaced else self._data
+        return self._changed(lambda text, _: edits.assign(text, *ways, data=data), ways[0][0]) if ways else self
 
     def remove(self, where: Path) -> ModelFile:
         """The file without a key, or without an element of a list."""

@@ -15,10 +15,15 @@ from tomlkit.exceptions import TOMLKitError
 from ctlabs.files.modelfile.checks import SHAPES
 from ctlabs.files.modelfile.errors import ModelFileError, Path, Problem, place, shown
 from ctlabs.files.modelfile.expressions import ExpressionError, parse
+from ctlabs.files.modelfile.splicing import spliced
 from ctlabs.files.modelfile.toml import BOM
 
 #: What a new state's or measurement's own element is; of the others, 0. A new state is a constant that nothing drives.
 OWN = {"Phi": 1, "P0": 1, "Q": 1, "R": 1, "Rc": 1}
+
+
+#: So many entries are put into the text one by one.
+FEW = 4
 
 
 def changed(text: str, path: Path, change: Callable[[Any], None]) -> str:
@@ -44,9 +49,11 @@ def changed(text: str, path: Path, change: Callable[[Any], None]) -> str:
     return mark + (result.replace("\n", "\r\n") if windows else result)
 
 
-def assign(text: str, *changes: tuple[Path, Any]) -> str:
-    """The text with other values at some places; a table or key that is not there is added."""
+def assign(text: str, *changes: tuple[Path, Any], data: dict[str, Any] | None = None) -> str:
+    """The text with other values at some places; a table or key that is not there is added. ``data`` : what the text says."""
     values = [(path, _plain(value, path)) for path, value in changes]
+    if data is not None and len(values) <= FEW and (made := spliced(text, data, values)) is not None:
+        return made
 
     def change(document: Any) -> None:
         for path, value in values:

@@ -11,7 +11,7 @@ not concerned stay as they were typed; what is added refers to the cells that we
 from __future__ import annotations
 
 import operator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any, Literal
 
@@ -23,7 +23,8 @@ from ctlabs.linalg import riccati
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.companion import companion
 from ctlabs.models import spectra
-from ctlabs.workbench.desk.plain import data
+from ctlabs.workbench.desk import symbolic
+from ctlabs.workbench.desk.plain import typed
 
 #: Highest degree of a numerator or denominator.
 DEGREE = 12
@@ -38,8 +39,8 @@ OPERATIONS = {"+": operator.add, "-": operator.sub, "*": operator.mul, "/": oper
 class InsertBlock:
     """Coloured noise in the place of white noise ``into`` ("noise"), or added to measurement ``into`` ("measurement").
 
-    ``kind`` : "transfer", G(s) as "1/(2*s + 1)"; "psd", S(w) as "4/(w^2 + 1)" · ``text`` may contain the model's constants
-    (their present values are used) · ``name``, ``unit`` of the block's output, its first state
+    ``kind`` : "transfer", G(s) as "1/(2*s + 1)"; "psd", S(w) as "4/(w^2 + 1)" · ``text`` may contain the model's constants,
+    which stay in the cells wherever these can be told in letters · ``name``, ``unit`` of the block's output, its first state
     """
 
     kind: Literal["transfer", "psd"]
@@ -56,13 +57,22 @@ class InsertBlock:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Block:
-    """ẏ = F y + G w, output H y + D w, w of strength 1; P0, its stationary covariance, or 0 where there is none."""
+    """ẏ = F y + G w, output H y + D w, w of strength 1; P0, its stationary covariance, or 0 where there is none.
+
+    ``exact`` : cells of F, G, D, P0 as they are written, where that is not their number
+    """
 
     F: Array
     G: Array
     H: Array
     D: float
     P0: Array
+    exact: dict[symbolic.Place, Any] = field(default_factory=dict)
+
+    def cell(self, name: str, i: int, j: int) -> Any:
+        """A cell of F, G, D or P0 as it is written: an expression of the constants, or a number."""
+        value = float(np.reshape(getattr(self, name), (-1, len(self.F) if name in {"F", "P0"} else 1))[i, j])
+        return self.exact.get((name, i, j), _number(value)) if value else 0
 
 
 def inserted(file: ModelFile, command: InsertBlock) -> ModelFile:
@@ -86,10 +96,10 @@ def inserted(file: ModelFile, command: InsertBlock) -> ModelFile:
     for i, name in enumerate(states):
         file = file.add_state(name, command.unit if i == 0 else "")
     file = (_into_noise if command.place == "noise" else _into_measurement)(file, made, command, before)
-    for i, row in enumerate(made.F):
-        for j, value in enumerate(row):
-            file = _put(file, ("model", "F", before + i, before + j), value)
-    return file
+    n = len(made.F)
+    return file.edit_all(
+        [(("model", "F", before + i, before + j), made.cell("F", i, j)) for i in range(n) for j in range(n)]
+    )
 
 
 def block(kind: str, text: str, constants: dict[str, float]) -> Block:
@@ -104,7 +114,9 @@ def block(kind: str, text: str, constants: dict[str, float]) -> Block:
         msg = f"kind: expected {' or '.join(SYMBOLS)}, received {kind!r}"
         raise ValueError(msg)
     num, den = rational(text, SYMBOLS[kind], constants)
-    return _of_transfer(num, den) if kind == "transfer" else _of_spectrum(num, den)
+    made = _of_transfer(num, den) if kind == "transfer" else _of_spectrum(num, den)
+    numbers = {"F": made.F, "G": made.G, "P0": made.P0, "D": np.array([[made.D]])}
+    return replace(made, exact=symbolic.cells(kind, text, SYMBOLS[kind], constants, numbers))
 
 
 def rational(text: str, symbol: str, constants: dict[str, float]) -> tuple[Array, Array]:
@@ -169,7 +181,7 @@ def _block(F: Array, G: Array, H: Array, D: float) -> Block:
 
 def _into_noise(file: ModelFile, made: Block, command: InsertBlock, before: int) -> ModelFile:
     """The block's output enters where the white noise did."""
-    model, j = data(file)["model"], command.into
+    model, j = file.contents["model"], command.into
     strength = _text(model["Q"][j][j])
     if command.kind == "psd":
         own = [i for i in range(len(model["Q"])) if i != j]
@@ -186,9 +198,9 @@ def _into_noise(file: ModelFile, made: Block, command: InsertBlock, before: int)
         for k, h in enumerate(made.H):
             if h:
                 file = file.edit(("model", "F", i, before + k), _times(cell, h))
-        file = file.edit(("model", "G", i, j), _times(cell, made.D))
-    for i, g in enumerate(made.G):
-        file = _put(file, ("model", "G", before + i, j), g)
+        file = file.edit(("model", "G", i, j), _times(cell, made.cell("D", 0, 0)))
+    for i in range(len(made.G)):
+        file = file.edit(("model", "G", before + i, j), made.cell("G", i, 0))
     return _initial(file, made, before, strength)
 
 
@@ -199,8 +211,8 @@ def _into_measurement(file: ModelFile, made: Block, command: InsertBlock, before
         raise ValueError(msg)
     column = file.s
     file = file.add_noise()
-    for i, g in enumerate(made.G):
-        file = _put(file, ("model", "G", before + i, column), g)
+    for i in range(len(made.G)):
+        file = file.edit(("model", "G", before + i, column), made.cell("G", i, 0))
     for i, h in enumerate(made.H):
         file = _put(file, ("model", "H", command.into, before + i), h)
     return _initial(file, made, before, "1")
@@ -208,10 +220,11 @@ def _into_measurement(file: ModelFile, made: Block, command: InsertBlock, before
 
 def _initial(file: ModelFile, made: Block, before: int, strength: str) -> ModelFile:
     """The stationary covariance of the block, times the strength of its noise."""
-    for i, row in enumerate(made.P0):
-        for j, value in enumerate(row):
-            file = file.edit(("model", "P0", before + i, before + j), _times(strength, value))
-    return file
+    n = len(made.P0)
+    cells = {(i, j): made.cell("P0", i, j) for i in range(n) for j in range(n)}
+    return file.edit_all(
+        [(("model", "P0", before + i, before + j), _times(strength, cell)) for (i, j), cell in cells.items()]
+    )
 
 
 def _put(file: ModelFile, path: tuple[str | int, ...], value: float) -> ModelFile:
@@ -222,17 +235,22 @@ def _text(cell: Any) -> str:
     return cell.strip() if isinstance(cell, str) else repr(cell)
 
 
-def _times(cell: Any, factor: float) -> Any:
-    """A cell times a number: a number where the cell is one, otherwise an expression."""
+def _times(cell: Any, factor: Any) -> Any:
+    """A cell times a number or an expression: a number where both are numbers, otherwise an expression."""
     text = _text(cell)
     if factor in (0.0, 1.0):
-        return 0 if factor == 0 else cell if not isinstance(cell, str) or text != "1" else 1
-    try:
-        return _number(float(text) * factor)
-    except ValueError:
-        shown = repr(_number(factor))
-        whole = text if parse(text).program[-1].kind in {"name", "call"} else f"({text})"
-        return f"{shown}*{whole}"
+        return 0 if factor == 0 else typed(text)
+    shown = factor if isinstance(factor, str) else repr(_number(factor))
+    try:  # in decimals: no rounding is added
+        return _number(float(Fraction(text) * Fraction(shown)))
+    except (ValueError, ZeroDivisionError):
+        pass
+    return shown if text == "1" else f"{_whole(shown)}*{_whole(text)}"
+
+
+def _whole(text: str) -> str:
+    """An expression that may stand in a product."""
+    return text if parse(text).program[-1].kind in {"number", "name", "call"} else f"({text})"
 
 
 def _number(value: float) -> int | float:

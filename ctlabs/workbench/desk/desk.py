@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import logging
+import tempfile
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -18,6 +19,8 @@ log = logging.getLogger("ctlabs.workbench")
 
 #: Who owns the drafts and experiments of a server that only this machine reaches.
 LOCAL = "local"
+#: What a tab asks for that wants an empty draft.
+NEW = "new"
 
 
 class Tab(Protocol):
@@ -26,7 +29,7 @@ class Tab(Protocol):
     browser: str
 
     def refresh_soon(self) -> None:
-        """Show the session again, when there is time."""
+        """Show what another tab has changed, when there is time."""
         ...
 
 
@@ -55,6 +58,7 @@ class Desk:
         self._loading = threading.RLock()  # while something is loaded or a session is made
         self._lock = threading.Lock()  # for the tables below: never held for long, the event loop waits for it
         self._store: Store | None = None
+        self._passing: tempfile.TemporaryDirectory[str] | None = None  # where a folder that cannot be written is replaced
         self._runner: Runner | None = None
         self._open: dict[str, Any] = {}
         self._tabs: dict[str, list[Tab]] = {}
@@ -64,9 +68,15 @@ class Desk:
         """The database, opened at first use."""
         with self._loading:
             if self._store is None:
+                from ctlabs.workbench.desk.folder import Unwritable
                 from ctlabs.workbench.desk.store import Store
 
-                self._store = Store(self.folder)
+                try:
+                    self._store = Store(self.folder)
+                except Unwritable as why:  # all pages work; only what is done there is not kept
+                    self._passing = tempfile.TemporaryDirectory(prefix="ctlabs-", ignore_cleanup_errors=True)
+                    self._store = Store(self._passing.name)
+                    self._store.notice = f"{why}: nothing that is done now is kept after the workbench has ended"
                 if self._store.notice:
                     log.warning(self._store.notice)
             return self._store
@@ -92,21 +102,32 @@ class Desk:
         return LOCAL if self.shared else browser
 
     def enter(self, shell: Tab, wanted: str) -> Seat:
-        """Open the draft that a tab asks for; without one the browser's latest that is in no other tab, or a new one.
+        """Open the draft that a tab asks for; without one that which the browser worked on last, or its first.
+
+        ``wanted`` : an id, empty, or :data:`NEW` for a draft in which nothing has been done. Of these a browser has one that is
+        free at most, so that no empty ones pile up.
 
         Blocks (the library is loaded here), so it is called in a thread.
         """
         with self._loading:
             store, owner = self.store, self.owner(shell.browser)
             notices = [store.notice] if store.notice else []
-            draft = store.draft(wanted, owner) if wanted else None
+            draft = store.draft(wanted, owner) if wanted not in {"", NEW} else None
             if draft is None:
-                if wanted:
+                if wanted not in {"", NEW}:
                     notices.append(f"draft {wanted}: expected one of yours, received an unknown id; here is another")
-                free = [each for each in store.drafts(owner, shell.browser) if each.id not in self._tabs]
-                free.sort(key=lambda each: not each.text)  # an empty one must not hide the work behind it
-                draft = free[0] if free else store.new_draft(owner, shell.browser)
-            session = self._open.get(draft.id) or _named(self._path)(draft, store=store, runner=self.runner)
+                mine = store.drafts(owner, shell.browser)
+                if wanted == NEW:
+                    mine = [each for each in mine if not each.text and each.id not in self._tabs]
+                mine.sort(key=lambda each: not each.text)  # an empty one must not hide the work behind it
+                draft = mine[0] if mine else store.new_draft(owner, shell.browser)
+            session = self._open.get(draft.id)
+            if session is None:
+                session = _named(self._path)(draft, store=store, runner=self.runner)
+            elif (again := getattr(session, "again", None)) is not None:
+                again()  # another server on the same folder may have edited it
+            if (told := getattr(session, "take_notices", None)) is not None:
+                notices += told()
             with self._lock:
                 self._open[draft.id] = session
                 self._tabs.setdefault(draft.id, []).append(shell)
@@ -141,6 +162,8 @@ class Desk:
                 self._runner.close()
             if self._store is not None:
                 self._store.close()
+            if self._passing is not None:
+                self._passing.cleanup()
 
 
 def _named(path: str) -> Callable[..., Any]:

@@ -1,19 +1,11 @@
-"""What stands in a model file, whatever is wrong with it, and how a typed text stands there."""
+"""How a typed text stands in a model file."""
 
 from __future__ import annotations
 
-import tomllib
 from typing import Any
-
-from ctlabs.files.modelfile import ModelFile
 
 #: What a text of a cell is written as without quotes.
 NUMBERS = "0123456789.+-eE"
-
-
-def data(file: ModelFile) -> dict[str, Any]:
-    """The plain data of a file, whatever is wrong with it."""
-    return tomllib.loads(file.dumps().removeprefix("\ufeff"))
 
 
 def typed(text: str) -> Any:

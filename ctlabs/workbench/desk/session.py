@@ -14,7 +14,10 @@ time and is then the same. Errors are ``ValueError`` in one line and change noth
 from __future__ import annotations
 
 import asyncio
+import contextlib
+import logging
 import re
+import threading
 import unicodedata
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -26,7 +29,7 @@ from ctlabs.studies.understanding import Understanding, compute
 from ctlabs.workbench.desk import commands
 from ctlabs.workbench.desk.commands import Command
 from ctlabs.workbench.desk.sheet import ModelSheet
-from ctlabs.workbench.desk.store import REVISIONS
+from ctlabs.workbench.desk.store import REVISIONS, Edited
 from ctlabs.workbench.runs import comparing
 from ctlabs.workbench.runs.comparing import Difference
 from ctlabs.workbench.runs.outcomes import REGISTERED, Asked, Outcome, Upload, outcome, packed
@@ -36,6 +39,10 @@ if TYPE_CHECKING:
     from ctlabs.workbench.desk.store import Draft, KeptExperiment, Store
     from ctlabs.workbench.runs.worker import Cancel, Runner, RunProgress
 
+log = logging.getLogger("ctlabs.workbench")
+
+#: Models with a longer text are edited in a thread.
+LARGE = 12_000
 #: Longest name of an experiment.
 LONGEST = 120
 #: The commands that put a model in the place of another.
@@ -66,11 +73,11 @@ class Session:
 
     def __init__(self, draft: Draft, *, store: Store, runner: Runner | None = None) -> None:
         self.draft, self.store, self.runner = draft, store, runner
-        self._revisions = [(each.number, each.label) for each in store.history(draft.id)]
+        #: Held by whoever edits: a large model is edited in a thread.
+        self.turn = threading.RLock()
         self._sheet: ModelSheet | None = None
         self._understanding: Understanding | None = None
-        self._at = next(i for i, (number, _) in enumerate(self._revisions) if number == draft.number)
-        self._set(_file(draft.text), draft.text)
+        self._read(draft)
         noted = draft.notes.get("plan")
         self.plan = replace(Asked(), **_told(self.file)) if noted is None else self._plan(noted)
         self._parsing: tuple[tuple[Upload, ModelFile | tuple[str, ...]], Record] | None = None
@@ -84,6 +91,34 @@ class Session:
         self.experiment_run, self.lab_run = Running(), Running()
         #: Which part of the results is looked at: it is shown again after the next run.
         self.part = ""
+        #: Texts that could not be saved, by matrix and cell: they stay when another page is shown.
+        self.refused: dict[str, dict[str, tuple[str, str, str]]] = {}
+
+    def _read(self, draft: Draft) -> None:
+        """Take what the store has of the draft."""
+        self.draft = draft
+        self._revisions = [(each.number, each.label) for each in self.store.history(draft.id)]
+        self._at = next(i for i, (number, _) in enumerate(self._revisions) if number == draft.number)
+        self._set(_file(draft.text), draft.text)
+
+    def again(self) -> bool:
+        """Read the draft again if another server on the same folder has edited it; whether one has."""
+        with self.turn:
+            found = self.store.draft(self.draft.id)
+            if found is None or found.number == self._revisions[self._at][0]:
+                return False
+            self._read(found)
+            self._begun = dict(found.notes.get("begun", ()))
+            return True
+
+    def take_notices(self) -> tuple[str, ...]:
+        """What whoever opens the draft has to be told, once."""
+        interrupted = bool(self.draft.notes.get("running")) and not self.experiment_run.running
+        if interrupted:
+            self.draft.notes.pop("running")
+            self._running(going=False)
+        line = "run: the one that went on when the workbench ended was interrupted; Run on the page Experiment starts it again"
+        return (line,) if interrupted else ()
 
     @classmethod
     def begin(cls, store: Store, owner: str = "local", text: str = "", *, runner: Runner | None = None) -> Session:
@@ -98,6 +133,16 @@ class Session:
             msg = f"draft {draft}: expected one that is kept, received an unknown id"
             raise ValueError(msg)
         return cls(found, store=store, runner=runner)
+
+    @property
+    def large(self) -> bool:
+        """Whether an edit takes long enough to be made in a thread."""
+        return len(self._text) > LARGE
+
+    def prepare(self) -> None:
+        """Compute what a page shows of the model; of a large one it takes a while, and is best done in a thread."""
+        sheet = self.sheet
+        _ = sheet.problems, sheet.grids, sheet.constants, sheet.equations()
 
     def warm(self) -> None:
         """Load what :meth:`understand` needs; takes about a second, once, and is best called in a thread."""
@@ -138,13 +183,24 @@ class Session:
         return self._sheet
 
     def do(self, command: Command) -> None:
-        """Carry out a command and save the result.
+        """Carry out a command and save the result; where another server has edited the draft meanwhile, on what it has become:
+        what was typed into other cells there stays.
 
         Raises
         ------
         ValueError
             The command is impossible: one line, and nothing has changed.
         """
+        with self.turn:
+            try:
+                self._do(command)
+            except Edited:
+                self.again()
+                if isinstance(command, commands.Rewrite | commands.Remove):  # it was meant for what is no more
+                    raise
+                self._do(command)
+
+    def _do(self, command: Command) -> None:
         file, label = commands.apply(self.file, command)
         text = file.dumps()
         if not text:
@@ -285,7 +341,17 @@ class Session:
             The plan or the model cannot be run; it was cancelled, too large or too long. One line.
         """
         job, text, plan = self.job(), self.text, self.plan
-        return self._finished(await self._ran(job, progress, cancel), text, plan, name)
+        self._running(going=True)
+        try:
+            found = await self._ran(job, progress, cancel)
+        finally:
+            self._running(going=False)
+        return self._finished(found, text, plan, name)
+
+    def _running(self, *, going: bool) -> None:
+        """Note that a run goes on, so that one is known which a killed server has not ended."""
+        with contextlib.suppress(RuntimeError):
+            self.store.note(self.draft.id, running=going)
 
     async def rerun(
         self,
@@ -405,6 +471,14 @@ class Session:
         return self._parsing[1]
 
     def _move(self, at: int) -> None:
+        with self.turn:
+            try:
+                self._moved(at)
+            except Edited:
+                self.again()
+                raise
+
+    def _moved(self, at: int) -> None:
         try:
             text = self.store.move(self.draft.id, self._revisions[at][0], after=self._revisions[self._at][0])
         except LookupError as error:
@@ -437,8 +511,11 @@ class Session:
         return outcome(result)
 
     def _finished(self, found: Outcome, text: str, plan: Asked, name: str) -> Outcome:
-        self._show(found, None)  # it can be looked at even where it cannot be kept
-        self._show(found, self._keep(found, text, plan, name))
+        self._show(found, None)
+        try:
+            self._show(found, self._keep(found, text, plan, name))
+        except RuntimeError:  # it can be looked at even where it cannot be kept; the page says that it is not
+            log.exception("keeping an experiment")
         return found
 
     def _show(self, found: Outcome, number: int | None) -> None:

@@ -16,7 +16,6 @@ from ctlabs.files.modelfile.errors import Path, place
 from ctlabs.files.modelfile.expressions import Expression, ExpressionError, parse, values
 from ctlabs.files.modelfile.values import VARYING
 from ctlabs.text import latex_number
-from ctlabs.workbench.desk.plain import data
 
 #: Matrices with more rows or columns are shown by their size in equations.
 LARGEST = 8
@@ -76,7 +75,7 @@ class ModelSheet:
 
     def __init__(self, file: ModelFile) -> None:
         self.file = file
-        self.data = data(file)
+        self.data = file.contents
 
     @cached_property
     def problems(self) -> dict[str, str]:
@@ -313,6 +312,8 @@ class ModelSheet:
 
     def _cell(self, path: Path, item: Any) -> Cell:
         text, problem = _written(item), self.problems.get(place(path))
+        if isinstance(item, int | float) and not isinstance(item, bool):
+            return Cell(path, text, float(item), problem)
         if text == "":
             return Cell(path, text, None, problem)
         letters = sorted(VARYING.get(self.kind, {}).get(str(path[1]) if len(path) > 1 else "", set()))

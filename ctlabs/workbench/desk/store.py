@@ -25,10 +25,9 @@ from typing import Any
 
 import sqlalchemy as sa
 
+from ctlabs.workbench.desk.folder import FILE, StoreError, Unwritable, data_folder, writable
 from ctlabs.workbench.desk.packing import pack, unpack
 
-#: The name of the file in the data folder.
-FILE = "workbench.sqlite3"
 #: Version of the tables; a file of another version is refused.
 SCHEMA = 1
 #: Marks the file as ours (SQLite's application_id): "ctlb".
@@ -84,8 +83,8 @@ _experiments = sa.Table(
 )
 
 
-class StoreError(RuntimeError):
-    """The file cannot be read or written; the message is one line for the reader."""
+class Edited(ValueError):
+    """The draft has another revision than was expected: another server on the same folder has it, too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,16 +123,6 @@ class KeptExperiment:
     deleted: float | None = None
 
 
-def data_folder() -> Path:
-    """Where the workbench keeps its data: ``CTLABS_DATA``, or the system's folder for the user's data."""
-    given = os.environ.get("CTLABS_DATA")
-    if given:
-        return Path(given).expanduser().resolve()
-    import platformdirs
-
-    return Path(platformdirs.user_data_dir("ctlabs", appauthor=False))
-
-
 class Store:
     """The file, open. Safe to use from several threads; every method is one transaction.
 
@@ -143,8 +132,10 @@ class Store:
 
     Raises
     ------
+    Unwritable
+        The folder cannot be made or written.
     StoreError
-        The folder cannot be written, the file is of another program or of another version of ctlabs.
+        The file is of another program or of another version of ctlabs.
 
     A damaged file is moved aside under a name of its own and a new one begun; :attr:`notice` then says so in one line.
     """
@@ -158,7 +149,8 @@ class Store:
             self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         except OSError as why:
             msg = f"{self.folder}: expected a folder for the workbench's data, received {why.strerror or why}"
-            raise StoreError(msg) from None
+            raise Unwritable(msg) from None
+        writable(self.folder)
         self._engine = _engine(self.path)
         try:
             self._open()
@@ -441,7 +433,7 @@ class Store:
             if _is_damage(said):
                 raise _Damaged(said) from why
             msg = f"{self.path}: expected a database that can be {verb}, received: {said}"
-            raise StoreError(msg) from why
+            raise (Unwritable if "readonly" in said or "unable to open" in said else StoreError)(msg) from why
 
 
 class _Damaged(StoreError):
@@ -507,8 +499,8 @@ def _experiment(row: Any) -> KeptExperiment:
 def _expected(after: int | None, number: int) -> None:
     """Another server on the same folder, or another program, may have this draft too."""
     if after not in {None, number}:
-        msg = f"draft: expected revision {after}, received {number} (it was edited elsewhere: reload the page)"
-        raise ValueError(msg)
+        msg = f"draft: expected revision {after}, received {number} (it was edited elsewhere and has been read again)"
+        raise Edited(msg)
 
 
 def _short(text: str) -> None:

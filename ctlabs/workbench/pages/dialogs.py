@@ -13,8 +13,9 @@ from nicegui import ui
 def dialog(title: str, width: int = 30, looks: str = "") -> Iterator[ui.dialog]:
     """A dialog around what is drawn inside, so many rem wide; it opens when that is drawn, and is gone when it is closed."""
     with ui.dialog() as made, ui.card().style(f"width: {width}rem; max-width: 94vw; gap: .7rem") as card:
-        card.classes(looks).props["aria-label"] = title
+        card.classes(looks)
         ui.html(escape(title), sanitize=False, tag="h2").classes("text-h6").style("margin: 0")
+        made.props["aria-label"] = title
         yield made
     made.on("hide", made.delete)
     made.open()

@@ -6,7 +6,8 @@ ways with a number: an answer that is older than what has been typed since never
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import inspect
+from collections.abc import Awaitable, Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
@@ -20,9 +21,14 @@ if TYPE_CHECKING:
     from ctlabs.workbench.desk.commands import What
     from ctlabs.workbench.desk.sheet import Cell, Grid
 
-#: What is typed: the key of a cell ("0,1" row and column, "name,0", "unit,0" of a header) and the text; the answer is why not.
-Typed = Callable[[str, str], str]
+#: What is typed: the key of a cell ("0,1" row and column, "name,0", "unit,0" of a header) and the text; the answer is why not, at
+#: once or when a large model has been edited.
+Typed = Callable[[str, str], str | Awaitable[str]]
 
+
+
+#: A text that was refused: what was there before, the text, why.
+Refused = tuple[str, str, str]
 
 
 class CellElement(ui.element, component=STATIC / "grid.js"):
@@ -32,14 +38,22 @@ class CellElement(ui.element, component=STATIC / "grid.js"):
     ----------
     on_typed : called with a cell's key and text; its answer is a line why the text is impossible, or empty
     on_done : called when a cell is left
+    refused : where the texts that were refused are remembered, if they are to outlive the element
 
     A text that is impossible stays in its cell with the line, until something else is shown or typed there.
     """
 
-    def __init__(self, mode: str, name: str, on_typed: Typed, on_done: Callable[[], object] | None = None) -> None:
+    def __init__(
+        self,
+        mode: str,
+        name: str,
+        on_typed: Typed,
+        on_done: Callable[[], object] | None = None,
+        refused: dict[str, Refused] | None = None,
+    ) -> None:
         super().__init__()
         self._typed, self._ack = on_typed, 0
-        self._refused: dict[str, tuple[str, str, str]] = {}
+        self._refused = {} if refused is None else refused
         self._last: dict[str, Any] = {}
         with self._props.suspend_updates():
             self._props.update({"mode": mode, "name": name, "rows": [], "rowNames": [], "ack": 0})
@@ -51,17 +65,31 @@ class CellElement(ui.element, component=STATIC / "grid.js"):
         """Show no more what was refused."""
         self._refused.clear()
 
-    def _edited(self, event: GenericEventArguments) -> None:
-        key, text = str(event.args["key"]), str(event.args["text"])
-        before = self._known(key)
+    def _edited(self, event: GenericEventArguments) -> Awaitable[None] | None:
+        key, text, number = str(event.args["key"]), str(event.args["text"]), int(event.args["number"])
+        before, found = self._known(key), ""  # type: tuple[str, str | Awaitable[str]]
         self._refused.pop(key, None)
+        try:
+            found = self._typed(key, text)
+        finally:
+            if isinstance(found, str):
+                self._told(number, key, (before, text, found))
+        return None if isinstance(found, str) else self._later(found, number, key, before, text)
+
+    async def _later(self, answer: Awaitable[str], number: int, key: str, before: str, text: str) -> None:
         line = ""
         try:
-            line = self._typed(key, text)
+            line = await answer
         finally:
-            if line:
-                self._refused[key] = (before, text, line)
-            self._answer(int(event.args["number"]))
+            self._told(number, key, (before, text, line))
+
+    def _told(self, number: int, key: str, refused: tuple[str, str, str]) -> None:
+        """Answer message ``number``: why a text is impossible, if it is."""
+        if self.is_deleted:
+            return
+        if refused[2]:
+            self._refused[key] = refused
+        self._answer(number)
 
     def _answer(self, number: int) -> None:
         """Show what there is now, up to message ``number``."""
@@ -83,28 +111,31 @@ class CellElement(ui.element, component=STATIC / "grid.js"):
         self._last = found
         now = {**found, "ack": self._ack}
         for key, (before, text, line) in list(self._refused.items()):
-            if self._known(key) != before:  # the model has another text there by now
+            try:
+                gone = self._known(key) != before  # the model has another text there by now
+            except LookupError:
+                gone = True
+            if gone:
                 del self._refused[key]
             else:
-                _put(now, key, text, line)
+                self._put(now, key, text, line)
         if any(self._props.get(name) != value for name, value in now.items()):
             with self._props.suspend_updates():
                 self._props.update(now)
             self.update()
 
-
-def _put(now: dict[str, Any], key: str, text: str, line: str) -> None:
-    """A text that was refused, in a copy of what is shown."""
-    first, _, second = key.partition(",")
-    index = int(second)
-    if first in {"name", "unit"}:
-        names = "rowNames" if first == "name" else "rowUnits"
-        now[names] = [text if i == index else each for i, each in enumerate(now[names])]
-        now["rowProblems"] = [line if i == index else each for i, each in enumerate(now["rowProblems"])]
-        return
-    i = int(first)
-    now["rows"] = [list(row) for row in now["rows"]]
-    now["rows"][i][index] = [text, "", line]
+    def _put(self, now: dict[str, Any], key: str, text: str, line: str) -> None:
+        """A text that was refused, in a copy of what is shown."""
+        first, _, second = key.partition(",")
+        index = int(second)
+        if first in {"name", "unit"}:
+            names = "rowNames" if first == "name" else "rowUnits"
+            now[names] = [text if i == index else each for i, each in enumerate(now[names])]
+            now["rowProblems"] = [line if i == index else each for i, each in enumerate(now["rowProblems"])]
+            return
+        i = int(first)
+        now["rows"] = [list(row) for row in now["rows"]]
+        now["rows"][i][index] = [text, "", line]
 
 
 class GridElement(CellElement):
@@ -128,14 +159,17 @@ class GridElement(CellElement):
         on_done: Callable[[], object],
         row_kind: str = "",
         column_kind: str = "",
+        refused: dict[str, Refused] | None = None,
     ) -> None:
-        super().__init__("grid", name, on_typed, on_done)
+        super().__init__("grid", name, on_typed, on_done, refused)
         self._kinds = {"rowKind": row_kind or None, "removeColumn": column_kind or None}
         self.on("remove", lambda event: on_remove(event.args[0], int(event.args[1])))
 
-        def pasted(event: GenericEventArguments) -> None:
+        async def pasted(event: GenericEventArguments) -> None:
             try:
-                on_block(int(event.args["row"]), int(event.args["column"]), str(event.args["text"]))
+                done = on_block(int(event.args["row"]), int(event.args["column"]), str(event.args["text"]))
+                if inspect.isawaitable(done):
+                    await done
             finally:
                 self._answer(int(event.args["number"]))
 
@@ -163,7 +197,7 @@ class TextField(CellElement):
     def __init__(
         self,
         label: str,
-        on_typed: Callable[[str], str],
+        on_typed: Callable[[str], str | Awaitable[str]],
         on_done: Callable[[], object] | None = None,
         *,
         test: str,
@@ -204,7 +238,7 @@ class Range(CellElement):
     def __init__(
         self,
         label: str,
-        on_moved: Callable[[str], object],
+        on_moved: Callable[[str], str | Awaitable[str]],
         on_done: Callable[[], object] | None = None,
         *,
         test: str,
@@ -239,6 +273,6 @@ class Range(CellElement):
             }
         )
 
-    def _moved(self, _key: str, text: str) -> str:
-        self._on_moved(typed(self._slider.at(round(float(text)))))
-        return ""
+    def _moved(self, _key: str, text: str) -> str | Awaitable[str]:
+        found = self._on_moved(typed(self._slider.at(round(float(text)))))
+        return found if not isinstance(found, str) else ""

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import threading
+import time
 from collections.abc import Callable, Sequence
 from html import escape
 from pathlib import Path
@@ -13,11 +15,12 @@ from nicegui import app, ui
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 
+from ctlabs.reporting.mathml import mathml
+from ctlabs.reporting.render import inline
 from ctlabs.text import number
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.runs import catalogue
 from ctlabs.workbench.runs.catalogue import LabOutcome, LabSheet, Parameter, Typed
-from ctlabs.workbench.runs.running import said
 
 if TYPE_CHECKING:
     from ctlabs.workbench.desk.desk import Desk
@@ -26,8 +29,8 @@ if TYPE_CHECKING:
 
 PAGE = {"place": 5, "title": "Labs", "icon": "school"}
 
-#: Where the files of reports are, by draft, lab and name.
-FILES = "/lab-files/{draft}/{lab}/{name}"
+#: Where the files of reports are, by draft, lab, number of the run and name.
+FILES = "/lab-files/{draft}/{lab}/{run}/{name}"
 #: What a report may do in the page: nothing but be read.
 POLICY = "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:"
 #: How often a run is looked at, in seconds.
@@ -52,7 +55,21 @@ class _Labs:
         self.lab: str = notes.get("lab", "")
         self.typed: dict[str, dict[str, Any]] = notes.get("typed", {})
         self.form: _Form | None = None
+        self.chosen: Path | None = None  # the run whose report is shown; None: the last one
+        self.beside: Path | None = None  # the run that it is compared with
+        self.refused = False  # Run was pressed with a field that is wrong
         self._selecting = 0
+        self._linked = dict(shell.query) if "lab" in shell.query else {}
+        shell.query.clear()
+        if self._linked:
+            self._follow()
+
+    def _follow(self) -> None:
+        """Take lab and values from the address."""
+        try:
+            self.lab = catalogue.sheet(self._linked["lab"][:40]).name
+        except (ValueError, KeyError):
+            self.shell.complain("lab: expected the number or name of one lab in the address, received another")
 
     # The catalogue -----------------------------------------------------------------------------------------------------
 
@@ -128,7 +145,9 @@ class _Labs:
         except ValueError:
             self._welcome()
             return
-        self.lab, self.form = sheet.name, None
+        if sheet.name != self.lab:
+            self._linked = {}
+        self.lab, self.form, self.chosen, self.beside = sheet.name, None, None, None
         self._selecting += 1
         mine = self._selecting
         self.frame.props("data-open=true")
@@ -144,6 +163,10 @@ class _Labs:
         if mine != self._selecting or self.detail.is_deleted:
             return
         waiting.delete()
+        if self._linked and (told := catalogue.from_address(sheet.name, self._linked)):
+            self.typed[sheet.name] = told
+            self._note()
+        self._linked = {}
         with self.detail:
             self._draw_form(sheet, fields)
             self.results = ui.element("div").classes("ctl-lab-detail")
@@ -156,9 +179,10 @@ class _Labs:
         with ui.element("h2").props("tabindex=-1") as heading:
             ui.label(sheet.heading)
         variants = f" · variants {', '.join(sheet.variants)}" if sheet.variants else ""
-        ui.label(f"{sheet.source}{variants}").classes("ctl-lab-source")
-        for paragraph in sheet.statement:
-            ui.label(paragraph).classes("ctl-lab-statement")
+        starred = any(each.endswith("*") for each in sheet.variants)
+        star = " (*: with a control lab beside it)" if starred else ""
+        ui.label(f"{sheet.source}{variants}{star}").classes("ctl-lab-source")
+        ui.html(_statement(sheet), sanitize=False).classes("ctl-lab-statement").props("data-test=statement")
         if sheet.answer:
             with ui.expansion("Expected answer").classes("ctl-lab-statement").props("dense"):
                 ui.label(sheet.answer)
@@ -176,14 +200,16 @@ class _Labs:
         self._note()
 
     def _open(self, name: str) -> None:
-        from ctlabs.files.modelfile import ready
         from ctlabs.workbench.desk.commands import Open
 
+        typed = {} if self.form is None else {key: text for key, text in self.form.plain().items() if key}
+        text, taken = catalogue.model_with(name, self.lab, typed)
         self.shell.saving()
-        self.session.do(Open(ready(name).dumps(), f"{name}.toml"))
+        self.session.do(Open(text, f"{name}.toml"))
         self.shell.saved()
         self.shell.name_draft(self.session.title)
-        self.shell.tell("The lab's model is on the desk; undo brings the one before back.")
+        values = f" with your {', '.join(taken)}" if taken else ""
+        self.shell.tell(f"The lab's model is on the desk{values}; undo brings the one before back.")
         self.shell.go("model")
 
     def _draw_form(self, sheet: LabSheet, fields: Sequence[Parameter]) -> None:
@@ -197,13 +223,27 @@ class _Labs:
             self.start = ui.button("Run", icon="play_arrow", on_click=self.run).props('no-caps title="Ctrl+Enter"')
             self.reset = ui.button("Defaults", icon="restart_alt", on_click=self.form.reset).props("flat no-caps")
             self.stop = ui.button("Cancel", icon="stop", on_click=self.running.cancel).props("outline no-caps")
+            link = ui.button("Copy link", icon="link", on_click=self._copy_link).props("flat no-caps data-test=copy-link")
+            link.tooltip("The address of this lab with these values")
         with ui.column().classes("w-full gap-1") as self.going:
             self.bar = ui.linear_progress(0.0, show_value=False, size="8px").props('aria-label="Progress of the run"')
             self.words = ui.label().props("role=status aria-live=off")
         self.problem = ui.label("").classes("ctl-lab-error").props("role=alert")
 
+    def _copy_link(self) -> None:
+        """The address of the lab with what is typed."""
+        if self.form is None:
+            return
+        plain = self.form.plain()
+        runs, seed = plain.pop("")
+        told = catalogue.address(self.lab, plain, runs, seed)
+        ui.run_javascript(f"ctlabs.copy(location.origin + {json.dumps('/labs?' + told)})")
+        self.shell.tell("The link is copied.")
+
     def _typed(self) -> None:
         if self.form is not None:
+            if self.refused and None not in self.form.check():
+                self.refused = False
             self.typed[self.lab] = self.form.plain()
             self._note()
             self._say_stale()
@@ -218,11 +258,13 @@ class _Labs:
         if self.form is None or self.running.running:
             return
         values, runs, seed = self.form.check()
+        self.refused = values is None or runs is None or seed is None
         if values is None or runs is None or seed is None:
-            self.form.focus_problem()
+            self.problem.text = f"Not started. {self.form.focus_problem()}"
             return
-        runner, folder = self.shell.desk.runner, self._folder(self.lab)
-        self.running.start(catalogue.work(runner, self.draft, self.lab, values, runs, seed, folder), self.lab)
+        runner, folder = self.shell.desk.runner, catalogue.place(self.shell.desk.store.folder, self.draft, self.lab)
+        self.running.start(catalogue.work(runner, self.draft, self.lab, values, runs, seed, folder), self.lab, runs)
+        self.chosen = self.beside = None
         self.problem.text = ""
         self._look()
         ui.run_javascript(f"getHtmlElement({self.going.id})?.scrollIntoView({{block: 'nearest'}})")
@@ -242,8 +284,9 @@ class _Labs:
             self.bar.props("indeterminate" if not known else "", remove="" if not known else "indeterminate")
             self.bar.value = progress.fraction if progress is not None and known else 0.0
             other = "" if mine else f"{catalogue.sheet(self.running.name).heading} is running: "
-            self.words.text = other + said(progress)
-        self.problem.text = self.running.problem if mine and not running else ""
+            self.words.text = other + catalogue.said(progress, self.running.runs)
+        if not self.refused:
+            self.problem.text = self.running.problem if mine and not running else ""
         if self._shown != self.running.finished and not running:
             self._draw_results()
             if mine:
@@ -251,12 +294,19 @@ class _Labs:
         elif self.report is not None:
             self._show_theme()
 
-    def _folder(self, lab: str) -> Path:
-        return catalogue.place(self.shell.desk.store.folder, self.draft, lab)
+    def _kept(self, lab: str) -> list[Path]:
+        """The folders of the runs of a lab, the last one at the end."""
+        return catalogue.kept(catalogue.place(self.shell.desk.store.folder, self.draft, lab))
+
+    def _folder(self, lab: str) -> Path | None:
+        """The folder of the run that is shown."""
+        kept = self._kept(lab)
+        return self.chosen if self.chosen in kept else kept[-1] if kept else None
 
     def _outcome(self, lab: str) -> LabOutcome | None:
-        """What came of the last run of a lab."""
-        return catalogue.outcome(self._folder(lab))
+        """What came of the run of a lab that is shown."""
+        folder = self._folder(lab)
+        return None if folder is None else catalogue.outcome(folder)
 
     def _draw_results(self) -> None:
         self._shown = self.running.finished
@@ -280,6 +330,7 @@ class _Labs:
                 ui.label(f"{found.runs} runs, seed {found.seed}, {found.seconds:.1f} s").classes("ctl-lab-source")
             self.stale = ui.label().classes("ctl-lab-hint")
             self._say_stale(found)
+            self._draw_kept(found)
             self._draw_links(found)
             title = f"{len(found.checks)} checks"
             with ui.expansion(title, value=bool(found.failed)).props("dense").classes("w-full"):
@@ -292,6 +343,39 @@ class _Labs:
             self.report.props["sandbox"] = ""  # no scripts, no forms, nothing
             self._theme = ""
             self._show_theme()
+
+    def _draw_kept(self, found: LabOutcome) -> None:
+        """The runs that are kept, and two of them beside each other."""
+        kept = {str(folder): catalogue.outcome(folder) for folder in reversed(self._kept(self.lab))}
+        runs = {path: _told(path, each) for path, each in kept.items() if each is not None}
+        if len(runs) < 2:
+            return
+        shown = str(self._folder(self.lab))
+        others = {"": "no other run", **{path: words for path, words in runs.items() if path != shown}}
+
+        def look(path: str) -> None:
+            self.chosen = Path(path)
+            if self.beside == self.chosen:
+                self.beside = None
+            self._draw_results()
+
+        def compare(path: str) -> None:
+            self.beside = Path(path) if path else None
+            self._draw_results()
+
+        beside = str(self.beside) if self.beside is not None and str(self.beside) in others else ""
+        with ui.row().classes("items-center gap-3 w-full"):
+            choose = ui.select(runs, value=shown, label="Run", on_change=lambda event: look(event.value))
+            choose.props("outlined dense data-test=lab-run").classes("ctl-lab-choice")
+            other = ui.select(others, value=beside, label="Compare with", on_change=lambda event: compare(event.value))
+            other.props("outlined dense data-test=lab-beside").classes("ctl-lab-choice")
+        second = kept.get(beside)
+        if second is not None:
+            rows = catalogue.compared(found, second)
+            heads = ("", f"run {_number_of(shown)}", f"run {_number_of(beside)}")
+            ui.html(_table(heads, rows), sanitize=False).classes("ctl-lab-checks").props(
+                'tabindex=0 role=region aria-label="Two runs beside each other" data-test=lab-compared'
+            )
 
     def _show_theme(self) -> None:
         """The report in the page's colours."""
@@ -323,8 +407,10 @@ class _Labs:
     def _address(self, name: str) -> str:
         """Where a file of the report is; another address for every report, so that none is taken from the browser's memory."""
         folder = self._folder(self.lab)
+        if folder is None:
+            return ""
         stamp = (folder / "report.html").stat().st_mtime_ns
-        return FILES.format(draft=self.draft, lab=self.lab, name=name) + f"?v={stamp}"
+        return FILES.format(draft=self.draft, lab=self.lab, run=_number_of(str(folder)), name=name) + f"?v={stamp}"
 
 
 class _Form:
@@ -363,9 +449,10 @@ class _Form:
     def _draw(self, field: Parameter, value: Typed) -> None:
         wide = field.kind == "matrix" or len(field.default) > 24
         with ui.element("div").classes("ctl-lab-field" + (" ctl-lab-wide" if wide else "")):
-            if field.kind == "matrix":
-                unit = "" if field.unit == "1" else f", {field.unit}"
-                ui.label(f"{field.name}{unit}")
+            if field.symbol:
+                unit = f", {escape(field.unit)}" if field.kind == "matrix" and field.unit not in {"1", ""} else ""
+                name = "" if field.symbol == field.name else f' <span class="ctl-lab-hint">{escape(field.name)}</span>'
+                ui.html(f"{mathml(field.symbol)}{unit}{name}", sanitize=False).props("aria-hidden=true").classes("ctl-lab-symbol")
             cells = self._cells(field, value)
             words = f"{field.meaning} · {field.allowed}".replace(">=", "≥").replace("null", "empty")
             hint = ui.label(words).classes("ctl-lab-hint")
@@ -379,7 +466,10 @@ class _Form:
         if field.kind == "flag":
             return [[ui.checkbox(label, value=value == "true", on_change=self._edited)]]
         if isinstance(value, str):
-            cell = ui.input(label, value=value, on_change=self._edited).classes("w-full")
+            cell = ui.input(None if field.symbol else label, value=value, on_change=self._edited).classes("w-full")
+            if field.symbol:
+                unit = "" if field.unit in {"1", ""} else f", {field.unit}"
+                cell.props["aria-label"] = f"{field.name}{unit}"
             cell.props("outlined dense hide-bottom-space no-error-icon autocomplete=off spellcheck=false")
             if field.unit not in {"1", ""}:
                 cell.props["suffix"] = field.unit
@@ -447,12 +537,17 @@ class _Form:
             else:
                 cell.props(remove="error aria-invalid")
 
-    def focus_problem(self) -> None:
-        """Go to the first field that is wrong."""
+    def focus_problem(self) -> str:
+        """Go to the first field that is wrong, and say what is wrong with it."""
         for name, label in self._errors.items():
-            if label.text and name in self._inputs:
-                self._inputs[name][0][0].run_method("focus")
-                return
+            if not label.text:
+                continue
+            if name in self._inputs:
+                cell = self._inputs[name][0][0]
+                cell.run_method("focus")
+                ui.run_javascript(f"getHtmlElement({cell.id})?.scrollIntoView({{block: 'center'}})")
+            return f"{name.removeprefix('.')}: {label.text}" if name else label.text
+        return ""
 
 
 def _typed(cell: Any) -> str:
@@ -464,6 +559,38 @@ def _typed(cell: Any) -> str:
 
 def _sentence(words: str) -> str:
     return f"{words[:1].upper()}{words[1:]}"
+
+
+def _statement(sheet: LabSheet) -> str:
+    """What is given and asked, with its formulas set; of a lab without a sheet, its text."""
+    asked = sheet.asked
+    if asked is None:
+        return "".join(f"<p>{escape(paragraph)}</p>" for paragraph in sheet.statement)
+    given = "".join(f"<p>{inline(' '.join(part.split()))}</p>" for part in asked.statement.split("\n\n"))
+    items = "".join(f"<dt>({escape(letter)})</dt><dd>{inline(words)}</dd>" for letter, words in asked.items.items())
+    aim = f"<p><b>Aim.</b> {inline(' '.join(asked.aim.split()))}</p>" if asked.aim else ""
+    return f"{given}<dl>{items}</dl>{aim}"
+
+
+def _number_of(folder: str) -> str:
+    """The number of a run by its folder; 0 of one from before runs had numbers."""
+    name = Path(folder).name
+    return name if name.isdigit() else "0"
+
+
+def _told(folder: str, found: LabOutcome) -> str:
+    """A run in a list: number, time, verdict, runs and seed."""
+    when = time.strftime("%Y-%m-%d %H:%M", time.localtime((Path(folder) / "results.json").stat().st_mtime))
+    return f"{_number_of(folder)} · {when} · {found.runs} runs, seed {found.seed} · {found.verdict}"
+
+
+def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    top = "".join(f"<th scope=col>{escape(head)}</th>" if head else "<td></td>" for head in heads)
+    body = "".join(
+        f"<tr><th scope=row>{escape(first)}</th>{''.join(f'<td class=n>{escape(cell)}</td>' for cell in cells)}</tr>"
+        for first, *cells in rows
+    )
+    return f"<table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def _checks(found: LabOutcome) -> str:
@@ -480,7 +607,7 @@ def _checks(found: LabOutcome) -> str:
         ]
         cells = [f"<td>{mark}</td>", *(f"<td>{escape(str(word))}</td>" for word in words)]
         rows.append("<tr>" + "".join([*cells, *(f'<td class="n">{escape(text)}</td>' for text in numbers)]) + "</tr>")
-    head = "".join(f"<th scope=col>{text}</th>" for text in heads)
+    head = "".join(f"<th scope=col>{text}</th>" if text else "<td></td>" for text in heads)
     return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(rows)}</tbody></table>"
 
 
@@ -498,16 +625,17 @@ def _serve_files(desk: Desk) -> None:
         ).start()
 
 
-def _file(request: Request, draft: str, lab: str, name: str) -> Response:
+def _file(request: Request, draft: str, lab: str, run: str, name: str) -> Response:
     """A file of a report."""
     desk: Desk = app.state.ctlabs_desk
     missing = PlainTextResponse("ctlabs workbench: no such report\n", 404)
     if desk.store.draft(draft, desk.owner(request.scope["ctlabs.session"])) is None:
         return missing
     try:
-        folder = catalogue.place(desk.store.folder, draft, lab)
+        place = catalogue.place(desk.store.folder, draft, lab)
+        folder = next(each for each in catalogue.kept(place) if _number_of(str(each)) == run)
         content, kind = _content(folder, name, request.query_params.get("theme", "auto"))
-    except (ValueError, OSError):
+    except (ValueError, OSError, StopIteration):
         return missing
     headers = {"content-security-policy": POLICY, "cache-control": "private, no-store"}
     return Response(content, media_type=kind, headers=headers)

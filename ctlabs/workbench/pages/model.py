@@ -7,6 +7,8 @@ into for a while is one edit to undo.
 from __future__ import annotations
 
 import re
+from collections.abc import Awaitable
+from dataclasses import replace
 from functools import partial
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -22,6 +24,7 @@ from ctlabs.workbench.pages import model_dialogs
 from ctlabs.workbench.pages import model_parts as parts
 from ctlabs.workbench.pages.cells import Label
 from ctlabs.workbench.pages.editing import Editor
+from ctlabs.workbench.pages.entries import Entries, is_large
 from ctlabs.workbench.pages.grid import GridElement, TextField
 from ctlabs.workbench.pages.math import Equations
 from ctlabs.workbench.pages.model_constants import Constants
@@ -48,7 +51,7 @@ PAGE = {"place": 1, "title": "Model", "icon": "grid_on"}
 LISTED = 4
 KEYS = (
     "Arrows, Enter and Tab go from cell to cell, Ctrl+Home and Ctrl+End to the first and last of a matrix; Esc takes back what was "
-    "typed. A block copied from a spreadsheet can be pasted into the cells."
+    "typed. Ctrl+Delete in the name of a state or measurement removes it. A block copied from a spreadsheet can be pasted into the cells."
 )
 
 
@@ -62,7 +65,8 @@ class ModelPage:
 
     def __init__(self, session: Session, shell: Shell) -> None:
         self.session, self.shell = session, shell
-        self.grids: dict[str, GridElement] = {}
+        self.grids: dict[str, GridElement | Entries] = {}
+        self.names: dict[str, GridElement] = {}  # where names and units of a large matrix are typed
         self._layout: tuple[Any, ...] = ()
         self._view = "cells"
         self._title = ""
@@ -129,11 +133,13 @@ class ModelPage:
             ("mod+e", "Cells or text", self._other_view),
         ):
             self.shell.shortcut(keys, label, action)
+        self.shell.on_change(self.show)
         if self._unfinished:
             self._view = "text"
         self.show()
         if self._unfinished:
-            self._text.write(self._unfinished, self._text_typed(self._unfinished))
+            why = self.type("text", commands.Rewrite(self._unfinished))
+            self._text.write(self._unfinished, self._text_done(self._unfinished, why) if isinstance(why, str) else "")
 
     def _draw_begin(self) -> None:
         parts.text("h2", "Begin with a model")
@@ -260,7 +266,7 @@ class ModelPage:
             "" if sheet.kind == "continuous" else "of a continuous model only",
         )
         self._show_view()
-        layout = (sheet.kind, tuple(sheet.grids), sheet.missing_parts)
+        layout = (sheet.kind, tuple((name, is_large(grid)) for name, grid in sheet.grids.items()), sheet.missing_parts)
         if layout != self._layout:
             self._layout = layout
             self._draw_matrices()
@@ -300,7 +306,7 @@ class ModelPage:
         """The cards; they are made anew only when a matrix comes or goes."""
         sheet = self.session.sheet
         self._matrices.clear()
-        self.grids = {}
+        self.grids, self.names = {}, {}
         with self._matrices:
             for section in sections(sheet.kind, sheet.grids) if sheet.kind else ():
                 with ui.element("section").classes("ctl-card").props(f'aria-label="{section.title}"'):
@@ -328,15 +334,26 @@ class ModelPage:
                     remove.props(
                         f'flat round dense size=xs aria-label="Remove {parts.TITLES[name]}" data-test=remove-{name}'
                     )
-            self.grids[name] = GridElement(
-                name,
-                partial(self._typed, name),
-                on_block=partial(self._pasted, name),
-                on_remove=self._remove,
-                on_done=self.done,
-                row_kind={"F": "state", "Phi": "state", "H": "measurement"}.get(name, ""),
-                column_kind="noise" if name == "G" else "",
-            )
+            kind = {"F": "state", "Phi": "state", "H": "measurement"}.get(name, "")
+            if not is_large(self.session.sheet.grids[name]):
+                self.grids[name] = self._draw_grid(name, kind, "noise" if name == "G" else "")
+                return
+            self.grids[name] = Entries(name, partial(self._typed, name), self.done)
+            if kind:
+                with ui.expansion(f"Names and units of the {kind}s").props("dense").classes("w-full"):
+                    self.names[name] = self._draw_grid(name, kind, "")
+
+    def _draw_grid(self, name: str, row_kind: str, column_kind: str) -> GridElement:
+        return GridElement(
+            name,
+            partial(self._typed, name),
+            on_block=partial(self._pasted, name),
+            on_remove=self._remove,
+            on_done=self.done,
+            row_kind=row_kind,
+            column_kind=column_kind,
+            refused=self.session.refused.setdefault(name, {}),
+        )
 
     def _draw_times(self) -> None:
         with ui.element("div").classes("ctl-part ctl-small"):
@@ -373,7 +390,14 @@ class ModelPage:
                 labels = self._labels("states", sheet.states, sheet.units)
             elif name == "H":
                 labels = self._labels("measurements", sheet.measurements, sheet.measurement_units)
-            element.show(sheet.grids[name], f"{name}, {parts.TITLES[name]}", labels)
+            matrix, label = sheet.grids[name], f"{name}, {parts.TITLES[name]}"
+            if isinstance(element, Entries):
+                element.show(matrix, label)
+            else:
+                element.show(matrix, label, labels)
+            if name in self.names:
+                rows = ((),) * len(matrix.rows)
+                self.names[name].show(replace(matrix, rows=rows, column_names=(), problem=None), f"{label}: names", labels)
         if self.grids:
             self._times["dt"].show(sheet.dt)
             self._times["t0"].show(sheet.shown(("experiment", "t0")) if "t0" in _experiment(sheet) else _default_t0())
@@ -443,7 +467,9 @@ class ModelPage:
             return
         part = where.removeprefix("model.").partition("[")[0]
         element = self.grids.get(part)
-        if element is not None:
+        if isinstance(element, Entries):
+            element.enter(where)
+        elif element is not None:
             element.run_method("enter", where if where.count("[") else "")
         elif part in self._times:
             self._times[part].run_method("enter", "")
@@ -452,31 +478,36 @@ class ModelPage:
 
     # What is typed and pressed ---------------------------------------------------------------------------------------------
 
-    def _typed(self, name: str, key: str, text: str) -> str:
+    def _typed(self, name: str, key: str, text: str) -> str | Awaitable[str]:
         try:
             command = cell_command(self.session.sheet, name, key, text)
         except (LookupError, ValueError):
             return ""  # the cell is gone by now
         return self.type(f"{name},{key}", command)
 
-    def _pasted(self, name: str, row: int, column: int, text: str) -> None:
-        self.do(block_command(self.session.sheet, name, row, column, text))
+    async def _pasted(self, name: str, row: int, column: int, text: str) -> None:
+        await self._done(block_command(self.session.sheet, name, row, column, text))
 
-    def _remove(self, what: commands.What, index: int) -> None:
-        if self.do(commands.Remove(what, index)) and what != "noise":
+    async def _done(self, command: commands.Command) -> bool:
+        """Carry a command out, in a thread where the model is large."""
+        return await self.editor.do_later(command) if self.session.large else self.do(command)
+
+    async def _remove(self, what: commands.What, index: int) -> None:
+        if await self._done(commands.Remove(what, index)) and what != "noise":
             self._enter_row(what, index)
 
-    def _add(self, what: commands.What) -> None:
-        if self.do(commands.Add(what)) and what != "noise":
+    async def _add(self, what: commands.What) -> None:
+        if await self._done(commands.Add(what)) and what != "noise":
             self._enter_row(what, 10**6)
 
     def _enter_row(self, what: str, index: int) -> None:
         """Put the caret into the name of a state or measurement, or of the last."""
         name = "H" if what == "measurement" else "F" if "F" in self.grids else "Phi"
         last = len(self.session.sheet.grids[name].rows) - 1
-        self.grids[name].run_method("nameRow", min(index, last))
+        element = self.names.get(name, self.grids[name])
+        element.run_method("nameRow", min(index, last))  # type: ignore[union-attr]  # what has no names there is a grid
 
-    def _time_typed(self, name: str, text: str) -> str:
+    def _time_typed(self, name: str, text: str) -> str | Awaitable[str]:
         return self.type(name, commands.EditCell(("model" if name == "dt" else "experiment", name), text))
 
     def _set_kind(self, kind: str | None) -> None:
@@ -488,8 +519,14 @@ class ModelPage:
         else:
             self._kind.set_value(sheet.kind or None)
 
-    def _text_typed(self, text: str) -> str:
-        why = self.type("text", commands.Rewrite(text))
+    def _text_typed(self, text: str) -> str | Awaitable[str]:
+        found = self.type("text", commands.Rewrite(text))
+        return self._text_done(text, found) if isinstance(found, str) else self._text_later(text, found)
+
+    async def _text_later(self, text: str, found: Awaitable[str]) -> str:
+        return self._text_done(text, await found)
+
+    def _text_done(self, text: str, why: str) -> str:
         found = re.match(r"line (\d+)", why)
         self._wrong_line = int(found[1]) if found else 0
         self._remember(text if why else "")
@@ -516,6 +553,16 @@ class ModelPage:
             ui.run_javascript('document.querySelector(".ctl-main").focus({ preventScroll: true })')
         return done
 
+    async def open_later(self, text: str, name: str) -> bool:
+        """The same in a thread: a file may be a large one."""
+        self._remember("")
+        self._view = "cells"
+        with self._work:
+            done = await self.editor.do_later(commands.Open(text, name))
+            if done:
+                ui.run_javascript('document.querySelector(".ctl-main").focus({ preventScroll: true })')
+        return done
+
     async def _uploaded(self, event: UploadEventArguments) -> None:
         content = await event.file.read()
         self._uploader.reset()
@@ -524,7 +571,7 @@ class ModelPage:
         except ModelFileError as why:
             self.shell.complain(line(why))
             return
-        if self.open(text, event.file.name):
+        if await self.open_later(text, event.file.name):
             self.shell.tell(f"{event.file.name} is open; Undo brings the model before it back.")
 
     def _rejected(self) -> None:
@@ -543,7 +590,8 @@ class ModelPage:
         self._view = "cells"
         done = self.do(command)
         if done:
-            next(iter(self.grids.values())).run_method("enter", "")
+            first = next(iter(self.grids.values()))
+            (first.list if isinstance(first, Entries) else first).run_method("enter", "")
         return done
 
     def block_dialog(self) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Awaitable
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -129,13 +130,13 @@ class ConstantElement:
         if opening:
             self._details["min"].run_method("enter", "")
 
-    def _set(self, text: str) -> str:
+    def _set(self, text: str) -> str | Awaitable[str]:
         return self.editor.type(f"constants.{self.row.name}", commands.EditCell(("constants", self.row.name), text))
 
-    def _rename(self, text: str) -> str:
+    def _rename(self, text: str) -> str | Awaitable[str]:
         return self.editor.type("", commands.RenameConstant(self.row.name, text)) if text.strip() != self.row.name else ""
 
-    def _tell(self, key: str, text: str) -> str:
+    def _tell(self, key: str, text: str) -> str | Awaitable[str]:
         command = commands.EditCell(("constants", self.row.name, key), text)
         return self.editor.type(f"constants.{self.row.name}.{key}", command)
 

@@ -61,7 +61,14 @@ def ready(opened: Callable[[str, str], bool], pick: str, models: list[Earlier]) 
             label.set_visibility(any(element.visible for entry, element in found if bool(entry.lab) == lab))
         before.set_visibility(bool(models) and not words)
 
+    def only() -> None:
+        narrow()
+        left = [entry for entry, element in found if element.visible]
+        if len(left) == 1 and opened(left[0].text, f"{left[0].name}.toml"):
+            made.close()
+
     wanted.on_value_change(narrow)
+    wanted.on("keydown.enter", only)
 
 
 def _entry(entry: Entry, made: ui.dialog, opened: Callable[[str, str], bool]) -> ui.element:
@@ -116,6 +123,7 @@ def new(begin: Callable[[commands.New], bool]) -> None:
 
         for field in sizes.values():
             field.on("keydown.enter", begun)
+        ui.link("Or in a new tab, beside the model that is open", "/model?draft=new", new_tab=True).props("data-test=new-tab")
         buttons(made, "Begin", "new-begin", begun)
 
 

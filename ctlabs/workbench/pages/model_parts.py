@@ -42,15 +42,11 @@ def help_button(key: str) -> None:
     button = (
         ui.button("?")
         .classes("ctl-help")
-        .props(f'outline round dense aria-label="Help: {escape(told.title)}" aria-haspopup=dialog')
+        .props(f'outline round dense tabindex=-1 aria-label="Help: {escape(told.title)}" aria-haspopup=dialog title="Help (F1)"')
     )
     button.props(f"data-test=help-{key.partition('.')[2]}")
-    with button, ui.menu().props("no-parent-event max-width=420px") as menu:
-        place = (
-            ui.element("div")
-            .classes("ctl-helptext")
-            .props(f'role=dialog tabindex=-1 aria-label="{escape(told.title)}"')
-        )
+    with button, ui.menu().props(f'no-parent-event max-width=420px role=dialog aria-label="{escape(told.title)}"') as menu:
+        place = ui.element("div").classes("ctl-helptext")
 
     def opened() -> None:
         if not place.default_slot.children:

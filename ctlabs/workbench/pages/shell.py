@@ -7,8 +7,11 @@ the package's own function ``over(session, shell)`` draws what stays over every 
   other tabs with the same draft show what has changed
 - ``shell.tell(line)``, ``shell.complain(line)``: a message that goes away, a message that stays
 - ``shell.shortcut("mod+z", "Undo", undo)``: a key while the page is shown (``mod`` is Ctrl, or Cmd on a Mac)
+- ``shell.on_change(show)``: what to do when another tab has edited the draft; otherwise the page is drawn again, as soon as
+  nobody types there
 - ``shell.go("experiment")``, ``shell.refresh()``, ``shell.on_leave(stop)``, ``shell.name_draft("Tracking")``
 - ``shell.desk.store``, ``shell.desk.runner``, ``shell.owner``, ``shell.browser``: where things are kept and run, for whom
+- ``shell.query``: what the address asked for beside the draft
 
 An exception that leaves a handler of the page is shown in one line and its traceback goes to the log.
 """
@@ -77,6 +80,8 @@ class Shell:
     def __init__(self, desk: Desk, client: Client, request: Request, pages: str) -> None:
         self.desk, self.client, self._package, self._pages = desk, client, pages, listed(pages)
         self.browser: str = request.scope["ctlabs.session"]
+        #: What the address asked for beside the draft, until a page has taken it.
+        self.query = {key: value for key, value in request.query_params.items() if key != "draft"}
         theme = request.cookies.get("ctlabs_theme", "auto")
         self.theme = theme if theme in THEMES else "auto"
         self.current = self._pages[0].name
@@ -84,6 +89,8 @@ class Shell:
         self._keys: dict[str, _Shortcut] = {}
         self._leaving: list[Callable[[], object]] = []
         self._links: dict[str, ui.element] = {}
+        self._take_up: Callable[[], object] | None = None
+        self._asked = ""  # the page whose link was followed before the draft was open
         self._pending: asyncio.TimerHandle | None = None
 
     @property
@@ -118,14 +125,16 @@ class Shell:
         self.client.on_exception(self._failed)
         ui.on("ctlabs_key", lambda event: self._pressed(event.args))
         ui.on("ctlabs_went", lambda event: self._went(str(event.args)))
+        ui.on("ctlabs_rests", self._rests)
         self._mark()
 
     def _draw_header(self) -> None:
         with ui.header(elevated=True, wrap=False).classes("ctl-head"):
             menu = ui.button(icon="menu", on_click=self._drawer.toggle)
             menu.props('flat round dense color=white aria-label="List of pages"').classes("ctl-narrow")
-            with ui.element("a").classes("ctl-title ctl-wide").props('href="/model"'):
+            with ui.element("a").classes("ctl-title ctl-wide").props(f'href="/{self._pages[0].name}"') as self._title:
                 ui.label("ctlabs workbench")
+            self._follow(self._title, self._pages[0].name)
             self._name = ui.label("").classes("ctl-draft")
             ui.space()
             self._saved = ui.label("").classes("ctl-saved").props("role=status aria-live=polite data-state=none")
@@ -139,10 +148,14 @@ class Shell:
         with link:
             ui.icon(page.icon).props("aria-hidden=true size=sm")
             ui.label(page.title)
+        self._follow(link, page.name)
+        return link
+
+    def _follow(self, link: ui.element, name: str) -> None:
         # A plain click changes the page here; one with a key held opens another tab, as with any link.
         link.on(
             "click",
-            lambda: self.go(page.name),
+            lambda: self.go(name),
             js_handler=f"""(e) => {{
                 if (e.ctrlKey || e.metaKey || e.shiftKey || e.altKey || e.button) return;
                 e.preventDefault();
@@ -150,7 +163,6 @@ class Shell:
                 emit();
             }}""",
         )
-        return link
 
     def _mark(self) -> None:
         """Say which page this is: in the list, in the title of the tab."""
@@ -161,6 +173,8 @@ class Shell:
                 link.props("aria-current=page")
             if self._place is not None:
                 link.props(f'href="{self._url(page.name)}"')
+        if self._place is not None:
+            self._title.props(f'href="{self._url(self._pages[0].name)}"')
         title = next(page.title for page in self._pages if page.name == self.current)
         ui.page_title(" · ".join(part for part in (self._name.text, title, "ctlabs") if part))
 
@@ -169,7 +183,9 @@ class Shell:
     async def enter(self, name: str, wanted: str) -> None:
         """Open the draft and show a page; the library is loaded meanwhile, in a thread."""
         try:
-            self._place = await asyncio.to_thread(self.desk.enter, self, wanted)
+            place = await asyncio.to_thread(self.desk.enter, self, wanted)
+            if (prepare := getattr(place.session, "prepare", None)) is not None:
+                await asyncio.to_thread(prepare)
         except Exception as why:
             log.exception("opening a draft")
             self._instead(why)
@@ -177,8 +193,10 @@ class Shell:
         if self.client.is_deleted:
             self.desk.leave(self)
             return
+        self._place, name = place, self._asked or name
         for page in self._pages:
             self.shortcut(page.keys, page.title, partial(self.go, page.name), lasting=True)
+        self.shortcut("f1", "Help on what has the focus", self._no_help, lasting=True)
         self.shortcut("?", "Keyboard shortcuts", self.show_shortcuts, in_fields=False, lasting=True)
         ui.navigate.history.replace(self._url(name))
         self.show(name)
@@ -194,7 +212,10 @@ class Shell:
             asyncio.get_running_loop().run_in_executor(None, warm)
 
     def go(self, name: str) -> None:
-        """Show a page as if its link had been followed."""
+        """Show a page as if its link had been followed; before the draft is open, as soon as it is."""
+        if self._place is None:
+            self._asked = name
+            return
         if name == self.current:
             self.show(name)
             return
@@ -214,6 +235,8 @@ class Shell:
             try:
                 module = importlib.import_module(f"{self._package}.{name}")
                 with self._main:
+                    title = next(page.title for page in self._pages if page.name == name)
+                    ui.html(escape(title), sanitize=False, tag="h1").classes("ctl-sr")
                     module.page(self.place.session, self)
                 importlib.import_module(self._package).over(self.place.session, self)
             except Exception as why:
@@ -237,6 +260,10 @@ class Shell:
         """Call this when the page is left, drawn again, or its tab closed."""
         self._leaving.append(action)
 
+    def on_change(self, action: Callable[[], object]) -> None:
+        """Call this, instead of drawing the page again, when another tab has edited the draft."""
+        self._take_up = action
+
     def name_draft(self, name: str) -> None:
         """Put the model's name into the header and the title of the tab."""
         with self.client:
@@ -251,7 +278,7 @@ class Shell:
         self._left()
 
     def _left(self) -> None:
-        leaving, self._leaving = self._leaving, []
+        leaving, self._leaving, self._take_up = self._leaving, [], None
         self._keys = {keys: shortcut for keys, shortcut in self._keys.items() if shortcut.lasting}
         for action in leaving:
             try:
@@ -304,13 +331,26 @@ class Shell:
             self._saved.props(f"data-state={state}")
 
     def refresh_soon(self) -> None:
-        """Show the session again, when there is time."""
+        """Show what another tab has changed, when there is time."""
         if (
             self._pending is None
             or self._pending.cancelled()
             or self._pending.when() < asyncio.get_running_loop().time()
         ):
-            self._pending = asyncio.get_running_loop().call_later(CALM, self.refresh)
+            self._pending = asyncio.get_running_loop().call_later(CALM, self._changed_elsewhere)
+
+    def _changed_elsewhere(self) -> None:
+        """Show what another tab has changed: under typing hands only what a page can change without touching them."""
+        with self.client:
+            if self._take_up is not None:
+                self._take_up()
+            else:
+                ui.run_javascript("ctlabs.rest()")
+
+    def _rests(self) -> None:
+        """Nobody types: the page may be drawn again."""
+        if self._take_up is None:
+            self.refresh()
 
     def _failed(self, why: Exception) -> None:
         if not isinstance(why, TimeoutError):  # a browser that answered late about its width; nothing has failed
@@ -354,6 +394,11 @@ class Shell:
                     ui.html(f"<kbd>{escape(keys)}</kbd>", sanitize=False)
                     ui.label(label)
             ui.button("Close", on_click=made.close).props("flat autofocus")
+
+    def _no_help(self) -> None:
+        """The browser has found no help beside what has the focus: all of it is on a page of its own."""
+        if any(page.name == "help" for page in self._pages):
+            self.go("help")
 
     def _tell_keys(self) -> None:
         """The keys go to the browser with the page, as an attribute of it: there is no page without its keys."""

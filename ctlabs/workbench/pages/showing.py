@@ -125,7 +125,7 @@ class Plot:
         label = f"Figure: {drawing.name}; its numbers can be copied"
         if self._element is None:
             with self._place:
-                self._element = ui.plotly(figure).classes("w-full").props("role=img")
+                self._element = ui.plotly(figure).classes("w-full").props("role=figure")
         else:
             self._element.update_figure(figure)
         self._element.props["aria-label"] = label
@@ -150,7 +150,7 @@ def help_button(key: str) -> ui.button:
     """A button that tells in a line what something is, and shows all of it when it is pressed."""
     told = help_for(key)
     button = ui.button(icon="help_outline", on_click=lambda: show_help(key))
-    button.props(f"flat round dense size=sm data-test=help-{key.replace('.', '-')}")
+    button.props(f"flat round dense size=sm tabindex=-1 data-test=help-{key.replace('.', '-')}")
     button.props["aria-label"] = f"Help: {told.title}"
     with button:
         ui.tooltip(told.tooltip).classes("max-w-xs")
@@ -167,7 +167,7 @@ def show_help(key: str) -> None:
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[Any]], caption: str = "", *, row_heads: bool = True) -> str:
     """A table in HTML; numbers are written for a reader, texts as they are. The last cell of a short row is as wide as the rest."""
-    top = "".join(f'<th scope="col">{escape(head)}</th>' for head in heads)
+    top = "".join(f'<th scope="col">{escape(head)}</th>' if head else "<td></td>" for head in heads)
     body = []
     for row in rows:
         cells = []

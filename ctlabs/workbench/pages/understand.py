@@ -53,26 +53,39 @@ class _Understand:
 
     def draw(self) -> None:
         self.shell.name_draft(self.session.title)
+        with ui.element("div").classes("ctl-und"):
+            with ui.element("div").classes("ctl-und-constants"):
+                self.constants = Constants(self.editor)
+            with ui.element("div").classes("ctl-column"):
+                self._draw_results()
+        self.constants.show(self.session.sheet.constants)
+        self.shell.shortcut("mod+z", "Undo", self.editor.undo, in_fields=False)
+        self.shell.shortcut("mod+shift+z", "Redo", self.editor.redo, in_fields=False)
+        self.shell.on_leave(self._leave)
+        self.shell.on_change(lambda: self._changed(""))
+        self._want()
+
+    def _draw_results(self) -> None:
         with self.show.card("In short", wide=True, test="summary") as card:
             self.box = card.section
+            with card.head:
+                ui.space()
+                self.report = ui.button("Report", icon="download", on_click=self._download)
+                self.report.props('flat dense no-caps data-test=understand-report title="All of this as one page to keep"')
             self.summary = ui.html("<p>Computing…</p>", sanitize=False).props("role=status aria-live=polite")
-            self.to_model = ui.button("Go to the model", icon="grid_on", on_click=lambda: self.shell.go("model"))
-            self.to_model.props("outline no-caps dense data-test=go-model")
-        with ui.element("div").classes("ctl-und-constants"):
-            self.constants = Constants(self.editor)
-            ui.label("Change one and see what follows from it; it is changed in the model, too.").classes("ctl-show-hint")
-        self.constants.show(self.session.sheet.constants)
-        with ui.element("div").classes("ctl-show-grid"):
+            with ui.row().classes("items-center gap-2") as self.wrong:
+                self.why = ui.label("").classes("ctl-show-error").props("role=alert data-test=understand-wrong")
+                self.to_model = ui.button("Go to the model", icon="grid_on", on_click=lambda: self.shell.go("model"))
+                self.to_model.props("outline no-caps dense data-test=go-model")
+        with ui.element("div").classes("ctl-show-grid") as self.results:
             self._draw_observability()
             self._draw_detectability()
             self._draw_poles()
             self._draw_steady()
             self._draw_transient()
             self._draw_filter()
-        self.shell.shortcut("mod+z", "Undo", self.editor.undo, in_fields=False)
-        self.shell.shortcut("mod+shift+z", "Redo", self.editor.redo, in_fields=False)
-        self.shell.on_leave(self._leave)
-        self._want()
+        self.results.set_visibility(False)
+        self.wrong.set_visibility(False)
 
     def _draw_observability(self) -> None:
         with self.show.card("Observability", "understand.observability", test="observability"):
@@ -93,7 +106,7 @@ class _Understand:
             with card.head:
                 ui.space()
                 self.copy_steady = self.show.copy(
-                    self._steady_text, "Copy the matrices", test="copy-steady", words="Numbers"
+                    self._steady_text, "Copy the numbers of the matrices", test="copy-steady", words="Numbers"
                 )
             self.steady = _Body()
 
@@ -133,19 +146,53 @@ class _Understand:
             while self.wanted is not None and not self.left:
                 text, self.wanted = self.wanted, None
                 found = await asyncio.to_thread(_understood, text)
-                if self.wanted is None and not self.left and found is not self.found:
-                    self.found = found
+                if self.wanted is None and not self.left:
                     with self.box:
-                        self._fill(found)
+                        self._show(found)
         finally:
             self.computing = False
 
     def _leave(self) -> None:
         self.left = True
 
-    def _fill(self, found: Understanding) -> None:
+    def _show(self, found: Understanding) -> None:
+        """Results, or what is wrong with the model beside the last results that there were."""
         problems = self.session.sheet.problems
-        self.to_model.set_visibility(bool(problems))
+        stale = bool(problems) and self.found is not None
+        self.wrong.set_visibility(bool(problems))
+        if problems:
+            where, message = next(iter(problems.items()))
+            name, _, rest = where.partition(".")
+            # Of a constant it is said at its field, beside this.
+            constant = f"The constant {rest.removesuffix('.value')} is to be put right"
+            told = constant if name == "constants" else f"{rest or where}: {message}"
+            more = f" ({len(problems) - 1} more)" if len(problems) > 1 else ""
+            below = " What stands below is of the model before." if stale else ""
+            self.why.text = f"{told}{more}.{below}"
+        self.report.set_visibility(not problems)
+        self.results.classes(add="ctl-stale" if stale else "", remove="" if stale else "ctl-stale")
+        self.summary.classes(add="ctl-stale" if stale else "", remove="" if stale else "ctl-stale")
+        if not problems and found is not self.found:
+            self.found = found
+            self.results.set_visibility(True)
+            self._fill(found)
+        elif problems and self.found is None:
+            self.summary.content = "<p>Nothing can be said of it yet.</p>"
+
+    async def _download(self) -> None:
+        """The report that ``ctlabs analyse`` writes, as one page."""
+        text, name = self.session.text, self.session.filename.removesuffix(".toml")
+        self.report.props("loading")
+        try:
+            page = await asyncio.to_thread(_report, text)
+        except (ValueError, ArithmeticError) as why:
+            self.shell.complain(f"There is no report: {' '.join(str(why).split())}")
+            return
+        finally:
+            self.report.props(remove="loading")
+        ui.download.content(page, f"{name}-analysis.html", "text/html")
+
+    def _fill(self, found: Understanding) -> None:
         lines = found.sentences or (found.discrete.reason,)
         self.summary.content = f'<ul class="ctl-und-summary">{"".join(f"<li>{escape(line)}</li>" for line in lines)}</ul>'
         self._fill_observability(found)
@@ -309,6 +356,17 @@ class _Understand:
 def _understood(text: str) -> Understanding:
     """What can be said of a text; a model that one comes back to is there at once."""
     return compute(loads(text, "", check=False), quick=True)
+
+
+def _report(text: str) -> bytes:
+    """The report of the analysis as one page."""
+    from ctlabs.reporting import render
+    from ctlabs.reporting.report import Picture
+    from ctlabs.studies import analysis
+
+    made = analysis.study(loads(text, ""))
+    pictures = {block.name: render.png(block.figure) for block in made.blocks if isinstance(block, Picture)}
+    return render.html(made, pictures).encode()
 
 
 class _Body:

@@ -15,18 +15,23 @@ import shutil
 import time
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+from urllib.parse import urlencode
 
 from ctlabs.labs import catalogue as labs
+from ctlabs.labs.sheets import Sheet
+from ctlabs.labs.sheets import sheet as labs_sheet
 from ctlabs.reporting.params import Validator
+from ctlabs.text import number
+from ctlabs.workbench.runs import running
 
 if TYPE_CHECKING:
     from ctlabs.files.modelfile import Entry
     from ctlabs.workbench.runs.running import Work
-    from ctlabs.workbench.runs.worker import Runner
+    from ctlabs.workbench.runs.worker import Runner, RunProgress
 
 #: A matrix, a list and a single value, as they are typed.
 Typed = str | Sequence[Sequence[str]]
@@ -39,8 +44,11 @@ KINDS = ("number", "flag", "list", "matrix")
 ANSWER = "Expected answer"
 #: The folder of the reports in the data folder.
 FOLDER = "labs"
+#: So many reports of a lab are kept in a draft.
+KEPT = 12
 #: What a lab may take, in seconds: longer than an experiment, a million runs are not unusual.
 SECONDS = 3600.0
+_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 _DRAFT = re.compile(r"[0-9a-f]{16}")
 
@@ -72,6 +80,14 @@ class LabSheet:
     models: tuple[Models, ...]
 
     @property
+    def asked(self) -> Sheet | None:
+        """The sheet: what is given and asked, with its formulas in LaTeX; ``None`` of a lab that has none."""
+        try:
+            return labs_sheet(self.name)
+        except (OSError, KeyError):
+            return None
+
+    @property
     def heading(self) -> str:
         """The title with the lab's number, if it has one."""
         return f"Lab {self.short}: {self.title}" if self.short.isdigit() else self.title
@@ -82,7 +98,7 @@ class Parameter:
     """A parameter as a field of a form.
 
     ``kind`` one of :data:`KINDS` · ``allowed``, its range in words ("a number >= 0") · ``default`` as text, a grid of
-    texts for a matrix · ``alone``, whether one number may stand where a list may
+    texts for a matrix · ``alone``, whether one number may stand where a list may · ``symbol`` in LaTeX
     """
 
     name: str
@@ -92,6 +108,7 @@ class Parameter:
     allowed: str
     default: Typed
     alone: bool = True
+    symbol: str = ""
 
 
 class Checked(NamedTuple):
@@ -166,8 +183,8 @@ def search(words: str = "", variant: str = "") -> tuple[LabSheet, ...]:
     """
     wanted = words.lower().split()
     if len(wanted) == 1 and wanted[0].isdigit():
-        number = str(int(wanted[0]))
-        return tuple(each for each in sheets() if each.short == number)
+        short = str(int(wanted[0]))
+        return tuple(each for each in sheets() if each.short == short)
     return tuple(
         each
         for each in sheets()
@@ -219,9 +236,9 @@ def _gallery() -> tuple[Entry, ...]:
 def fields(name: str) -> tuple[Parameter, ...]:
     """The fields of a lab, in its order; its module is imported here."""
     parameters = labs.load(labs.catalogue()[name]).Parameters
-    told, defaults = parameters.model_fields, parameters()
+    told, defaults, symbols = parameters.model_fields, parameters(), parameters.symbols()
     return tuple(
-        _field(field, unit, meaning, told[field], getattr(defaults, field))
+        replace(_field(field, unit, meaning, told[field], getattr(defaults, field)), symbol=symbols.get(field, ""))
         for field, unit, meaning in defaults.described()
     )
 
@@ -251,8 +268,8 @@ def _text(value: Any) -> str:
         return ""
     if isinstance(value, bool):
         return "true" if value else "false"
-    number = float(value)
-    return str(int(number)) if number.is_integer() and abs(number) < 1e16 else repr(number)
+    plain = float(value)
+    return str(int(plain)) if plain.is_integer() and abs(plain) < 1e16 else repr(plain)
 
 
 def check(name: str, typed: Mapping[str, Typed]) -> Checked:
@@ -309,11 +326,9 @@ def _value(field: Parameter, text: Typed) -> Any:
     if field.kind == "flag":
         return {"true": True, "false": False}.get(stripped.lower(), stripped)
     if field.kind == "list":
-        parts = (
-            stripped.strip("[]()").replace(";", ",").split(",")
-            if "," in stripped or ";" in stripped
-            else (stripped.strip("[]()").split())
-        )
+        bare = stripped.strip("[]()")
+        # Beside semicolons, commas are decimal ones.
+        parts = bare.split(";") if ";" in bare else bare.split(",") if "," in bare else bare.split()
         # A number alone is allowed where a list is; the parameter knows.
         return [_number(part) for part in parts] if len(parts) > 1 or stripped[0] in "[(" else _single(field, parts)
     return _number(stripped)
@@ -325,10 +340,16 @@ def _single(field: Parameter, parts: Sequence[str]) -> Any:
 
 
 def _number(text: str) -> Any:
-    """The number that a text is, also as an expression; the text where it is none."""
+    """The number that a text is, with a decimal point or comma, also as an expression; the text where it is none.
+
+    >>> _number("1e4"), _number("-0,5"), _number("2,5e-3"), _number("pi/2 "), _number("1,000,000")
+    (10000, -0.5, 0.0025, 1.5707963267948966, '1,000,000')
+    """
     from ctlabs.files.modelfile.expressions import ExpressionError, parse
 
     stripped = text.strip()
+    if _COMMA.fullmatch(stripped):
+        stripped = stripped.replace(",", ".")
     if re.fullmatch(r"[+-]?[0-9]{1,300}", stripped):
         return int(stripped)
     try:
@@ -342,6 +363,66 @@ def _number(text: str) -> Any:
 
 def _quoted(text: str) -> str:
     return json.dumps(text if len(text) <= 40 else f"{text[:39]}…", ensure_ascii=False)
+
+
+def model_with(name: str, lab: str, typed: Mapping[str, Typed]) -> tuple[str, tuple[str, ...]]:
+    """A lab's ready model with what is typed in the lab's fields, and which of its constants that changed.
+
+    A field and a constant belong together where they have the same name; what is no number stays as it is in the model.
+    """
+    from ctlabs.files.modelfile import ready
+
+    file, changes = ready(name), []
+    for field in fields(lab):
+        text = typed.get(field.name, field.default)
+        if field.kind != "number" or not isinstance(text, str) or field.name not in file.constants:
+            continue
+        value = _number(text)
+        if isinstance(value, int | float) and value != file.constants[field.name] and value != _number(str(field.default)):
+            changes.append((field.name, value))
+    made = file.edit_all([(("constants", key), value) for key, value in changes])
+    return made.dumps(), tuple(key for key, _ in changes)
+
+
+def address(lab: str, typed: Mapping[str, Typed], runs: str = "", seed: str = "") -> str:
+    """The part of an address that leads to a lab with values in its fields: what is the default is left out.
+
+    >>> address("task07", {"R": "4", "Q": fields("task07")[0].default}, "1000", "2")
+    'lab=task07&R=4&runs=1000&seed=2'
+    """
+    known = {field.name: field for field in fields(lab)}
+    told = {
+        key: text if isinstance(text, str) else json.dumps(text)
+        for key, text in typed.items()
+        if key in known and _plainly(text) != _plainly(known[key].default)
+    }
+    rest = {"runs": runs, "seed": seed}
+    return urlencode({"lab": lab, **told, **{key: value for key, value in rest.items() if value}})
+
+
+def from_address(lab: str, told: Mapping[str, str]) -> dict[str, Any]:
+    """What :func:`address` put into an address, as a form takes it; names that the lab does not have are passed over."""
+    found: dict[str, Any] = {}
+    for field in fields(lab):
+        text = told.get(field.name)
+        if text is None:
+            continue
+        if field.kind != "matrix":
+            found[field.name] = text[:400]
+            continue
+        try:
+            rows = [[str(cell) for cell in row] for row in json.loads(text)]
+        except (ValueError, TypeError):
+            continue
+        if [len(row) for row in rows] == [len(row) for row in field.default]:
+            found[field.name] = rows
+    if found or {"runs", "seed"} & told.keys():
+        found |= {"": [told.get("runs", str(sheet(lab).runs))[:30], told.get("seed", "1")[:30]]}
+    return found
+
+
+def _plainly(text: Typed) -> Any:
+    return text.strip() if isinstance(text, str) else [list(row) for row in text]
 
 
 # The run ---------------------------------------------------------------------------------------------------------------
@@ -394,20 +475,52 @@ def run_lab(
 
 
 def work(runner: Runner, draft: str, name: str, values: Mapping[str, Any], runs: int, seed: int, folder: Path) -> Work:
-    """The run of a lab for :meth:`ctlabs.workbench.runs.running.Running.start`: in another process, its report into a folder."""
-    before = outcome(folder)
+    """The run of a lab for :meth:`ctlabs.workbench.runs.running.Running.start`: in another process, its report into a new
+    folder beside those of the runs before (:func:`kept`), of which the oldest make room.
+    """
+    earlier = kept(folder)
+    before = outcome(earlier[-1]) if earlier else None
+    following = int(earlier[-1].name) + 1 if earlier and earlier[-1] != folder else 1
+    for old in earlier[: max(len(earlier) - KEPT + 1, 0)]:
+        if old != folder:
+            shutil.rmtree(old, ignore_errors=True)
     arguments = {
         "name": name,
         "values": dict(values),
         "runs": runs,
         "seed": seed,
-        "folder": str(folder),
+        "folder": str(folder / str(following)),
         # Another number of computational experiments is possible with other parameters: then the rest is not known.
         "expected": before.ensembles if before is not None else 0,
     }
     return lambda progress, cancel: runner.run(
         "lab", arguments, session=draft, progress=progress, cancel=cancel, seconds=SECONDS
     )
+
+
+def said(progress: RunProgress | None, runs: int) -> str:
+    """How far a lab's run is, in words: every experiment has so many ``runs``.
+
+    >>> from ctlabs.workbench.runs.worker import RunProgress
+    >>> said(RunProgress(0.25, 500.0, 2400, 8000), 1000)
+    'Experiment 3 of 8: 400 of 1 000 runs, 11 s left'
+    >>> said(RunProgress(0.0, 500.0, 400, 0), 1000), said(RunProgress(1.0, 500.0, 8000, 8000), 1000)
+    ('Experiment 1: 400 of 1 000 runs', 'All experiments are complete. Writing the report…')
+    >>> said(RunProgress(0.0, 500.0, 3000, 0), 1000)
+    '3 experiments are complete. Computing what follows from them, or writing the report…'
+    """
+    if progress is None or progress.ahead or not progress.done or runs < 1:
+        return running.said(progress)
+    complete, within = divmod(progress.done, runs)
+    known = progress.total // runs
+    if known and complete >= known:
+        return "All experiments are complete. Writing the report…"
+    if not within:
+        words = "1 experiment is complete" if complete == 1 else f"{complete} experiments are complete"
+        return f"{words}. Computing what follows from them, or writing the report…"
+    of = f" of {known}" if known else ""
+    left = "" if progress.left is None or not known else f", {running.spaced(progress.left)} s left"
+    return f"Experiment {complete + 1}{of}: {running.spaced(within)} of {running.spaced(runs)} runs{left}"
 
 
 # The files -------------------------------------------------------------------------------------------------------------
@@ -425,6 +538,38 @@ def place(data: Path, draft: str, name: str) -> Path:
         msg = f"report: expected a draft and a lab, received {_quoted(draft)} and {_quoted(name)}"
         raise ValueError(msg)
     return data / FOLDER / draft / name
+
+
+def kept(folder: Path) -> list[Path]:
+    """The folders of a lab's reports in one draft, the latest last; one that lies there without a number is the first."""
+    numbered = sorted((each for each in folder.glob("[0-9]*") if each.name.isdigit()), key=lambda each: int(each.name))
+    return [each for each in (folder, *numbered) if (each / "results.json").is_file()]
+
+
+def compared(a: LabOutcome, b: LabOutcome) -> list[tuple[str, str, str]]:
+    """How two runs of a lab differ: parameters, runs and seed that differ, then all checks; what, in the first, in the second."""
+    first, second = ({**each.parameters, "runs": each.runs, "seed": each.seed} for each in (a, b))
+    rows = [
+        (name, _cell(first.get(name)), _cell(second.get(name)))
+        for name in dict.fromkeys((*first, *second))
+        if first.get(name) != second.get(name)
+    ]
+    found = [{check["name"]: check for check in each.checks} for each in (a, b)]
+    for name in dict.fromkeys((*found[0], *found[1])):
+        cells = [_checked(each.get(name)) for each in found]
+        rows.append((name, cells[0], cells[1]))
+    return rows
+
+
+def _cell(value: Any) -> str:
+    typed = typed_as(value)
+    return typed if isinstance(typed, str) else "; ".join(", ".join(row) for row in typed)
+
+
+def _checked(check: dict[str, Any] | None) -> str:
+    if check is None:
+        return "—"
+    return number(check["value"]) + ("" if check["passed"] else " (failed)")
 
 
 def outcome(folder: Path) -> LabOutcome | None:

@@ -20,12 +20,13 @@ class Running:
     """At most one run at a time.
 
     ``name`` of the one that runs or ran last · ``progress`` of the one that runs · ``problem``, why the last one has no result
-    (empty: it has, or was cancelled) · ``cancelled``, whether the last one was · ``finished``, a number that grows with every result
+    (empty: it has, or was cancelled) · ``cancelled``, whether the last one was · ``finished``, a number that grows with every result ·
+    ``runs`` that were asked for, where that is told
     """
 
     def __init__(self) -> None:
         self.progress: RunProgress | None = None
-        self.name, self.problem, self.cancelled, self.finished = "", "", False, 0
+        self.name, self.problem, self.cancelled, self.finished, self.runs = "", "", False, 0, 0
         self._cancel = threading.Event()
         self._task: asyncio.Task[None] | None = None
         self._watching: list[Callable[[], object]] = []
@@ -35,10 +36,11 @@ class Running:
         """Whether something runs."""
         return self._task is not None
 
-    def start(self, work: Work, name: str = "") -> None:
+    def start(self, work: Work, name: str = "", runs: int = 0) -> None:
         """Begin a run; one that goes on already is left alone."""
         if self.running:
             return
+        self.runs = runs
         self.name, self.progress, self.problem, self.cancelled, self._cancel = name, None, "", False, threading.Event()
         self._task = asyncio.get_running_loop().create_task(self._run(work))
         self._tell()
@@ -95,13 +97,13 @@ def said(progress: RunProgress | None) -> str:
         return f"{progress.ahead} {'run' if progress.ahead == 1 else 'runs'} before this one"
     if not progress.done:
         return "Computing what can be computed without an experiment…"
-    rate = f", {_spaced(progress.rate)} per second" if progress.rate >= 1 else ""
+    rate = f", {spaced(progress.rate)} per second" if progress.rate >= 1 else ""
     if not progress.total:
-        return f"{_spaced(progress.done)} runs{rate}"
-    left = "" if progress.left is None else f", {_spaced(progress.left)} s left"
-    return f"{_spaced(progress.done)} of {_spaced(progress.total)} runs{rate}{left}"
+        return f"{spaced(progress.done)} runs{rate}"
+    left = "" if progress.left is None else f", {spaced(progress.left)} s left"
+    return f"{spaced(progress.done)} of {spaced(progress.total)} runs{rate}{left}"
 
 
-def _spaced(number: float) -> str:
+def spaced(number: float) -> str:
     """A whole number with thin groups: 12 000."""
     return f"{number:,.0f}".replace(",", " ")

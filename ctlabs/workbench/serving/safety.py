@@ -2,9 +2,10 @@
 
 Another page in the same browser must not reach the workbench: the guard refuses a name in ``Host`` that is not this
 machine's (a name that an attacker controls can be made to point at 127.0.0.1), an ``Origin`` that is not this server, and
-parts of pages (pictures, scripts, frames) that other sites ask for. Where others can reach the port there is a token,
-printed at the start, given once as ``?token=…`` and then kept in a cookie that scripts cannot read. Bodies have a
-size, and every answer forbids the browser to load anything from elsewhere.
+parts of pages (pictures, scripts, frames) that other sites ask for. Other users of the machine reach the port, too, so
+there is a token, printed at the start, given once as ``?token=…`` and then kept in a cookie that scripts cannot read.
+On a loopback address it stays the same (:func:`kept_token`), so that an open page and a bookmark outlive the server. Bodies
+have a size, and every answer forbids the browser to load anything from elsewhere.
 
 NiceGUI compiles its components in the browser, so scripts in the page and ``eval`` stay allowed; nothing that a user types
 becomes a script, for it is sent as data.
@@ -12,13 +13,17 @@ becomes a script, for it is sent as data.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import ipaddress
+import os
 import re
 import secrets
 import socket
+import tempfile
 from collections.abc import Awaitable, Callable, Iterable, MutableMapping
 from http.cookies import CookieError, SimpleCookie
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qsl, quote, urlencode, urlsplit
 
@@ -34,6 +39,8 @@ UPLOAD, BODY = 20 * 1024**2, 1024**2
 YEARS = 2 * 365 * 86400
 #: The cookie of a browser's session, and the key of the session in a request's scope.
 SESSION = "ctlabs_session"
+#: The file with the token in the data folder.
+TOKEN = "token"
 
 _POLICY = (
     "default-src 'none'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
@@ -69,6 +76,34 @@ def new_token() -> str:
     return secrets.token_urlsafe(24)
 
 
+def kept_token(folder: Path) -> str:
+    """The token in a folder of the user's own, made if there is none; where it cannot be kept, one for this start only."""
+    path = folder / TOKEN
+    try:
+        found = path.read_text(encoding="ascii").strip()
+        if _ID.fullmatch(found) and (os.name == "nt" or not path.stat().st_mode & 0o077):
+            return found
+    except (OSError, ValueError):
+        pass
+    made = new_token()
+    with contextlib.suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        write_private(path, made)
+    return made
+
+
+def write_private(path: Path, text: str) -> None:
+    """Write a file that only this user reads, whole or not at all."""
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")  # nobody else may read what this makes
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        Path(name).replace(path)
+    except OSError:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
 class Guard:
     """An ASGI application around another one.
 
@@ -76,7 +111,7 @@ class Guard:
     ----------
     app : what is guarded
     host : the address that the server listens on; what is not loopback needs a token
-    token : what a browser must show once; ``None`` on a loopback address
+    token : what a browser must show once; ``None`` where all may in, on a loopback address
     names : further names by which the server may be called
 
     The session of the browser, a string that is a secret between the two, is put into ``scope["ctlabs.session"]``.
@@ -166,7 +201,9 @@ class Guard:
         # A path that begins with two slashes would be another machine's address.
         path = "/" + str(request.scope["path"]).lstrip("/\\")
         target = quote(path) + (f"?{rest}" if rest else "")
-        cookie = _cookie(self._cookie_name(request), _proof(self.token).decode(), "Strict", None)
+        # Lax, as of the session: the address may be opened from a file, which browsers take for another site. On a loopback
+        # address the token stays, and so does the cookie.
+        cookie = _cookie(self._cookie_name(request), _proof(self.token).decode(), "Lax", YEARS if self.local else None)
         await _answer(send, 303, b"", [(b"location", target.encode("ascii")), (b"set-cookie", cookie)])
 
 

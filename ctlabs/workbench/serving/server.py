@@ -101,31 +101,47 @@ def serve(
     names: Iterable[str] = (),
     pages: str = "ctlabs.workbench.pages",
     session: str = "ctlabs.workbench.desk.session:Session",
+    open_to_all: bool = False,
 ) -> None:
     """Listen and serve until Ctrl-C; everything is saved at any time, so the process may as well be killed.
 
     Parameters
     ----------
-    host : the address to listen on; all but loopback addresses need a token, which is printed
+    host : the address to listen on
     port : the port; without one, the first free one from 8080 on
     show : open the page in the browser
     data : folder of the database; :func:`ctlabs.workbench.desk.store.data_folder` if not given
     names : further names by which this machine is called
     pages, session : the package of the pages, the class of a session ("module:class")
 
-    The token is made anew at each start, unless ``CTLABS_TOKEN`` holds one.
+    open_to_all : no token, so that every user of this machine gets in; on a loopback address only
+
+    The token is in the address that is printed and opened. ``CTLABS_TOKEN`` may hold one; otherwise that of a loopback address
+    is kept in the data folder, and any other is made anew at each start.
 
     Raises
     ------
     ValueError
         An address that is not this machine's, a port that is taken, a token that is too short.
     """
-    token = None if safety.is_loopback(host) else os.environ.get("CTLABS_TOKEN") or safety.new_token()
+    from ctlabs.workbench.desk.folder import Unwritable, data_folder, writable
+
+    local, folder = safety.is_loopback(host), data_folder() if data is None else data.expanduser().resolve()
+    if open_to_all and not local:
+        msg = f"host: expected a loopback address without a token, received {host}"
+        raise ValueError(msg)
+    own = os.environ.get("CTLABS_TOKEN")
+    token = None if open_to_all else own or (safety.kept_token(folder) if local else safety.new_token())
     listening = listen(host, port)
     address = _address(host, listening.getsockname()[1], token)
     print(f"ctlabs workbench: {address} (Ctrl-C ends it; nothing has to be saved)", flush=True)  # noqa: T201
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        writable(folder)
+    except (Unwritable, OSError) as why:
+        print(f"ctlabs workbench: nothing is kept after the end: {why}", flush=True)  # noqa: T201
     if show:
-        threading.Thread(target=_browse, args=(address,), daemon=True).start()
+        threading.Thread(target=_browse, args=(address, folder), daemon=True).start()
     desk = Desk(data, shared=safety.is_loopback(host), session=session)
     try:
         _run(desk, listening, host, token, names, pages)
@@ -203,13 +219,27 @@ def _address(host: str, port: int, token: str | None) -> str:
     return f"http://{name}:{port}/" + (f"?token={token}" if token else "")
 
 
-def _browse(address: str) -> None:
+def _browse(address: str, folder: Path) -> None:
+    """Open the address in the browser: by way of a file that only this user reads, for all see the arguments of a program."""
     import webbrowser
 
     try:
-        webbrowser.open(address)
+        webbrowser.open(_door(address, folder))
     except (webbrowser.Error, OSError) as why:
         log.warning("no browser could be opened (%s): open %s yourself", why, address)
+
+
+def _door(address: str, folder: Path) -> str:
+    """The address of a file that leads to an address with a token; the address itself where there is none, or no place for it."""
+    if "token=" not in address:
+        return address
+    path = folder / "open.html"
+    page = f'<!doctype html><meta charset="utf-8"><meta http-equiv="refresh" content="0; url={address}">'
+    try:
+        safety.write_private(path, page)
+    except OSError:
+        return address
+    return path.as_uri()
 
 
 __all__: Sequence[str] = ("Desk", "Seat", "build", "listen", "serve")

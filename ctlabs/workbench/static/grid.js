@@ -26,8 +26,8 @@ export default {
                   <span class="ctl-rowname">
                     <input class="ctl-name" v-bind="about('name,' + i, 'Name of ' + rowKind + ' ' + (i + 1), rowProblems[i])"
                       :data-r="i" data-c="-2" :data-test="rowKind + '-name-' + i" />
-                    <button type="button" class="ctl-x" :title="'Remove ' + rowKind + ' ' + rowNames[i]"
-                      :aria-label="'Remove ' + rowKind + ' ' + rowNames[i]" :data-test="'remove-' + rowKind + '-' + i"
+                    <button type="button" class="ctl-x" :title="'Remove ' + rowKind + ' ' + rowNames[i] + ' (Ctrl+Delete in its name)'"
+                      tabindex="-1" :aria-label="'Remove ' + rowKind + ' ' + rowNames[i]" :data-test="'remove-' + rowKind + '-' + i"
                       :disabled="rows.length < 2" @click="remove(rowKind, i)">×</button>
                   </span>
                   <input class="ctl-unit" v-bind="about('unit,' + i, 'Unit of ' + rowKind + ' ' + (i + 1), '')" placeholder="unit"
@@ -47,6 +47,24 @@ export default {
                 <div v-for="[key, where, message] in wrong(i)" :key="key" :id="place(key)" class="ctl-error">
                   <b>{{ where }}</b> {{ message }}</div>
               </div></td>
+            </tr>
+          </tbody>
+        </table>
+      </div>
+      <div v-else-if="mode === 'entries'" class="ctl-scroll">
+        <table class="ctl-grid ctl-entries" :aria-label="label">
+          <thead><tr><th scope="col">row</th><th scope="col">column</th><th scope="col">entry</th></tr></thead>
+          <tbody v-for="(row, i) in steady" :key="places[i]" v-memo="[row, rowNames[i], described]">
+            <tr>
+              <th scope="row">{{ rowNames[i] }}</th><td class="ctl-colof">{{ columnNames[i] }}</td>
+              <td>
+                <input class="ctl-cell" v-bind="about(places[i], name + ', ' + rowNames[i] + ', ' + columnNames[i], row[0][2])"
+                  :style="{ width: widths[0] }" :class="{ 'ctl-zero': row[0][0] === '0' }" :data-r="i" data-c="0"
+                  :title="hint(...places[i].split(','), row[0])" :data-path="path(...places[i].split(','))"
+                  :data-test="'cell-' + name + '-' + places[i].replace(',', '-')" />
+                <span v-if="row[0][1]" class="ctl-value">{{ row[0][1] }}</span>
+                <div v-if="row[0][2]" :id="place(places[i])" class="ctl-error">{{ row[0][2] }}</div>
+              </td>
             </tr>
           </tbody>
         </table>
@@ -77,6 +95,7 @@ export default {
     rows: Array, // of rows of [text, value, problem]; what is empty at the end is left out
     rowNames: Array,
     columnNames: Array,
+    places: Array, // of entries: "row,column"
     rowKind: String,
     rowUnits: Array,
     rowProblems: Array,
@@ -127,7 +146,7 @@ export default {
       return (this.drawn = rows);
     },
     widths() {
-      if (this.mode !== "grid") return [];
+      if (this.mode !== "grid" && this.mode !== "entries") return [];
       const columns = Math.max(0, ...this.rows.map((row) => row.length));
       return Array.from({ length: columns }, (_, j) => {
         const longest = Math.max(...this.rows.map((row) => (row[j]?.[0] ?? "").length));
@@ -170,13 +189,14 @@ export default {
       const [first, second] = key.split(",");
       if (first === "name") return this.rowNames[second];
       if (first === "unit") return this.rowUnits[second];
+      if (this.mode === "entries") return this.rows[this.places.indexOf(key)]?.[0]?.[0] ?? "";
       return this.rows[first]?.[second]?.[0] ?? "";
     },
     given() {
       return [this.rows, this.ack, this.rowNames, this.rowUnits];
     },
     path(i, j) {
-      return `model.${this.name}[${i}]` + (this.columnNames ? `[${j}]` : "");
+      return `model.${this.name}[${i}]` + (this.columnNames || this.places ? `[${j}]` : "");
     },
     hint(i, j, cell) {
       return `${this.path(i, j).slice(6)} = ${cell[0]}${cell[1] ? " " + cell[1] : ""}`;
@@ -227,7 +247,7 @@ export default {
     focused(event) {
       if (!event.target.dataset?.key) return;
       this.before = event.target.value;
-      if (event.target.matches(".ctl-cell, .ctl-name, .ctl-unit") && this.mode === "grid") event.target.select();
+      if (event.target.matches(".ctl-cell, .ctl-name, .ctl-unit") && this.rows[0] && this.mode !== "text") event.target.select();
     },
     left(event) {
       if (!event.target.dataset?.key) return;
@@ -249,7 +269,11 @@ export default {
         return;
       }
       if (event.key === "Enter" && this.mode !== "area") this.flush();
-      if (this.mode !== "grid" || event.altKey || event.metaKey) return;
+      if (!["grid", "entries"].includes(this.mode) || event.altKey || event.metaKey) return;
+      if (event.ctrlKey && event.key === "Delete" && key.startsWith("name,") && this.rows.length > 1) {
+        event.preventDefault();
+        return this.remove(this.rowKind, Number(key.slice(5)));
+      }
       const r = Number(field.dataset.r), c = Number(field.dataset.c), last = this.rows.length - 1;
       const collapsed = field.selectionStart === field.selectionEnd, all = field.selectionEnd - field.selectionStart === field.value.length;
       const atStart = (collapsed && field.selectionStart === 0) || all, atEnd = (collapsed && field.selectionEnd === field.value.length) || all;

@@ -19,6 +19,7 @@ document.addEventListener("keydown", (e) => {
   if (field && !known) return;
   e.preventDefault();
   e.stopPropagation();
+  if (combination === "f1" && ctlabs.help(t)) return;
   emitEvent("ctlabs_key", combination);
 }, true);
 window.addEventListener("popstate", () => emitEvent("ctlabs_went", location.pathname));
@@ -66,6 +67,20 @@ window.ctlabs = {
     setTimeout(() => {
       if (document.activeElement === document.body) document.querySelector(".ctl-main")?.focus({ preventScroll: true });
     }, 50);
+  },
+  // The help nearest to an element: its question mark is no stop of the Tab key.
+  help(element) {
+    for (let place = element; place && !place.matches(".ctl-main, body"); place = place.parentElement) {
+      const button = place.querySelector(":scope button[data-test^=help-]");
+      if (button) return button.click(), true;
+    }
+    return false;
+  },
+  // The server is told as soon as no field of the page has the focus.
+  rest() {
+    const field = document.activeElement?.closest?.(".ctl-main :is(input, textarea, [contenteditable])");
+    if (!field) return emitEvent("ctlabs_rests");
+    field.addEventListener("focusout", () => setTimeout(() => this.rest()), { once: true });
   },
   // Results that are elsewhere than where one looks are brought there; those that are seen stay where they are.
   bring(id) {
