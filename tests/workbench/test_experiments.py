@@ -201,16 +201,20 @@ def test_a_plan_whose_every_algorithm_refuses_is_refused() -> None:
         run(replace(PLAN, algorithms=("steady",), anomalies=(Anomaly(5),)))
 
 
-def test_long_histories_are_thinned_and_statistics_are_not() -> None:
-    """No more instants than a plot shows; the last one is there, the numbers are those of all instants."""
+def test_nothing_of_a_long_history_is_left_out() -> None:
+    """Every instant is there, with the library's numbers; only the whole covariances are those of the first instants and the last."""
     found = run(replace(PLAN, steps=2500, runs=4))
-    assert len(found.k) == len(found.t) == len(found.z) == experiments.POINTS
-    assert (found.k[0], found.k[-1]) == (0, 2500)
-    stats = Experiment(4, 3).statistics(ready("constant_velocity").discrete(), steps=2500)
+    assert found.k.tolist() == list(range(2501))
+    assert len(found.t) == len(found.z) == len(found.K) == 2501
+    model = ready("constant_velocity").discrete()
+    stats, plan = Experiment(4, 3).statistics(model, steps=2500), covariances(model, 2500)
     assert found.statistics is not None
-    np.testing.assert_array_equal(found.statistics.rms, stats.rms[found.k])
-    assert found.summary["nis_mean"][0] == stats.nis[stats.nis_dof > 0].mean()
-    assert "instants are shown" in found.notes[0]
+    assert found.at is not None
+    np.testing.assert_array_equal(found.statistics.rms, stats.rms)
+    np.testing.assert_array_equal(found.sd_plus, plan.sd_plus)
+    np.testing.assert_array_equal(found.sd_minus, plan.sd_minus)
+    np.testing.assert_array_equal(found.P_plus, plan.P_plus[found.at])
+    assert (len(found.at), found.at[-1]) == (experiments.POINTS + 1, 2500)
 
 
 def test_the_first_measurement_may_be_at_t0() -> None:

@@ -27,6 +27,7 @@ from ctlabs.workbench.desk import commands
 from ctlabs.workbench.desk.commands import Command
 from ctlabs.workbench.desk.sheet import ModelSheet
 from ctlabs.workbench.desk.store import REVISIONS
+from ctlabs.workbench.desk.view import View
 from ctlabs.workbench.runs import comparing
 from ctlabs.workbench.runs.comparing import Difference
 from ctlabs.workbench.runs.outcomes import REGISTERED, Asked, Outcome, Upload, outcome, packed
@@ -84,6 +85,8 @@ class Session:
         self.experiment_run, self.lab_run = Running(), Running()
         #: Which part of the results is looked at: it is shown again after the next run.
         self.part = ""
+        #: How the figures of the results are looked at.
+        self.view = View()
 
     @classmethod
     def begin(cls, store: Store, owner: str = "local", text: str = "", *, runner: Runner | None = None) -> Session:

@@ -46,7 +46,7 @@ class _Experiment:
 
     def __init__(self, session: Session, shell: Shell) -> None:
         self.session, self.shell = session, shell
-        self.show, self.running = Show(shell), session.experiment_run
+        self.show, self.running = Show(shell, session.view), session.experiment_run
         self.seen = self.running.finished
         self.fields: dict[str, ui.input] = {}
         self.lines: dict[str, ui.label] = {}

@@ -38,6 +38,7 @@ class Results:
         if before is None or before.states != found.states:
             self._states = list(range(min(len(found.states), SHOWN)))
         self._run = min(self._run, found.x_plus.shape[2] - 1)
+        self._show.view.within("t, s", float(found.t[0]), float(found.t[-1]))
         parts = self._parts(found)
         part = self._session.part if self._session.part in parts else next(iter(parts))
         self.box.clear()
