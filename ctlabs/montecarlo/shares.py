@@ -32,7 +32,9 @@ INSTANTS, FEW, PATIENCE = 300, 20, 3e9
 
 
 class Share(NamedTuple):
-    """``value``, how many of ``points`` are outside · ``low`` to ``high``, where it lies in 95 % of experiments of a right theory · ``p``,
+    """A share, and what chance makes of it.
+
+    ``value``, how many of ``points`` are outside · ``low`` to ``high``, where it lies in 95 % of experiments of a right theory · ``p``,
     the probability that it is so far out or farther
     """
 

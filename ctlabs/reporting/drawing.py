@@ -31,7 +31,8 @@ class Curve:
 
     ``style`` : a line ("line", "dash", "dashdot", "dot"), points ("points", "cross", "plus", "square", "triangle", "open"), "bars", or
     "stems" (bars with a point at their end) · ``sd``, shown as ± beside the value · ``hidden``, until its name in the legend is
-    clicked · ``quiet``, without name and values · ``every``, all its points are drawn, however many there are · ``width`` of its line and ``size`` of its points on paper (0: the usual ones)
+    clicked · ``quiet``, without name and values · ``width`` of its line and ``size`` of its points on paper (0: the usual ones) ·
+    ``every``: all its points are drawn, however many there are
     """
 
     name: str
@@ -135,7 +136,7 @@ class Drawing:
         """Whether the panels that can be have a logarithmic axis."""
         return any(panel.falls for panel in self.panels if _positive(panel))
 
-    def scaled(self, log: bool) -> Drawing:  # noqa: FBT001  # what it is about
+    def scaled(self, log: bool) -> Drawing:  # what it is about
         """With a logarithmic vertical axis where there can be one, or without any.
 
         >>> drawing = Drawing("Sizes", "t, s", (Panel("x", (Curve("x", [0, 1], [1, 2]),), kind="size"),))

@@ -32,7 +32,7 @@ Places = NDArray[np.intp]
 
 
 def level(drawing: Drawing, reach: tuple[float, float] | None = None) -> Drawing:
-    """The drawing as a screen shows it: as it is where it is short; otherwise all of it by columns, and what is within ``reach`` by its own.
+    """The drawing as a screen shows it: as it is where it is short; otherwise by columns, and what is within ``reach`` by its own.
 
     Source: Jugel, Jerzak, Hackenbroich & Markl, *M4: a visualization-oriented time series data aggregation*, VLDB 7 (2014) 797.
     """
@@ -43,7 +43,8 @@ def level(drawing: Drawing, reach: tuple[float, float] | None = None) -> Drawing
 
 def longest(drawing: Drawing) -> int:
     """How many values the longest of its curves has."""
-    return max((len(array(each.x)) for panel in drawing.panels for each in (*panel.curves, *panel.bands)), default=0)
+    xs = [each.x for panel in drawing.panels for each in panel.curves] + [each.x for panel in drawing.panels for each in panel.bands]
+    return max((len(array(x)) for x in xs), default=0)
 
 
 def lines(x: Array, values: Sequence[Array], reach: tuple[float, float] | None = None, columns: int = COLUMNS) -> Places:

@@ -234,7 +234,8 @@ def _curve(curve: Curve, dark: bool) -> dict[str, Any]:
         dots = len(x) > DOTS and not curve.every
         size = 7 if len(x) <= MARKED else 3 if dots else 4
         big = curve.style in {"cross", "open"}
-        marker = {"symbol": "circle" if dots else _MARKERS[curve.style], "color": colour, "size": size + 3 if big and len(x) <= 40 else size}
+        size = size + 3 if big and len(x) <= 40 else size
+        marker = {"symbol": "circle" if dots else _MARKERS[curve.style], "color": colour, "size": size}
         marker["line"] = {"width": 0 if dots else 2 if big and len(x) <= 40 else 1.2, "color": colour}
         trace |= {"type": "scatter", "mode": "markers", "marker": marker}
     else:

@@ -9,7 +9,9 @@ from typing import Any
 
 @dataclass(slots=True)
 class View:
-    """``reach`` : what is shown of a horizontal axis, by its label, where it is not all · ``log`` : whether a figure's vertical axes are
+    """What is chosen for all figures.
+
+    ``reach`` : what is shown of a horizontal axis, by its label, where it is not all · ``log`` : whether a figure's vertical axes are
     logarithmic, by its name, where somebody has chosen
     """
 
@@ -36,10 +38,9 @@ def zoomed(event: Mapping[str, Any]) -> tuple[tuple[float, float] | None] | None
     >>> zoomed({"xaxis.range[0]": 1, "xaxis.range[1]": 2.5}), zoomed({"xaxis.autorange": True}), zoomed({"dragmode": "pan"})
     (((1.0, 2.5),), (None,), None)
     """
-    ends = [event.get(f"xaxis.range[{i}]") for i in (0, 1)]
+    ends: list[Any] = [event.get(f"xaxis.range[{i}]") for i in (0, 1)]
     whole = event.get("xaxis.range")
-    if isinstance(whole, list) and len(whole) == 2:
-        ends = whole
+    ends = whole if isinstance(whole, list) and len(whole) == 2 else ends
     if all(isinstance(end, int | float) for end in ends) and ends[0] < ends[1]:
         return ((float(ends[0]), float(ends[1])),)
     return (None,) if event.get("xaxis.autorange") else None

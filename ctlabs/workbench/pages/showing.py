@@ -215,7 +215,7 @@ class Plot:
         return "" if self._drawing is None or self._drawing.square else self._drawing.label
 
 
-def _figure(drawing: Drawing, dark: bool, reach: tuple[float, float] | None, fit: bool) -> dict[str, Any]:  # noqa: FBT001
+def _figure(drawing: Drawing, dark: bool, reach: tuple[float, float] | None, fit: bool) -> dict[str, Any]:
     return to_plotly(levels.level(drawing, reach), dark=dark, reach=reach, fit=fit)
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ctlabs.linalg.checks import Array
+from ctlabs.reporting import levels
 from ctlabs.reporting.drawing import Band, Curve, Drawing, Panel, finite, labelled, line_styles, plain
 from ctlabs.reporting.plots import records, studies
 from ctlabs.text import fill, number, squared
@@ -43,7 +44,7 @@ def pictures(found: Outcome) -> dict[str, tuple[Drawing, str]]:
     judged = [each for each in found.algorithms if not each.failed and each.error_P is not None]
     if len(judged) > 1:
         made["algorithms"] = studies.algorithms(judged), "The algorithms against 50 digits, and their operations."
-    return made
+    return {name: (levels.level(drawing), caption) for name, (drawing, caption) in made.items()}
 
 
 def estimates(found: Outcome, states: Sequence[int], run: int = 0) -> Drawing:
