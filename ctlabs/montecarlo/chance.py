@@ -169,8 +169,8 @@ def pooled_variance(stats: Statistics, P: ArrayLike, correlation: ArrayLike) -> 
     return _verdict(scores, np.ones(len(scores)), _critical(max(len(scores), 1)))
 
 
-def error_correlation(model: DiscreteModel, plan: Covariances) -> Array:
-    r"""Correlation in time of the filtering errors of the optimal filter, (n, steps+1, steps+1).
+def error_correlation(model: DiscreteModel, plan: Covariances, rows: ArrayLike | None = None) -> Array:
+    r"""Correlation in time of the filtering errors of the optimal filter, (n, steps+1, steps+1), or of those at some ``rows`` only.
 
     .. math:: \mathrm{cov}(e_l^+, e_k^+) = A_l\cdots A_{k+1}P_k^+, \qquad A_k = (I-K_kH_k)\Phi_{k-1} \qquad (N = 0)
 
@@ -186,17 +186,19 @@ def error_correlation(model: DiscreteModel, plan: Covariances) -> Array:
     if model.N is not None:
         msg = "model: expected noises that do not correlate (N = 0), received N"
         raise ValueError(msg)
-    rows, n = len(plan.t), model.n
-    C = np.zeros((n, rows, rows))
+    wanted = np.arange(len(plan.t)) if rows is None else np.asarray(rows, dtype=np.intp)
+    n, place = model.n, {int(k): i for i, k in enumerate(wanted)}
+    C = np.zeros((n, len(wanted), len(wanted)))
     across = np.empty((0, n, n))
-    for k in range(rows):
+    for k in range(int(wanted[-1]) + 1):
         if k:
             closed = (np.eye(n) - plan.K[k] @ at(model.H, k, 2)) @ at(model.Phi, k - 1, 2)
             across = closed @ across
-        across = np.concatenate([across, plan.P_plus[k : k + 1]])
-        C[:, k, : k + 1] = np.diagonal(across, axis1=1, axis2=2).T
+        if (i := place.get(k)) is not None:
+            across = np.concatenate([across, plan.P_plus[k : k + 1]])
+            C[:, i, : i + 1] = np.diagonal(across, axis1=1, axis2=2).T
     C = C + np.swapaxes(np.tril(C, -1), 1, 2)
-    sd = np.sqrt(np.diagonal(plan.P_plus, axis1=1, axis2=2)).T
+    sd = np.sqrt(np.diagonal(plan.P_plus[wanted], axis1=1, axis2=2)).T
     size = sd[:, :, None] * sd[:, None, :]
     return np.divide(C, size, out=np.zeros_like(C), where=size > 0)
 

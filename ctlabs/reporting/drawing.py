@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,7 +31,8 @@ class Curve:
 
     ``style`` : a line ("line", "dash", "dashdot", "dot"), points ("points", "cross", "plus", "square", "triangle", "open"), "bars", or
     "stems" (bars with a point at their end) · ``sd``, shown as ± beside the value · ``hidden``, until its name in the legend is
-    clicked · ``quiet``, without name and values · ``width`` of its line and ``size`` of its points on paper (0: the usual ones)
+    clicked · ``quiet``, without name and values · ``width`` of its line and ``size`` of its points on paper (0: the usual ones) ·
+    ``every``: all its points are drawn, however many there are
     """
 
     name: str
@@ -45,6 +46,7 @@ class Curve:
     quiet: bool = False
     width: float = 0.0
     size: float = 0.0
+    every: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,6 +126,26 @@ class Drawing:
     verbatim: bool = False
     height: float = 0.0
 
+    @property
+    def scalable(self) -> bool:
+        """Whether a panel can be drawn over a logarithmic vertical axis: it has positive values, and no negative ones."""
+        return not self.square and any(_positive(panel) for panel in self.panels)
+
+    @property
+    def falls(self) -> bool:
+        """Whether the panels that can be have a logarithmic axis."""
+        return any(panel.falls for panel in self.panels if _positive(panel))
+
+    def scaled(self, log: bool) -> Drawing:  # what it is about
+        """With a logarithmic vertical axis where there can be one, or without any.
+
+        >>> drawing = Drawing("Sizes", "t, s", (Panel("x", (Curve("x", [0, 1], [1, 2]),), kind="size"),))
+        >>> drawing.falls, drawing.scaled(True).falls, drawing.scaled(True).scaled(False).falls
+        (False, True, False)
+        """
+        kind = "log" if log else "count"
+        return replace(self, panels=tuple(replace(panel, kind=kind, reach=None) if _positive(panel) else panel for panel in self.panels))
+
     def columns(self) -> dict[str, Array]:
         """Its numbers: what is on the horizontal axis (if all curves share it; one column for each curve otherwise), and every curve."""
         curves = [(panel, curve) for panel in self.panels for curve in panel.loud]
@@ -164,7 +186,7 @@ def inside_outside(
         outside = (values < low) | (values > high)
     curves = [Curve(name, t, np.where(outside, np.nan, values), "blue", style, unit)]
     if outside.any():
-        curves.append(Curve("outside the band", t, np.where(outside, values, np.nan), "orange", "square", unit))
+        curves.append(Curve("outside the band", t, np.where(outside, values, np.nan), "orange", "square", unit, every=True))
     return tuple(curves)
 
 
@@ -205,6 +227,13 @@ def plain(value: float) -> str:
         return ""
     value = float(value)
     return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
+
+
+def _positive(panel: Panel) -> bool:
+    """Whether it has positive values, and no negative ones, in all that is shown."""
+    values = [array(curve.y).ravel() for curve in panel.curves if not curve.hidden and not curve.quiet]
+    known = finite(np.concatenate([*values, np.zeros(0)]))
+    return panel.kind != "signed" and bool(np.nanmin(known, initial=0.0) >= 0 < np.nanmax(known, initial=0.0))
 
 
 def _equal(a: ArrayLike, b: ArrayLike) -> bool:

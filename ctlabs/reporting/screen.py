@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ctlabs.linalg.checks import Array
 from ctlabs.reporting.drawing import FALLING, Band, Curve, Drawing, Panel, array
@@ -41,8 +41,8 @@ PANEL, GAP, ABOVE, BELOW = 190, 26, 48, 48
 LEGEND, LINE, SIGN, LETTER, LINES = 540, 20, 46, 7, 4
 #: Pixels of a letter in the label of a vertical axis.
 UP = 5.6
-#: Instants above which points are not marked on a line.
-MARKED = 120
+#: Instants above which points are not marked on a line, and from which on crosses would hide what is below them: they are dots then.
+MARKED, DOTS = 120, 500
 
 Figure = dict[str, Any]
 
@@ -62,8 +62,12 @@ def above(drawing: Drawing) -> int:
     return ABOVE + LINE * (min(max(lines, 1), LINES) - 1)
 
 
-def to_plotly(drawing: Drawing, *, dark: bool = False) -> Figure:
-    """The figure, for ``ui.plotly``."""
+def to_plotly(drawing: Drawing, *, dark: bool = False, reach: tuple[float, float] | None = None, fit: bool = True) -> Figure:
+    """The figure, for ``ui.plotly``.
+
+    ``reach`` : what of the horizontal axis is shown, where it is not all (or what the drawing says) · ``fit`` : the vertical axes show what
+    is within it; otherwise they stay as they are without it
+    """
     traces: list[dict[str, Any]] = []
     named: set[str] = set()
     for row, panel in enumerate(drawing.panels, 1):
@@ -76,7 +80,30 @@ def to_plotly(drawing: Drawing, *, dark: bool = False) -> Figure:
             if trace["showlegend"]:
                 named.add(group)
         traces += own
-    return {"data": traces, "layout": _layout(drawing, dark, len(named)), "config": _config(drawing.name)}
+    layout = _layout(drawing, dark, len(named))
+    if reach is not None:
+        layout["xaxis"]["range"] = list(np.log10(reach) if drawing.log else reach)
+        for row, panel in enumerate(drawing.panels if fit else ()):
+            layout["yaxis" if row == 0 else f"yaxis{row + 1}"] |= _within(panel, reach)
+    layout["xaxis"]["uirevision"] = f"{drawing.name} {reach}"
+    return {"data": traces, "layout": layout, "config": _config(drawing.name)}
+
+
+def _within(panel: Panel, reach: tuple[float, float]) -> dict[str, Any]:
+    """The range of the vertical axis that shows what a panel has within the reach; nothing where there is no such thing."""
+    edges = [array(y)[_inside(each.x, reach)] for each in panel.curves if not each.hidden for y in [each.y]]
+    edges += [array(y)[_inside(each.x, reach)] for each in panel.bands for y in (each.low, each.high)]
+    found = np.concatenate([*edges, np.zeros(0)])
+    found = found[np.isfinite(found) & ((found > 0) | (not panel.falls))]
+    if not len(found) or found.min() == found.max():
+        return {}
+    low, high = (np.log10 if panel.falls else np.asarray)([found.min(), found.max()])
+    room = 0.05 * (high - low)
+    return {"range": [0.0 if panel.kind in ("size", "count") and not panel.falls else low - room, high + room]}
+
+
+def _inside(x: ArrayLike, reach: tuple[float, float]) -> Array:
+    return (array(x) >= reach[0]) & (array(x) <= reach[1])
 
 
 def _levels(drawing: Drawing, panel: Panel) -> list[Curve]:
@@ -111,7 +138,7 @@ def _layout(drawing: Drawing, dark: bool, names: int) -> dict[str, Any]:
         "bargap": 0.35,
         "xaxis": {
             **line, **number, "title": {"text": _safe(drawing.label), "standoff": 8}, "anchor": "y" if rows == 1 else f"y{rows}",
-            "ticks": "outside", "tickcolor": grid, "hoverformat": ".6~g", "zeroline": drawing.square,
+            "ticks": "outside", "tickcolor": grid, "hoverformat": ".9~g", "zeroline": drawing.square, **_headed(drawing.label),
         },
         "shapes": [
             {"type": "line", "yref": "paper", "y0": 0, "y1": 1, "x0": mark.at, "x1": mark.at,
@@ -140,11 +167,20 @@ def _layout(drawing: Drawing, dark: bool, names: int) -> dict[str, Any]:
     return layout
 
 
+def _headed(label: str) -> dict[str, Any]:
+    """Above the values at a place: what is on the horizontal axis, the place, and its unit."""
+    what, _, unit = label.partition(", ")
+    return {"unifiedhovertitle": {"text": f"{_safe(what)} = %{{x}} {_safe(unit)}".strip()}} if what else {}
+
+
 def _vertical(panel: Panel) -> dict[str, Any]:
     """What is special about the vertical axis."""
     values = _values(panel)
     if panel.reach is not None:
         return {"range": list(np.log10(panel.reach) if panel.falls else panel.reach), "automargin": False}
+    if panel.label.endswith((", °", ", degrees")):
+        span = float(np.ptp(values)) if len(values) else 0.0
+        return {"dtick": 45 if span <= 180 else 90}
     if panel.falls:
         few = len(values) and values.max() < 1e3 * values.min()  # ticks at 1, 2, 5: all nine do not fit into a panel
         return {"type": "log", "dtick": "D2"} if few else {"type": "log"}
@@ -195,10 +231,12 @@ def _curve(curve: Curve, dark: bool) -> dict[str, Any]:
     if curve.style in ("bars", "stems"):
         trace |= {"type": "bar", "marker": {"color": colour}}
     elif curve.style in _MARKERS:
-        size = 7 if len(x) <= MARKED else 4
+        dots = len(x) > DOTS and not curve.every
+        size = 7 if len(x) <= MARKED else 3 if dots else 4
         big = curve.style in {"cross", "open"}
-        marker = {"symbol": _MARKERS[curve.style], "color": colour, "size": size + 3 if big and len(x) <= 40 else size}
-        marker["line"] = {"width": 2 if big and len(x) <= 40 else 1.2, "color": colour}
+        size = size + 3 if big and len(x) <= 40 else size
+        marker = {"symbol": "circle" if dots else _MARKERS[curve.style], "color": colour, "size": size}
+        marker["line"] = {"width": 0 if dots else 2 if big and len(x) <= 40 else 1.2, "color": colour}
         trace |= {"type": "scatter", "mode": "markers", "marker": marker}
     else:
         thin = curve.quiet or len(x) > 600
@@ -262,13 +300,21 @@ def _outline(x: Array, low: Array, high: Array) -> tuple[Array, Array]:
 
 
 def _typed(values: Array) -> dict[str, str]:
-    """An array as plotly reads it quickest: bytes. Seven digits are more than a screen shows, where they hold the values."""
+    """An array as plotly reads it quickest: bytes. Seven digits are more than a screen shows, where they hold the values, and the steps
+    between them, at which one may look closely.
+    """
     single = values.astype(np.float32)
     finite = np.isfinite(values)
     exact = values[finite]
-    close = bool(np.all(np.abs(single[finite] - exact) <= 1e-6 * np.ptp(exact))) if finite.any() else True
+    close = bool(_close(single[finite], exact)) if finite.any() else True
     kind, kept = ("f4", single) if close else ("f8", values)
     return {"dtype": kind, "bdata": base64.b64encode(np.ascontiguousarray(kept, dtype=f"<{kind}").tobytes()).decode()}
+
+
+def _close(single: NDArray[np.float32], exact: Array) -> bool:
+    error, steps = np.abs(single - exact), np.abs(np.diff(exact))
+    steps = steps[steps > 0]
+    return bool(np.all(error <= 1e-6 * np.ptp(exact)) and (not len(steps) or error.max() <= 0.01 * np.median(steps)))
 
 
 def untyped(values: dict[str, str]) -> Array:

@@ -7,6 +7,7 @@ import csv
 import io
 import json
 import re
+import shlex
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
@@ -16,9 +17,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
+from scipy.io import loadmat
 
-from ctlabs import montecarlo
+from ctlabs import cli, montecarlo
 from ctlabs.analysis import diagnosis, sensitivity
 from ctlabs.files.modelfile import loads, ready
 from ctlabs.filtering import compare, kalman_filter, log_likelihood, smooth, steady
@@ -28,7 +31,7 @@ from ctlabs.workbench.desk import commands as c
 from ctlabs.workbench.desk.packing import pack, unpack
 from ctlabs.workbench.desk.session import Session
 from ctlabs.workbench.desk.store import Store
-from ctlabs.workbench.runs import experiments
+from ctlabs.workbench.runs import experiments, programs
 from ctlabs.workbench.runs.outcomes import Asked, Outcome, Upload, outcome, packed
 from ctlabs.workbench.runs.reporting import report
 from ctlabs.workbench.runs.worker import RunFailed, Runner, RunProgress
@@ -201,16 +204,20 @@ def test_a_plan_whose_every_algorithm_refuses_is_refused() -> None:
         run(replace(PLAN, algorithms=("steady",), anomalies=(Anomaly(5),)))
 
 
-def test_long_histories_are_thinned_and_statistics_are_not() -> None:
-    """No more instants than a plot shows; the last one is there, the numbers are those of all instants."""
+def test_nothing_of_a_long_history_is_left_out() -> None:
+    """Every instant is there, with the library's numbers; only the whole covariances are those of the first instants and the last."""
     found = run(replace(PLAN, steps=2500, runs=4))
-    assert len(found.k) == len(found.t) == len(found.z) == experiments.POINTS
-    assert (found.k[0], found.k[-1]) == (0, 2500)
-    stats = Experiment(4, 3).statistics(ready("constant_velocity").discrete(), steps=2500)
+    assert found.k.tolist() == list(range(2501))
+    assert len(found.t) == len(found.z) == len(found.K) == 2501
+    model = ready("constant_velocity").discrete()
+    stats, plan = Experiment(4, 3).statistics(model, steps=2500), covariances(model, 2500)
     assert found.statistics is not None
-    np.testing.assert_array_equal(found.statistics.rms, stats.rms[found.k])
-    assert found.summary["nis_mean"][0] == stats.nis[stats.nis_dof > 0].mean()
-    assert "instants are shown" in found.notes[0]
+    assert found.at is not None
+    np.testing.assert_array_equal(found.statistics.rms, stats.rms)
+    np.testing.assert_array_equal(found.sd_plus, plan.sd_plus)
+    np.testing.assert_array_equal(found.sd_minus, plan.sd_minus)
+    np.testing.assert_array_equal(found.P_plus, plan.P_plus[found.at])
+    assert (len(found.at), found.at[-1]) == (experiments.POINTS + 1, 2500)
 
 
 def test_the_first_measurement_may_be_at_t0() -> None:
@@ -489,6 +496,101 @@ def test_the_table_holds_the_first_run(kept: tuple[Session, int]) -> None:
     np.testing.assert_array_equal([float(cell or "nan") for cell in column], found.z[:, 0, 0])
 
 
+def test_every_table_has_every_row_and_parquet_is_the_same(kept: tuple[Session, int]) -> None:
+    """An instant, a run, a lag, a form, a number to a row; both formats hold the doubles to the bit."""
+    session, number = kept
+    found = session.outcome(number)
+    runs = found.x_plus.shape[2]
+    wanted = {"histories": len(found.t), "runs": runs * len(found.t), "gains": len(found.t), "algorithms": len(found.algorithms)}
+    wanted |= {"numbers": len(found.summary)} | ({} if found.verdict is None else {"innovations": len(found.verdict.lags)})
+    for name in session.tables(number):
+        rows = list(csv.DictReader(io.StringIO(session.export(number, "csv", name).decode())))
+        frame = pd.read_parquet(io.BytesIO(session.export(number, "parquet", name)))
+        assert len(rows) == len(frame) == wanted[name]
+        for column in frame.columns:
+            cells, values = [row[column] for row in rows], frame[column]
+            if pd.api.types.is_numeric_dtype(values):
+                np.testing.assert_array_equal([float(cell or "nan") for cell in cells], values.to_numpy(dtype=float))
+    assert set(session.tables(number)) == set(wanted) - (set() if found.truth is not None else {"runs"})
+    with pytest.raises(ValueError, match="table: expected one of histories"):
+        session.export(number, "csv", "nothing")
+
+
+def test_the_tables_hold_what_was_computed(shelf: Kept) -> None:
+    """Gains and variances by their names; of each run its own truth and estimate."""
+    session, number = shelf["design"]
+    found = session.outcome(number)
+    state, sensor = found.states[1], found.measurements[0]
+    gains = pd.read_csv(io.BytesIO(session.export(number, "csv", "gains")))
+    np.testing.assert_array_equal(gains[f"K_{state}_{sensor}"], found.K[:, 1, 0])
+    np.testing.assert_array_equal(gains[f"{state}_variance_after"], found.P_plus[:, 1, 1])
+    runs = pd.read_csv(io.BytesIO(session.export(number, "csv", "runs")))
+    for run, own in runs.groupby("run"):
+        np.testing.assert_array_equal(own[state], found.x_plus[:, 1, run - 1])
+        np.testing.assert_array_equal(own[f"{state}_true"], found.truth[:, 1, run - 1])  # type: ignore[index]  # simulated
+
+
+@pytest.mark.parametrize("kind", ["simulated", "data_design"])
+def test_gains_go_to_other_programs(shelf: Kept, kind: str) -> None:
+    """Of the filter's own model, to NumPy, MATLAB and C: the steady gain, or where an anomaly hinders it that of every instant."""
+    session, number = shelf[kind]
+    found = session.outcome(number)
+    arrays = np.load(io.BytesIO(session.export(number, "npz")))
+    matlab = loadmat(io.BytesIO(session.export(number, "mat")))
+    header = session.export(number, "h").decode()
+    if kind == "simulated":
+        np.testing.assert_allclose(arrays["K"], steady.solve(loads(MODEL).discrete()).K, rtol=EXACT)
+        np.testing.assert_array_equal(matlab["K"], arrays["K"])
+    else:
+        np.testing.assert_allclose(arrays["K"], found.K, rtol=SOLVER, atol=SOLVER)
+        np.testing.assert_array_equal(np.moveaxis(matlab["K"], -1, 0), arrays["K"])
+    assert "static const double gains_K" in header
+    assert f"{arrays['K'].ravel()[-1]:.17g}" in header
+    assert session.export_name(number, "h").endswith("_gains.h")
+
+
+def test_the_report_is_printed_or_the_missing_program_is_named(shelf: Kept, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As PDF; without the extra the line says what to install."""
+    session, number = shelf["data"]
+    monkeypatch.setitem(sys.modules, "typst", None)
+    with pytest.raises(ValueError, match=r"^PDF: expected .* \(pip install 'ctlabs\[print\]'\), received none of typst"):
+        session.export(number, "pdf")
+    monkeypatch.undo()
+    assert session.export(number, "pdf").startswith(b"%PDF-")
+
+
+@pytest.mark.parametrize("kind", ["simulated", "data"])
+def test_the_commands_give_the_same_numbers(shelf: Kept, kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each line is a command of ctlabs that ends well beside the model file and the record; their results are those of the page."""
+    session, number = shelf[kind]
+    found, plan = session.outcome(number), session.plan
+    monkeypatch.chdir(tmp_path)
+    Path("model.toml").write_bytes(session.export(number, "toml"))
+    if plan.data is not None:
+        Path(plan.data.name).write_text(plan.data.text)
+    lines = [line for line in session.export(number, "commands").decode().splitlines() if not line.startswith("#")]
+    for line in lines[1:]:
+        word, *rest = shlex.split(line)
+        assert word == "ctlabs"
+        assert cli.main(rest) == 0
+    if kind == "simulated":
+        values = json.loads(Path("simulated/results.json").read_text())["values"]
+        np.testing.assert_allclose(values["rms"]["value"], [found.summary[f"rms[{name}]"][0] for name in found.states], rtol=1e-9)
+    else:
+        table = pd.read_csv("estimates.csv")
+        np.testing.assert_allclose(table[found.states[0]], found.x_plus[1:, 0, 0], rtol=SOLVER)
+        assert Path("gains.npz").exists()
+
+
+def test_a_long_record_is_beside_the_lines(monkeypatch: pytest.MonkeyPatch, shelf: Kept) -> None:
+    """It is not repeated in them; they name its file."""
+    session, number = shelf["data"]
+    monkeypatch.setattr(programs, "LONG", 100)
+    lines = session.export(number, "python").decode()
+    assert "DATA" not in lines
+    assert 'file = Path("tr\'ack.csv")' in lines
+
+
 def test_json_holds_everything_and_is_json(kept: tuple[Session, int]) -> None:
     """Model, settings, summary and results, without NaN."""
     session, number = kept
@@ -532,7 +634,7 @@ def test_the_report_is_one_page_and_pictures_are_pictures(shelf: Kept, kind: str
     assert session.export(number, "png").startswith(b"\x89PNG")
     with pytest.raises(ValueError, match="figure: expected one of estimates_1"):
         session.export(number, "png", "nothing")
-    with pytest.raises(ValueError, match="export: expected one of html, csv"):
+    with pytest.raises(ValueError, match="export: expected one of html, pdf, csv"):
         session.export(number, "doc")
 
 
@@ -561,7 +663,7 @@ def hostile() -> str:
     )
 
 
-@pytest.mark.parametrize("kind", ["html", "csv", "json", "png", "svg", "python", "toml"])
+@pytest.mark.parametrize("kind", ["html", "csv", "json", "png", "svg", "python", "commands", "toml", "h"])
 def test_words_of_a_model_do_nothing_in_its_exports(session: Session, kind: str) -> None:
     """They are shown as they are: nothing is fetched, computed, formatted or broken by them."""
     session.do(c.Open(hostile()))
@@ -579,6 +681,8 @@ def test_words_of_a_model_do_nothing_in_its_exports(session: Session, kind: str)
         assert "'=1+2_measured" in made.decode().splitlines()[0].split(",")
     if kind == "python":
         compile(made, "export.py", "exec")
+    if kind == "commands":
+        assert not [line for line in made.decode().splitlines() if line[:1] != "#" and not line.startswith("ctlabs ")]
 
 
 def test_columns_of_one_name_are_refused(session: Session) -> None:

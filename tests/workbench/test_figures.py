@@ -108,10 +108,10 @@ def test_the_curves_are_the_arrays() -> None:
     found = simulated()
     figure = to_plotly(figures.estimates(found, [0, 1]))
     pairs = [
-        (trace(figure, "truth", 2), found.truth[:, 1, 0]),  # type: ignore[index]  # simulated
+        (trace(figure, "truth", 3), found.truth[:, 1, 0]),  # type: ignore[index]  # simulated
         (trace(figure, "measurement"), found.z[:, 0, 0]),
-        (trace(figure, "estimate", 2), found.x_plus[:, 1, 0]),
-        (trace(figure, "by ud"), found.estimates["ud"][:, 0]),
+        (trace(figure, "estimate, Joseph's form", 3), found.x_plus[:, 1, 0]),
+        (trace(figure, "estimate, Factors UDUᵀ"), found.estimates["ud"][:, 0]),
         (trace(to_plotly(figures.gains(found, [0, 1])), "from position", 2), found.K[:, 1, 0]),
         (trace(to_plotly(figures.accuracy(found, [1])), "theory of this filter"), found.actual_rms[:, 1]),  # type: ignore[index]
         (trace(to_plotly(figures.nis(found)), "expected"), np.where(found.nis_dof > 0, found.nis_dof, np.nan)),
@@ -127,7 +127,7 @@ def test_the_band_is_one_sigma_around_the_estimate() -> None:
     """The outline goes along x̂ + σ and back along x̂ − σ; σ stands beside the value."""
     found = simulated()
     figure = to_plotly(figures.estimates(found, [0]))
-    band, line = trace(figure, "estimate ± σ"), trace(figure, "estimate")
+    band, line = trace(figure, "estimate, Joseph's form ± σ"), trace(figure, "estimate, Joseph's form")
     x, sd = found.x_plus[:, 0, 0], np.sqrt(found.P_plus[:, 0, 0])
     outline, count = untyped(band["y"]), len(x)
     assert band["fill"] == "toself"
@@ -315,7 +315,7 @@ def test_other_algorithms_are_hidden_until_they_are_asked_for() -> None:
     """The first one is the estimate; the others wait in the legend."""
     figure = to_plotly(figures.estimates(simulated(), [0]))
     hidden = {each["name"] for each in figure["data"] if each.get("visible") == "legendonly"}
-    assert hidden == {"by ud", "by conventional"}
+    assert hidden == {"estimate, Factors UDUᵀ", "estimate, Conventional form"}
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -424,8 +424,8 @@ def test_copied_numbers_have_all_their_digits() -> None:
     found = simulated()
     copied = read(figures.estimates(found, [0, 1]).text())
     assert np.array_equal(copied["t, s"], found.t)
-    assert np.array_equal(copied["x: estimate, m"], found.x_plus[:, 0, 0])
-    assert np.array_equal(copied["v: by ud, m/s"], found.estimates["ud"][:, 1])
+    assert np.array_equal(copied["x: estimate, Joseph's form, m"], found.x_plus[:, 0, 0])
+    assert np.array_equal(copied["v: estimate, Factors UDUᵀ, m/s"], found.estimates["ud"][:, 1])
     assert np.array_equal(copied["x: measurement, m"], found.z[:, 0, 0], equal_nan=True)
 
 
@@ -469,7 +469,7 @@ def test_a_state_of_which_nothing_is_known_leaves_a_gap() -> None:
     P = known.P_plus.copy()
     P[0, 0, 0] = np.inf
     found = replace(known, P_plus=P)
-    band = trace(to_plotly(figures.estimates(found, [0])), "estimate ± σ")
+    band = trace(to_plotly(figures.estimates(found, [0])), "estimate, Joseph's form ± σ")
     count = len(known.t) - 1
     assert np.isfinite(untyped(band["y"])).all()
     assert close(untyped(band["y"])[:count], (known.x_plus[:, 0, 0] + known.sd_plus[:, 0])[1:])
@@ -486,9 +486,10 @@ def test_the_numbers_of_a_family_are_told_apart() -> None:
 
 def test_the_measurement_is_drawn_where_it_reads_the_state() -> None:
     """z = x is shown with x, in its unit, and nowhere else."""
-    names = [{curve.name for curve in panel.curves} for panel in figures.estimates(simulated(), [0, 1]).panels]
-    assert "measurement" in names[0]
-    assert "measurement" not in names[1]
+    panels = figures.estimates(simulated(), [0, 1]).panels
+    there = ["measurement" in {curve.name for curve in panel.curves} for panel in panels]
+    assert [panel.label for panel in panels] == ["x, m", "x, less its estimate, m", "v, m/s"]
+    assert there == [True, True, False]
 
 
 def test_smoothed_estimates_have_a_band_of_their_own() -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,8 +19,10 @@ if TYPE_CHECKING:
 
 #: An error of zero in a logarithmic figure.
 FLOOR = 1e-17
-#: Instants above which points are not marked on a line.
-MARKED = 120
+#: Instants above which points are not marked on a line, and how many bands an axis holds above which one is too thin to be seen.
+MARKED, THIN = 120, 50
+#: Colours and signs of measurements.
+MEASURED = (("orange", "cross"), ("purple", "plus"), ("amber", "triangle"), ("brown", "open"))
 
 
 def estimates(
@@ -40,14 +44,16 @@ def estimates_panel(
     label: str,
     unit: str = "",
     *,
-    data: ArrayLike | None = None,
+    data: ArrayLike | Mapping[str, ArrayLike] | None = None,
     truth: ArrayLike | None = None,
     others: Sequence[Curve] = (),
 ) -> Panel:
-    """One quantity: the first of ``curves`` is above the others. The axis follows the estimates and the data, not a band that is wider
-    than both (that of an estimate at t0).
+    """One quantity: the first of ``curves`` is above the others, the measurements, ``data``, are below. The axis follows the estimates and
+    the data, not a band that is wider than both (that of an estimate at t0).
     """
-    below = [] if data is None else [Curve(_("measurement"), t, data, "orange", "cross", unit)]
+    measured = data if isinstance(data, Mapping) else {} if data is None else {_("measurement"): data}
+    looks = zip(measured.items(), itertools.cycle(MEASURED), strict=False)
+    below = [Curve(name, t, z, colour, style, unit) for (name, z), (colour, style) in looks]
     below += [] if truth is None else [Curve(_("truth"), t, truth, "black", unit=unit)]
     bands, lines, seen = [], [], [array(curve.y) for curve in below]
     for (name, (estimate, sd)), (colour, style) in zip(curves.items(), (("blue", "line"), ("green", "dash")), strict=False):
@@ -64,6 +70,24 @@ def _reach(seen: Sequence[Array]) -> tuple[float, float] | None:
     values = finite(np.concatenate(seen))
     low, high = np.nanmin(values, initial=np.inf), np.nanmax(values, initial=-np.inf)
     return (float(low - 0.05 * (high - low)), float(high + 0.05 * (high - low))) if low < high else None
+
+
+def residual_panel(panel: Panel, name: str, label: str, unit: str = "") -> Panel | None:
+    """What is in a panel of estimates less the one that is called ``name``, in its band; None where the panel shows that itself.
+
+    The band is not seen where it is thinner than a fiftieth of what the axis spans, as a rule of its instants.
+    """
+    estimate = next((curve for curve in panel.curves if curve.name == name), None)
+    if estimate is None or estimate.sd is None or panel.reach is None:
+        return None
+    x, sd = array(estimate.y), array(estimate.sd)
+    if not np.isfinite(sd).any() or 2 * np.nanmedian(sd) * THIN > panel.reach[1] - panel.reach[0]:
+        return None
+    rest = tuple(
+        replace(curve, y=array(curve.y) - x, sd=None) for curve in panel.curves if curve is not estimate and len(array(curve.y)) == len(x)
+    )
+    band = Band(fill(_("{name} ± σ"), name=name), estimate.x, -sd, sd, estimate.colour, unit)
+    return Panel(label, rest, (band,), "signed", (Mark("", 0.0, estimate.colour, "line", 1.0),)) if rest else None
 
 
 def paths(t: ArrayLike, x: ArrayLike, smoothed: tuple[ArrayLike, ArrayLike], *, ylabel: str, xlabel: str = "t, s") -> Drawing:

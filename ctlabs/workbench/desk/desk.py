@@ -11,6 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
+from ctlabs.workbench.desk.links import unpacked
+
 if TYPE_CHECKING:
     from ctlabs.workbench.desk.store import Draft, Store
     from ctlabs.workbench.runs.worker import Runner
@@ -101,8 +103,9 @@ class Desk:
         """Whose drafts and experiments a browser sees."""
         return LOCAL if self.shared else browser
 
-    def enter(self, shell: Tab, wanted: str) -> Seat:
-        """Open the draft that a tab asks for; without one that which the browser worked on last, or its first.
+    def enter(self, shell: Tab, wanted: str, model: str = "") -> Seat:
+        """Open the draft that a tab asks for, or one with the ``model`` of a link; without either that which the browser worked on last,
+        or its first.
 
         ``wanted`` : an id, empty, or :data:`NEW` for a draft in which nothing has been done. Of these a browser has one that is
         free at most, so that no empty ones pile up.
@@ -113,6 +116,8 @@ class Desk:
             store, owner = self.store, self.owner(shell.browser)
             notices = [store.notice] if store.notice else []
             draft = store.draft(wanted, owner) if wanted not in {"", NEW} else None
+            if draft is None and model:
+                draft = self._linked(model, owner, shell.browser, notices)
             if draft is None:
                 if wanted not in {"", NEW}:
                     notices.append(f"draft {wanted}: expected one of yours, received an unknown id; here is another")
@@ -132,6 +137,19 @@ class Desk:
                 self._open[draft.id] = session
                 self._tabs.setdefault(draft.id, []).append(shell)
             return Seat(draft, session, tuple(notices))
+
+    def _linked(self, link: str, owner: str, browser: str, notices: list[str]) -> Draft | None:
+        """The draft with the model of a link: the one that there is already, or a new one."""
+        from ctlabs.files.modelfile import loads
+
+        try:
+            text = unpacked(link)
+            loads(text, "link", check=False)
+        except ValueError as why:
+            notices.append(str(why))
+            return None
+        found = next((each for each in self.store.drafts(owner, browser) if each.text == text), None)
+        return found or self.store.new_draft(owner, browser, text)
 
     def leave(self, shell: Tab) -> None:
         """A tab is gone; with the last one its session is closed. All it has is in the database."""

@@ -30,6 +30,7 @@ from ctlabs.workbench.desk import commands
 from ctlabs.workbench.desk.commands import Command
 from ctlabs.workbench.desk.sheet import ModelSheet
 from ctlabs.workbench.desk.store import REVISIONS, Edited
+from ctlabs.workbench.desk.view import View
 from ctlabs.workbench.runs import comparing
 from ctlabs.workbench.runs.comparing import Difference
 from ctlabs.workbench.runs.outcomes import REGISTERED, Asked, Outcome, Upload, outcome, packed
@@ -93,6 +94,8 @@ class Session:
         self.part = ""
         #: Texts that could not be saved, by matrix and cell: they stay when another page is shown.
         self.refused: dict[str, dict[str, tuple[str, str, str]]] = {}
+        #: How the figures of the results are looked at.
+        self.view = View()
 
     def _read(self, draft: Draft) -> None:
         """Take what the store has of the draft."""
@@ -157,6 +160,17 @@ class Session:
     def text(self) -> str:
         """The text of the model file."""
         return self.file.dumps()
+
+    @property
+    def shared(self) -> str:
+        """The text of a link: the model file, in which the settings of the next experiment are those of the plan."""
+        names = ("steps", "runs", "seed", "first", "algorithms")
+        own = {name: getattr(self.plan, name) for name in names}
+        changes = [(("experiment", name), list(value) if isinstance(value, tuple) else value) for name, value in own.items()]
+        try:
+            return self.file.edit_all([each for each in changes if own[each[0][1]] != _told(self.file).get(each[0][1])]).dumps()
+        except ValueError:
+            return self.text
 
     @property
     def untouched(self) -> bool:
@@ -410,17 +424,27 @@ class Session:
         first, second = self._kept(a), self._kept(b)
         return comparing.experiments((first, self.outcome(a)), (second, self.outcome(b)))
 
-    def export(self, number: int, kind: str, figure: str = "") -> bytes:
-        """A kept experiment as a file: "html", "csv", "json", "png", "svg", "python" or "toml" (its model).
+    def export(self, number: int, kind: str, part: str = "") -> bytes:
+        """A kept experiment as a file of one of the :data:`~ctlabs.workbench.runs.kinds.KINDS`.
 
-        ``figure`` : which picture, one of :meth:`figures`; the first one where not given.
+        ``part`` : which picture or table, one of :meth:`figures` or :meth:`tables`; the first one where not given.
 
-        "html", "png" and "svg" take about a second: call it in a thread (``asyncio.to_thread``).
+        Some take seconds: call it in a thread (``asyncio.to_thread``).
         """
         from ctlabs.workbench.runs import exports
 
         old = self._kept(number)
-        return exports.export(old.name, old.model, self._plan(old.settings), self.outcome(number), kind, figure)
+        return exports.export(old.name, old.model, self._plan(old.settings), self.outcome(number), kind, part)
+
+    def code(self, kind: str) -> str:
+        """The Python lines ("python") or the commands ("commands") that give the numbers of :attr:`result` again; empty without one."""
+        from ctlabs.workbench.runs import programs
+
+        found, number = self.result, self.result_id
+        if found is None or number is None:
+            return ""
+        old = self._kept(number)
+        return {"python": programs.python, "commands": programs.commands}[kind](old.name, old.model, self._plan(old.settings), found)
 
     def figures(self, number: int) -> dict[str, str]:
         """The pictures of a kept experiment, and what each shows."""
@@ -428,11 +452,17 @@ class Session:
 
         return {name: caption for name, (_, caption) in pictures(self.outcome(number)).items()}
 
-    def export_name(self, number: int, kind: str) -> str:
+    def tables(self, number: int) -> dict[str, str]:
+        """The tables of a kept experiment, and what each holds."""
+        from ctlabs.workbench.runs.tables import tables
+
+        return tables(self.outcome(number))
+
+    def export_name(self, number: int, kind: str, part: str = "") -> str:
         """A name for an exported file."""
         from ctlabs.workbench.runs import exports
 
-        return exports.filename(self._kept(number).name, number, kind)
+        return exports.filename(self._kept(number).name, number, kind, part)
 
     # Within ----------------------------------------------------------------------------------------------------------
 

@@ -46,7 +46,7 @@ class _Experiment:
 
     def __init__(self, session: Session, shell: Shell) -> None:
         self.session, self.shell = session, shell
-        self.show, self.running = Show(shell), session.experiment_run
+        self.show, self.running = Show(shell, session.view), session.experiment_run
         self.seen = self.running.finished
         self.fields: dict[str, ui.input] = {}
         self.lines: dict[str, ui.label] = {}
@@ -191,6 +191,8 @@ class _Experiment:
             with ui.element("div").classes("ctl-show-head"):
                 ui.html("<h2>Results</h2>", sanitize=False)
                 ui.space()
+                self.print = ui.button("Print", icon="print", on_click=lambda: ui.run_javascript("print()"))
+                self.print.props("no-caps flat dense data-test=print")
                 self.export = ui.button("Export…", icon="download", on_click=self._export)
                 self.export.props("no-caps outline dense data-test=export")
             self.found_told = ui.label("").classes("ctl-show-hint").props("data-test=found-told")
@@ -478,6 +480,7 @@ class _Experiment:
         found, number = self.session.result, self.session.result_id
         self.empty.set_visibility(found is None)
         self.export.set_visibility(number is not None)
+        self.print.set_visibility(found is not None)
         self.found_told.set_visibility(found is not None)
         if found is None:
             return

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from ctlabs.workbench.desk import tour
 from ctlabs.workbench.pages.dialogs import buttons, dialog
 from ctlabs.workbench.pages.showing import Show, difference, help_button, table
 from ctlabs.workbench.runs import figures
+from ctlabs.workbench.runs.kinds import PICTURES, TABLES
 from ctlabs.workbench.runs.running import said
 
 if TYPE_CHECKING:
@@ -27,17 +28,15 @@ PAGE = {"place": 4, "title": "Keep", "icon": "inventory_2"}
 
 #: So many experiments are listed at first, and so many more at a time.
 LISTED = 25
-#: What an experiment can be exported as: kind, name, what it is.
+#: What an experiment can be exported as: groups, and in each the kinds, with their names.
 KINDS = (
-    ("html", "report.html", "the report: model, figures, checks"),
-    ("csv", "CSV", "the table of all histories"),
-    ("json", "JSON", "all numbers and settings"),
-    ("python", "Python", "the lines that give these numbers with the library"),
-    ("toml", "TOML", "the model file"),
-    ("png", "PNG", "the figure chosen below, as a picture"),
-    ("svg", "SVG", "the figure chosen below, as a drawing"),
+    ("Report", "model, figures, checks; PDF needs the extra print", (("html", "HTML"), ("pdf", "PDF"))),
+    ("Table", "every row, nothing thinned", (("csv", "CSV"), ("parquet", "Parquet"))),
+    ("Gains", "the filter's matrices for other programs", (("npz", "NumPy"), ("mat", "MATLAB"), ("h", "C"))),
+    ("Figure", "as a picture, as a drawing", (("png", "PNG"), ("svg", "SVG"))),
+    ("Lines", "that give these numbers again", (("python", "Python"), ("commands", "Commands"))),
+    ("All of it", "the model file; all numbers and settings", (("toml", "TOML"), ("json", "JSON"))),
 )
-
 
 
 def page(session: Session, shell: Shell) -> None:
@@ -302,37 +301,69 @@ class _Keep:
 
 def export_dialog(session: Session, shell: Shell, number: int) -> None:
     """Choose what an experiment is exported as; the file is made in a thread and goes to the browser's downloads."""
-    pictures = session.figures(number)
-    with shell.client, dialog("Export", 26) as made:
+    with shell.client, dialog("Export", 30) as made:
+        _Export(session, number, made.close).draw()
+
+
+class _Export:
+    """The dialog; it stays usable while a file is made, and says which and for how long."""
+
+    def __init__(self, session: Session, number: int, close: Callable[[], object]) -> None:
+        self.session, self.number, self._close = session, number, close
+        self.choices: dict[str, ui.select] = {}
+        self.begun: dict[str, float] = {}
+
+    def draw(self) -> None:
         help_button("keep.export")
-        wrong = ui.label("").classes("ctl-show-error").props("role=alert")
-
-        async def export(kind: str, button: ui.button) -> None:
-            button.props("loading")
-            try:
-                picture = str(figure.value or "") if kind in {"png", "svg"} else ""
-                content = await asyncio.to_thread(session.export, number, kind, picture)
-                ui.download.content(content, session.export_name(number, kind))
-                if kind == "html":
-                    tour.mark(session, "export")
-            except ValueError as why:
-                wrong.text = str(why)
-            finally:
-                button.props(remove="loading")
-
-        with ui.element("div").classes("w-full").props("role=list"):
-            for i, (kind, word, meaning) in enumerate(KINDS):
-                with ui.row().classes("w-full items-center no-wrap gap-3 q-py-xs").props("role=listitem"):
-                    button = (
-                        ui.button(word)
-                        .props(f"no-caps outline dense data-test=export-{kind} {'autofocus' if i == 0 else ''}")
-                        .classes("w-28 shrink-0")
-                    )
-                    button.on_click(lambda _, kind=kind, button=button: export(kind, button))
+        parts = {"Table": ("table", self.session.tables(self.number)), "Figure": ("figure", self.session.figures(self.number))}
+        first = True
+        with ui.element("div").classes("ctl-keep-export").props("role=list"):
+            for group, meaning, kinds in KINDS:
+                with ui.element("div").props(f'role=listitem aria-label="{group}"'):
+                    ui.label(group).classes("ctl-keep-name")
                     ui.label(meaning).classes("ctl-show-hint")
-        figure = ui.select(pictures, value=next(iter(pictures), None), label="Figure for PNG and SVG")
-        figure.props("outlined dense options-dense data-test=export-figure").classes("w-full")
-        ui.button("Close", on_click=made.close).props("flat no-caps data-test=export-close")
+                    if group in parts:
+                        name, options = parts[group]
+                        titles = {key: f"{key.replace('_', ' ')}: {text}" for key, text in options.items()}
+                        chosen = ui.select(titles, value=next(iter(options), None), label=group)
+                        chosen.props(f"outlined dense options-dense data-test=export-{name}").classes("w-full")
+                        self.choices[name] = chosen
+                    with ui.row().classes("gap-2"):
+                        for kind, word in kinds:
+                            button = ui.button(word).props(f"no-caps outline dense data-test=export-{kind} {'autofocus' if first else ''}")
+                            button.props["aria-label"] = f"{group} as {word}"
+                            button.on_click(lambda _, kind=kind, word=word, button=button: self._export(kind, word, button))
+                            first = False
+        self.told = ui.label("").classes("ctl-show-hint").props("role=status aria-live=polite data-test=export-told")
+        self.wrong = ui.label("").classes("ctl-show-error").props("role=alert data-test=export-error")
+        ui.button("Close", on_click=self._close).props("flat no-caps data-test=export-close")
+        self.clock = ui.timer(1.0, self._tell, active=False)
+
+    async def _export(self, kind: str, word: str, button: ui.button) -> None:
+        part = self.choices["table"].value if kind in TABLES else self.choices["figure"].value if kind in PICTURES else ""
+        button.props("loading")
+        self.wrong.text = ""
+        self.begun[word] = time.monotonic()
+        self._tell()
+        self.clock.activate()
+        try:
+            content = await asyncio.to_thread(self.session.export, self.number, kind, str(part or ""))
+            ui.download.content(content, self.session.export_name(self.number, kind, str(part or "")))
+            if kind == "html":
+                tour.mark(self.session, "export")
+        except (ValueError, ArithmeticError) as why:
+            self.wrong.text = str(why)
+        finally:
+            del self.begun[word]
+            button.props(remove="loading")
+            self._tell()
+
+    def _tell(self) -> None:
+        """What is being made, and for how long."""
+        now = time.monotonic()
+        self.told.text = "; ".join(f"Making {word}… {now - begun:.0f} s" for word, begun in self.begun.items())
+        if not self.begun:
+            self.clock.deactivate()
 
 
 # In words ------------------------------------------------------------------------------------------------------------

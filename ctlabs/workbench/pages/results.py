@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from html import escape
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from nicegui import ui
 
 from ctlabs.text import number
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.pages.showing import Show, help_button, table, times
-from ctlabs.workbench.runs import figures
+from ctlabs.workbench.runs import figures, verdicts
 
 if TYPE_CHECKING:
     from ctlabs.workbench.desk.session import Session
@@ -38,6 +38,7 @@ class Results:
         if before is None or before.states != found.states:
             self._states = list(range(min(len(found.states), SHOWN)))
         self._run = min(self._run, found.x_plus.shape[2] - 1)
+        self._show.view.within("t, s", float(found.t[0]), float(found.t[-1]))
         parts = self._parts(found)
         part = self._session.part if self._session.part in parts else next(iter(parts))
         self.box.clear()
@@ -71,6 +72,7 @@ class Results:
             "innovations": ("Innovations", self._draw_innovations),
             "algorithms": ("Algorithms", self._draw_algorithms),
             "numbers": ("Numbers", self._draw_numbers),
+            "code": ("Python, commands", self._draw_code),
         }
         return parts
 
@@ -90,7 +92,7 @@ class Results:
 
     def _sentences(self, found: Outcome) -> None:
         with ui.element("div").classes("w-full").props("role=status aria-live=polite data-test=diagnosis"):
-            lines = [*diagnosis(found), *found.notes]
+            lines = [*verdicts.diagnosis(found), *found.notes]
             with ui.row().classes("items-start no-wrap gap-1"):
                 ui.html("".join(f"<p style='margin:0 0 .3rem'>{escape(line)}</p>" for line in lines), sanitize=False)
                 help_button("result.diagnosis")
@@ -207,55 +209,38 @@ class Results:
         ui.html(table(*_headed(rows)), sanitize=False).classes("w-full").props("data-test=numbers-table")
 
 
+    def _draw_code(self, _found: Outcome) -> None:
+        for kind, title, what in (
+            ("python", "Python", "These lines give the numbers again with the library alone."),
+            ("commands", "Commands", "The same on a command line; the model file and the record are in Export."),
+        ):
+            lines = self._session.code(kind)
+            copied = partial(str, lines)
+            with ui.element("div").classes("ctl-show-head"):
+                ui.html(f"<h3>{title}</h3>", sanitize=False)
+                help_button(f"result.{kind}")
+                ui.space()
+                self._show.copy(copied, f"Copy: {title}", test=f"copy-{kind}", words="Copy")
+            ui.label(what if lines else "The experiment is not kept, so there is nothing to refer to.").classes("ctl-show-hint")
+            with ui.element("pre").classes("ctl-show-code").props(f'tabindex=0 role=region aria-label="{title}" data-test=code-{kind}'):
+                ui.html(escape(lines), sanitize=False)
+
+
 # In words and tables -------------------------------------------------------------------------------------------------
-
-
-def diagnosis(found: Outcome) -> list[str]:
-    """What the experiment says of the filter, in sentences."""
-    told, lines = found.verdict, [found.contradiction] if found.contradiction else []
-    stats = found.statistics
-    if stats is not None:
-        outside = _outside(found)
-        if outside is not None:
-            lines.append(
-                f"{100 * outside:.1f} % of the RMS errors over {stats.runs} runs are outside their 95 % bands around theory; "
-                "about 5 % are by chance."
-            )
-    if told is not None:
-        where = "Of the record" if found.kind == "data" else "Of run 1"
-        said = "within" if told.nis_low <= told.nis_mean <= told.nis_high else "outside"
-        lines.append(
-            f"{where} the mean NIS is {number(told.nis_mean, 3)}, {said} its 95 % band "
-            f"{number(told.nis_low, 3)} to {number(told.nis_high, 3)} around {number(told.nis_expected, 3)}."
-        )
-        if told.suggestion:
-            lines.append(f"{told.suggestion[0].upper()}{told.suggestion[1:].rstrip('.')}.")
-    return lines
-
-
-def _outside(found: Outcome) -> float | None:
-    """How many of the RMS errors are outside their bands, where these have a width."""
-    stats = found.statistics
-    assert stats is not None
-    low, high = stats.rms_band
-    there = np.isfinite(low) & np.isfinite(high) & (high > low * (1 + 1e-9))
-    if not there.any():
-        return None
-    return float((there & ((stats.rms < low) | (stats.rms > high))).sum() / there.sum())
 
 
 def innovation_tests(found: Outcome, told: InnovationTests) -> list[list[Any]]:
     """The tests of the innovations."""
     rows: list[list[Any]] = [
-        ["Test", "Value", "Expected", "p"],
-        ["NIS, mean per instant", told.nis_mean, told.nis_expected, told.nis_p],
+        ["Test", "Value", "Expected", "p", "In words"],
+        ["NIS, mean per instant", told.nis_mean, told.nis_expected, told.nis_p, verdicts.in_words(told.nis_p)],
     ]
     for name, mean, white in zip(found.measurements, told.mean_p, told.whiteness_p, strict=True):
-        rows.append([f"mean of the innovations of {name}", "", "0", float(mean)])
-        rows.append([f"whiteness of the innovations of {name}", "", "white", float(white)])
+        rows.append([f"mean of the innovations of {name}", "", "0", float(mean), verdicts.in_words(float(mean))])
+        rows.append([f"whiteness of the innovations of {name}", "", "white", float(white), verdicts.in_words(float(white))])
     for name, factor in (("R", told.factor_R), ("Q", told.factor_Q)):
         if factor is not None:
-            rows.append([f"factor on {name} that makes the data most likely", factor, 1.0, ""])
+            rows.append([f"factor on {name} that makes the data most likely", factor, 1.0, "", ""])
     return rows
 
 

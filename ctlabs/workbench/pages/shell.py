@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from nicegui import app, ui
 
 from ctlabs.reporting import mathml
+from ctlabs.workbench.desk.links import packed
 from ctlabs.workbench.pages import STATIC, Page, listed
 from ctlabs.workbench.pages.dialogs import dialog
 
@@ -138,6 +139,10 @@ class Shell:
             self._name = ui.label("").classes("ctl-draft")
             ui.space()
             self._saved = ui.label("").classes("ctl-saved").props("role=status aria-live=polite data-state=none")
+            link = ui.button(icon="link", on_click=self._copy_link)
+            link.props('flat round dense color=white aria-label="Copy a link to this page with its model" data-test=link')
+            with link:
+                ui.tooltip("Copy a link to this page with its model")
             keys = ui.button(icon="keyboard", on_click=self.show_shortcuts)
             keys.props('flat round dense color=white aria-label="Keyboard shortcuts"').classes("ctl-wide")
             self._theme = ui.button(on_click=self._next_theme).props("flat round dense color=white")
@@ -180,10 +185,10 @@ class Shell:
 
     # Pages ---------------------------------------------------------------------------------------------------------------
 
-    async def enter(self, name: str, wanted: str) -> None:
-        """Open the draft and show a page; the library is loaded meanwhile, in a thread."""
+    async def enter(self, name: str, wanted: str, model: str = "") -> None:
+        """Open the draft, or the ``model`` of a link, and show a page; the library is loaded meanwhile, in a thread."""
         try:
-            place = await asyncio.to_thread(self.desk.enter, self, wanted)
+            place = await asyncio.to_thread(self.desk.enter, self, wanted, model)
             if (prepare := getattr(place.session, "prepare", None)) is not None:
                 await asyncio.to_thread(prepare)
         except Exception as why:
@@ -297,6 +302,19 @@ class Shell:
 
     def _url(self, name: str) -> str:
         return f"/{name}?draft={self.place.draft.id}"
+
+    def _copy_link(self) -> None:
+        """The address of this page with the model in it: it opens anywhere, whatever becomes of this draft."""
+        if self._place is None:
+            return
+        try:
+            address = f"/{self.current}?model={packed(self.place.session.shared)}"
+        except ValueError as why:
+            self.tell(str(why))
+            return
+        with self.client:
+            ui.run_javascript(f"ctlabs.copy(location.origin + {json.dumps(address)})")
+        self.tell("The link is copied: it opens this page with this model, also on another machine")
 
     # Messages ------------------------------------------------------------------------------------------------------------
 

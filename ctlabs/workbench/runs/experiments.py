@@ -2,7 +2,7 @@ r"""How an experiment is computed: :func:`run`, in a process of the worker.
 
 Simulated: an ensemble of the truth through the filter (:func:`ctlabs.montecarlo.monte_carlo`), the first few runs with their histories,
 one of them by every chosen algorithm. Measured: the record through the filter and the smoother, and what its innovations say.
-Long histories are thinned to what a plot can show (``k`` says which instants are left); statistics are over all runs and instants.
+Nothing is thinned: what a plot shows of a long history is its own matter (:mod:`ctlabs.reporting.levels`).
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ from typing import Any
 
 import numpy as np
 
-from ctlabs import montecarlo
 from ctlabs.analysis import diagnosis
 from ctlabs.files import timed
 from ctlabs.files.modelfile import ModelFile, loads
 from ctlabs.filtering import contradictions
 from ctlabs.filtering.comparison import Judged
 from ctlabs.filtering.filter import log_likelihood
-from ctlabs.filtering.results import Filtered
+from ctlabs.filtering.results import Covariances, Filtered
 from ctlabs.filtering.smoothing import smooth
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import deviations
 from ctlabs.models import DiscreteModel, anomalous
+from ctlabs.montecarlo import shares
 from ctlabs.studies import common, comparison, simulation
 from ctlabs.text import number
 from ctlabs.workbench.runs.outcomes import Asked, ErrorStatistics, InnovationTests, Outcome, packed
 
 __all__ = ["Asked", "Outcome", "prepared", "run"]
 
-#: Runs whose histories are shown, and instants that are kept of them.
+#: Runs whose histories are shown, and instants up to which covariances are kept whole; of a longer record only the first and the last.
 SHOWN, POINTS = 3, 2000
 #: Products of numbers with 50 digits that the reference may take, about a second; a longer record is compared in its first steps.
 PATIENCE = 3e5
@@ -81,29 +81,27 @@ def _simulated(file: ModelFile, other: ModelFile | None, plan: Asked, progress: 
         algorithms=plan.algorithms, histories=min(SHOWN, plan.runs), workers=workers, progress=progress,
     )  # fmt: skip
     name, own = comparison.working(found.tried)
-    k, z, true, actual = _kept(plan.steps), found.some.z, found.true, found.actual
+    z, true, actual = found.some.z, found.true, found.actual
     return Outcome(
         kind="simulation",
         algorithm=name,
-        k=k,
-        t=(file.experiment.t0 + found.some.t)[k],
+        k=np.arange(plan.steps + 1),
+        t=file.experiment.t0 + found.some.t,
         **_labels(other or file, found.design),
-        z=z[k],
-        truth=true[k],
-        **_histories(own, k),
-        estimates={name: f.x_plus[k, :, 0] for name, (f, _, _) in found.tried.items() if f is not None},
-        P_minus=found.claimed.P_minus[k],
-        P_plus=found.claimed.P_plus[k],
-        K=found.claimed.K[k],
-        statistics=_statistics(found.stats, found.P, k),
-        actual_P=None if actual is None else actual.P_plus[k],
-        actual_bias=None if actual is None else actual.bias_plus[k],
-        optimal_sd=None if found.optimal is None else found.optimal[k],
+        z=z,
+        truth=true,
+        **_histories(own),
+        estimates={name: f.x_plus[:, :, 0] for name, (f, _, _) in found.tried.items() if f is not None},
+        **_covariances(found.claimed),
+        statistics=_statistics(found),
+        actual_P=None if actual is None else actual.P_plus,
+        actual_bias=None if actual is None else actual.bias_plus,
+        optimal_sd=found.optimal,
         verdict=_tested(own),
         algorithms=_algorithms(found.design, z[plan.first :, :, 0], found.tried, plan.first, true[-1]),
         log_likelihood=float(own.log_likelihood[0]),
         summary=found.summary,
-        notes=(*_refused(found.tried, name), *_thinned(k, plan.steps, "statistics are over all of them")),
+        notes=_refused(found.tried, name),
         contradiction=_contradiction(found.design, own, (file.experiment.t0 + own.t)[plan.first :]),
     )
 
@@ -126,10 +124,17 @@ def _algorithms(
     return tuple(each if each.failed else dataclasses.replace(each, rms=rms[each.name]) for each in rows)
 
 
-def _statistics(stats: montecarlo.Statistics, P: Array, k: Array) -> ErrorStatistics:
-    found = {name: getattr(stats, name)[k] for name in ("rms", "bias", "nees", "nees_dof", "nis", "nis_dof")}
+def _statistics(found: simulation.Simulated) -> ErrorStatistics:
+    stats, P = found.stats, found.P
+    columns = {name: getattr(stats, name) for name in ("rms", "bias", "nees", "nees_dof", "nis", "nis_dof")}
     bands = {"rms": stats.rms_band(P), "bias": stats.bias_band(P), "nees": stats.nees_band(), "nis": stats.nis_band()}
-    return ErrorStatistics(runs=stats.runs, **found, **{f"{name}_band": np.array(band)[:, k] for name, band in bands.items()})
+    share = None
+    if found.actual is None and found.truth.N is None:  # the errors of another model's filter depend on the states too
+        share = shares.outside(stats, found.truth, found.claimed)
+    return ErrorStatistics(
+        runs=stats.runs, **columns, **{f"{name}_band": np.array(band) for name, band in bands.items()},
+        outside=None if share is None else share._asdict(),
+    )  # fmt: skip
 
 
 # Measured ------------------------------------------------------------------------------------------------------------
@@ -145,7 +150,6 @@ def _measured(file: ModelFile, other: ModelFile | None, plan: Asked) -> Outcome:
     tried = comparison.tried(model, z[plan.first :], plan.algorithms, plan.first)
     name, own = comparison.working(tried)
     whole = smooth(model, own)
-    k = _kept(steps)
     summary: dict[str, tuple[Any, str]] = {"rows": (record.rows, ""), "missing": (record.missing, "")}
     sd = deviations(own.P_plus)
     for what, values in (("estimate", own.x_plus[-1]), ("sd", sd[-1])):
@@ -165,23 +169,21 @@ def _measured(file: ModelFile, other: ModelFile | None, plan: Asked) -> Outcome:
     return Outcome(
         kind="data",
         algorithm=name,
-        k=k,
-        t=t[k],
+        k=np.arange(steps + 1),
+        t=t,
         **_labels(used, model),
-        z=own.z[k, :, None],
+        z=own.z[:, :, None],
         truth=None,
-        **_histories(many, k),
-        estimates={name: f.x_plus[k] for name, (f, _, _) in tried.items() if f is not None},
-        P_minus=own.P_minus[k],
-        P_plus=own.P_plus[k],
-        K=own.K[k],
+        **_histories(many),
+        estimates={name: f.x_plus for name, (f, _, _) in tried.items() if f is not None},
+        **_covariances(own),
         verdict=verdict,
         algorithms=_algorithms(model, z[plan.first :], tried, plan.first),
         log_likelihood=float(own.log_likelihood),
-        smoothed=whole.x[k],
-        smoothed_sd=deviations(whole.P)[k],
+        smoothed=whole.x,
+        smoothed_sd=deviations(whole.P),
         summary=summary,
-        notes=(*_refused(tried, name), *_thinned(k, steps, "all were filtered")),
+        notes=_refused(tried, name),
         contradiction=_contradiction(model, own, t[plan.first :]),
     )
 
@@ -218,18 +220,27 @@ def _tested(found: Filtered) -> InnovationTests | None:
     return InnovationTests(**same, nis_low=own.nis_band[0], nis_high=own.nis_band[1], correlation=own.autocorrelation)
 
 
-def _histories(found: Filtered, k: Array) -> dict[str, Any]:
-    """Estimates and innovations of the shown runs at the kept instants."""
+def _covariances(found: Covariances) -> dict[str, Any]:
+    """The gains and covariances of all instants; of a long record the variances, and the covariances of the first and the last."""
+    if len(found.t) <= POINTS + 1:
+        return {"K": found.K, "P_minus": found.P_minus, "P_plus": found.P_plus}
+    at = np.append(np.arange(POINTS), found.steps)
+    variances = {f"var_{when}": np.diagonal(getattr(found, f"P_{when}"), axis1=1, axis2=2).copy() for when in ("minus", "plus")}
+    return {"K": found.K, "at": at, "P_minus": found.P_minus[at], "P_plus": found.P_plus[at], **variances}
+
+
+def _histories(found: Filtered) -> dict[str, Any]:
+    """Estimates and innovations of the shown runs."""
     with np.errstate(invalid="ignore"):
         sd = np.sqrt(np.diagonal(found.S, axis1=1, axis2=2))
     dof = found.used.sum(axis=1).astype(float)
     return {
-        "x_minus": found.x_minus[k],
-        "x_plus": found.x_plus[k],
-        "innovation": found.innovation[k],
-        "innovation_sd": np.where(found.used & np.isfinite(sd), sd, np.nan)[k],
-        "nis": found.nis[k],
-        "nis_dof": dof[k],
+        "x_minus": found.x_minus,
+        "x_plus": found.x_plus,
+        "innovation": found.innovation,
+        "innovation_sd": np.where(found.used & np.isfinite(sd), sd, np.nan),
+        "nis": found.nis,
+        "nis_dof": dof,
     }
 
 
@@ -237,16 +248,6 @@ def _labels(file: ModelFile, model: DiscreteModel) -> dict[str, Any]:
     """Names and units, and which measurement reads each state alone (−1: none does)."""
     alone = (common.measured(model, i) for i in range(model.n))
     names = ("states", "units", "measurements", "measurement_units")
-    return {name: getattr(file, name) for name in names} | {"measured": tuple(-1 if j is None else j for j in alone)}
+    labels = {name: getattr(file, name) for name in names}
+    return labels | {"H": model.H, "measured": tuple(-1 if j is None else j for j in alone)}
 
-
-def _kept(steps: int) -> Array:
-    """The instants that are shown."""
-    if steps < POINTS:
-        return np.arange(steps + 1)
-    return np.unique(np.linspace(0, steps, POINTS).round().astype(np.int64))
-
-
-def _thinned(k: Array, steps: int, rest: str) -> tuple[str, ...]:
-    """What is to be said where not all instants are shown."""
-    return () if len(k) == steps + 1 else (f"{len(k)} of {steps + 1} instants are shown; {rest}.",)

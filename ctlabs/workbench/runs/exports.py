@@ -1,112 +1,119 @@
-"""A kept experiment as a file: report, table, data, picture, model, and the Python lines that give its numbers again."""
+"""A kept experiment as a file: report, tables, gains, pictures, model, and the Python lines and commands that give its numbers again."""
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 import re
+import tempfile
 import unicodedata
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import ctlabs
-from ctlabs.linalg.checks import Array
-from ctlabs.studies import common
+from ctlabs.files import timed
+from ctlabs.models import anomalous
+from ctlabs.workbench.runs import tables
+from ctlabs.workbench.runs.kinds import GAINS, KINDS, PICTURES, TABLES
 from ctlabs.workbench.runs.outcomes import Asked, Outcome, packed
-from ctlabs.workbench.runs.programs import python
-
-#: Endings of the files, and their types for a browser.
-KINDS = {
-    "html": ("html", "text/html"),
-    "csv": ("csv", "text/csv"),
-    "json": ("json", "application/json"),
-    "png": ("png", "image/png"),
-    "svg": ("svg", "image/svg+xml"),
-    "python": ("py", "text/x-python"),
-    "toml": ("toml", "application/toml"),
-}
+from ctlabs.workbench.runs.programs import commands, files, python
 
 
-def export(name: str, model: str, plan: Asked, found: Outcome, kind: str, figure: str = "") -> bytes:
+def export(name: str, model: str, plan: Asked, found: Outcome, kind: str, part: str = "") -> bytes:
     """The file.
 
     Parameters
     ----------
     name, model, plan, found : of the experiment
-    kind : one of :data:`KINDS`
-    figure : which picture ("png", "svg"), a name of :func:`ctlabs.workbench.runs.figures.pictures`; the first where not given
+    kind : one of :data:`ctlabs.workbench.runs.kinds.KINDS`
+    part : which picture (a name of :func:`ctlabs.workbench.runs.figures.pictures`) or table (one of
+        :func:`ctlabs.workbench.runs.tables.tables`); the first where not given
 
     Raises
     ------
     ValueError
-        Another kind, another figure.
+        Another kind, figure or table; a package that is missing, with the command that brings it.
     """
     if kind not in KINDS:
         msg = f"export: expected one of {', '.join(KINDS)}, received {kind!r}"
         raise ValueError(msg)
-    if kind in {"png", "svg"}:
-        return _picture(found, kind, figure)
-    if kind == "html":
-        from ctlabs.reporting import render
-        from ctlabs.reporting.report import Picture
-        from ctlabs.workbench.runs.reporting import report
-
-        made = report(name, model, plan, found)
-        pictures = {block.name: render.png(block.figure) for block in made.blocks if isinstance(block, Picture)}
-        page = render.html(made, pictures)
-        # The program at the end has long lines: they move in their own box, not the page.
-        return page.replace("</head>", "<style>pre { overflow-x: auto; }</style></head>", 1).encode()
+    if kind in PICTURES:
+        return _picture(found, kind, part)
+    if kind in TABLES:
+        table = tables.columns(found, part)
+        return tables.as_csv(table).encode() if kind == "csv" else tables.as_parquet(table)
+    if kind in GAINS:
+        return gains(model, plan, kind)
+    if kind in ("html", "pdf"):
+        return (_page if kind == "html" else _paper)(name, model, plan, found)
     if kind == "toml":
         return model.encode()
-    return {"csv": table, "json": data, "python": python}[kind](name, model, plan, found).encode()
+    return {"json": data, "python": python, "commands": commands}[kind](name, model, plan, found).encode()
 
 
-def filename(name: str, number: int, kind: str) -> str:
+def _page(name: str, model: str, plan: Asked, found: Outcome) -> bytes:
+    """The report in one page."""
+    from ctlabs.reporting import render
+    from ctlabs.reporting.report import Picture
+    from ctlabs.workbench.runs.reporting import report
+
+    made = report(name, model, plan, found)
+    pictures = {block.name: render.png(block.figure) for block in made.blocks if isinstance(block, Picture)}
+    page = render.html(made, pictures)
+    # The program at the end has long lines: they move in their own box, not the page.
+    return page.replace("</head>", "<style>pre { overflow-x: auto; }</style></head>", 1).encode()
+
+
+def _paper(name: str, model: str, plan: Asked, found: Outcome) -> bytes:
+    """The report as PDF."""
+    from ctlabs.labs import printing
+    from ctlabs.reporting import render
+    from ctlabs.workbench.runs.reporting import report
+
+    try:
+        printing.programs()
+    except ValueError as why:
+        raise ValueError(str(why).replace("--format:", "PDF:")) from None
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "report"
+        render.write(report(name, model, plan, found), folder)
+        return printing.make(folder, ("pdf",), {})[0].read_bytes()
+
+
+def gains(model: str, plan: Asked, kind: str) -> bytes:
+    """The filter's matrices and its steady gains, or (where there are none) the gains of every instant, for other programs."""
+    from ctlabs.files import export as writing
+    from ctlabs.filtering import covariances, steady
+
+    truth, design = files(model, plan)
+    used = design or truth
+    if plan.data is None:
+        discrete, steps = used.discrete(steps=plan.steps), plan.steps
+    else:
+        discrete, z, _t = timed(used, plan.data.record(used))
+        steps = len(z) - 1
+    discrete = anomalous(discrete, plan.anomalies, steps)
+    try:
+        result: Any = steady.solve(replace(discrete, measurement_offset=None))  # which may vary where all else is constant
+    except ValueError:  # it varies with time, or has no steady state
+        result = covariances(discrete, steps, first=plan.first)
+    with tempfile.TemporaryDirectory() as place:
+        return writing.write(discrete, result, Path(place) / f"gains.{kind}").read_bytes()
+
+
+def filename(name: str, number: int, kind: str, part: str = "") -> str:
     """A name for the file.
 
-    >>> filename("Crane: 1000 runs, seed 1", 7, "python")
-    'crane_1000_runs_seed_1_7.py'
+    >>> filename("Crane: 1000 runs, seed 1", 7, "python"), filename("Crane", 7, "csv", "runs")
+    ('crane_1000_runs_seed_1_7.py', 'crane_7_runs.csv')
     """
     plain = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode().lower()
     word = re.sub(r"[^a-z0-9]+", "_", plain).strip("_")[:60].strip("_") or "experiment"
-    return f"{word}_{number}.{KINDS[kind][0]}"
-
-
-def table(_name: str, _model: str, _plan: Asked, found: Outcome) -> str:
-    """The first run as CSV, an instant to a row; of simulated runs also what all of them give."""
-    columns: list[tuple[str, Array]] = [("k", found.k), ("t", found.t)]
-    for i, state in enumerate(found.states):
-        if found.truth is not None:
-            columns.append((f"{state}_true", found.truth[:, i, 0]))
-        columns += [(state, found.x_plus[:, i, 0]), (f"{state}_sd", found.sd_plus[:, i])]
-        if found.smoothed is not None and found.smoothed_sd is not None:
-            columns += [(f"{state}_smoothed", found.smoothed[:, i]), (f"{state}_smoothed_sd", found.smoothed_sd[:, i])]
-        if found.statistics is not None:
-            columns += [
-                (f"{state}_rms", found.statistics.rms[:, i]),
-                (f"{state}_bias", found.statistics.bias[:, i]),
-            ]
-    for j, measurement in enumerate(found.measurements):
-        columns += [
-            (f"{measurement}_measured", found.z[:, j, 0]),
-            (f"{measurement}_innovation", found.innovation[:, j, 0]),
-            (f"{measurement}_innovation_sd", found.innovation_sd[:, j]),
-        ]
-    columns.append(("nis", found.nis[:, 0]))
-    if found.statistics is not None:
-        columns += [("nees_mean", found.statistics.nees), ("nis_mean", found.statistics.nis)]
-    names = [name for name, _ in columns]
-    common.distinct("experiment.csv", names)
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    # A spreadsheet would compute a name like "=1+2".
-    writer.writerow([f"'{name}" if name[:1] in "=+-@" else name for name in names])
-    lists = [column.tolist() for _, column in columns]
-    writer.writerows([["" if cell != cell else cell for cell in row] for row in zip(*lists, strict=True)])
-    return text.getvalue()
+    which = f"_{part}" if part and kind in (*TABLES, *PICTURES) else "_gains" if kind in GAINS else ""
+    return f"{word}_{number}{which}.{KINDS[kind][0]}"
 
 
 def data(name: str, model: str, plan: Asked, found: Outcome) -> str:

@@ -8,9 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ctlabs.linalg.checks import Array
+from ctlabs.reporting import levels
 from ctlabs.reporting.drawing import Band, Curve, Drawing, Panel, finite, labelled, line_styles, plain
 from ctlabs.reporting.plots import records, studies
 from ctlabs.text import fill, number, squared
+from ctlabs.workbench.help import help_for
 
 if TYPE_CHECKING:
     from ctlabs.workbench.runs.outcomes import Outcome
@@ -41,33 +44,60 @@ def pictures(found: Outcome) -> dict[str, tuple[Drawing, str]]:
     judged = [each for each in found.algorithms if not each.failed and each.error_P is not None]
     if len(judged) > 1:
         made["algorithms"] = studies.algorithms(judged), "The algorithms against 50 digits, and their operations."
-    return made
+    return {name: (levels.level(drawing), caption) for name, (drawing, caption) in made.items()}
 
 
 def estimates(found: Outcome, states: Sequence[int], run: int = 0) -> Drawing:
     """Truth, measurement and estimate of a run with its ±σ; of data also the smoothed estimate; other algorithms on request."""
     panels = []
+    own, others = _by(found.algorithm), list(found.estimates)[1:] if run == 0 else []
+    name = f"estimate, {own}" if len(found.estimates) > 1 else "estimate"
     for i in states:
-        unit, j = found.units[i], found.measured[i]
-        curves = {"estimate": (found.x_plus[:, i, run], found.sd_plus[:, i])}
+        unit = found.units[i]
+        curves = {name: (found.x_plus[:, i, run], found.sd_plus[:, i])}
         if found.smoothed is not None and found.smoothed_sd is not None:
             curves["smoothed"] = found.smoothed[:, i], found.smoothed_sd[:, i]
-        others = list(found.estimates)[1:] if run == 0 else []
-        panels.append(
-            studies.estimates_panel(
-                found.t,
-                curves,
-                labelled(found.states[i], unit),
-                unit,
-                data=found.z[:, j, run] if j >= 0 and unit == found.measurement_units[j] else None,
-                truth=None if found.truth is None else found.truth[:, i, run],
-                others=[
-                    Curve(f"by {name}", found.t, found.estimates[name][:, i], colour, style, unit, hidden=True)
-                    for name, (colour, style) in zip(others, line_styles(len(others), 3), strict=True)
-                ],
-            )
+        panel = studies.estimates_panel(
+            found.t,
+            curves,
+            labelled(found.states[i], unit),
+            unit,
+            data=measurements(found, i, run),
+            truth=None if found.truth is None else found.truth[:, i, run],
+            others=[
+                Curve(f"estimate, {_by(other)}", found.t, found.estimates[other][:, i], colour, style, unit, hidden=True)
+                for other, (colour, style) in zip(others, line_styles(len(others), 3), strict=True)
+            ],
         )
+        beside = studies.residual_panel(panel, name, labelled(f"{found.states[i]}, less its estimate", unit), unit)
+        panels += [panel] if beside is None else [panel, beside]
     return _over_time("Measurement and estimate" if found.truth is None else "Truth, measurement, estimate", panels)
+
+
+def measurements(found: Outcome, state: int, run: int = 0) -> dict[str, Array]:
+    r"""What each measurement tells of a state, in the state's unit: :math:`(z_j-\sum_{l\ne i}h_{jl}\hat x_l)/h_{ji}`, by its name.
+
+    A measurement of the state alone is its value, divided by the factor; of others too, their estimates are taken out of it.
+    """
+    if found.H is None:  # kept before there was one
+        j = found.measured[state]
+        return {} if j < 0 else {"measurement": found.z[:, j, run]}
+    H = np.broadcast_to(found.H, (len(found.t), *found.H.shape[-2:]))
+    told: dict[str, Array] = {}
+    for j in np.flatnonzero((H[:, :, state] != 0).any(axis=0)).tolist():
+        h, x = H[:, j], found.x_plus[:, :, run]
+        mixed = bool((np.delete(h, state, axis=1) != 0).any())
+        own = np.where(h[:, state] != 0, h[:, state], np.nan)
+        rest = np.einsum("ki,ki->k", np.where(np.arange(h.shape[1]) == state, 0.0, h), np.where(h != 0, x, 0.0)) if mixed else 0.0
+        words = ", less the other states" if mixed else "" if (h[:, state] == 1).all() else ", as this state"
+        told[f"{found.measurements[j]}{words}"] = (found.z[:, j, run] - rest) / own
+    alone = len(told) == 1 and next(iter(told)) in found.measurements
+    return {"measurement": next(iter(told.values()))} if alone else {f"measured: {name}": z for name, z in told.items()}
+
+
+def _by(algorithm: str) -> str:
+    """A form of the filter, as people call it."""
+    return help_for(f"algorithm.{algorithm}").title
 
 
 def errors(found: Outcome, states: Sequence[int]) -> Drawing:
@@ -157,8 +187,8 @@ def variances(found: Outcome, states: Sequence[int]) -> Drawing:
     """The sawtooth of P⁻ and P⁺ as the filter claims."""
     panels = []
     for i in states:
-        unit, both = squared(found.units[i]), (found.P_minus[:, i, i], found.P_plus[:, i, i])
-        panels.append(studies.before_after(found.t, *both, labelled(found.states[i], unit), unit, ("P⁻", "P⁺")))
+        unit, both = squared(found.units[i]), tuple(variance[:, i] for variance in found.variances)
+        panels.append(studies.before_after(found.t, both[0], both[1], labelled(found.states[i], unit), unit, ("P⁻", "P⁺")))
     return _over_time("Variances before and after", panels)
 
 

@@ -135,7 +135,9 @@ class ErrorStatistics:
     """Errors x̂ − x over ``runs`` runs.
 
     ``rms``, ``bias`` (K, n) with the band of 95 % of ensembles around theory, ``rms_band``,
-    ``bias_band`` (2, K, n) · ``nees``, ``nis`` (K,), averages over runs, their expectations ``…_dof`` and bands ``…_band`` (2, K)
+    ``bias_band`` (2, K, n) · ``nees``, ``nis`` (K,), averages over runs, their expectations ``…_dof`` and bands ``…_band`` (2, K) ·
+    ``outside`` : how many of the RMS errors are outside their bands, and what chance makes of that (a
+    :class:`~ctlabs.montecarlo.shares.Share` by its names), None where it is not known
     """
 
     runs: int
@@ -149,17 +151,19 @@ class ErrorStatistics:
     nis: Array
     nis_dof: Array
     nis_band: Array
+    outside: dict[str, Any] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Outcome:
-    """What came out, for plots and tables. K = number of instants kept, n states of the filter, m measurements, r shown runs.
+    """What came out, every instant of it. K instants, n states of the filter, m measurements, r shown runs.
 
     ``kind`` "simulation" or "data" · ``k`` (K,), ``t`` (K,) s · ``states``, ``units``, ``measurements``, ``measurement_units`` ·
     ``z`` (K, m, r), NaN where nothing was measured · ``truth`` (K, n, r) or None · ``measured`` (n,), which measurement reads a
     state alone, −1 if none · ``algorithm``, the first one that works, and its ``x_minus``, ``x_plus`` (K, n, r) ·
-    ``estimates``, x_plus of run 0 by every algorithm · ``P_minus``, ``P_plus`` (K, n, n), as the filter claims ·
-    ``K`` (K, n, m) · ``innovation`` (K, m, r), ``innovation_sd`` (K, m) ·
+    ``estimates``, x_plus of run 0 by every algorithm · ``P_minus``, ``P_plus`` (K, n, n), as the filter claims; of a long
+    record only at the instants ``at``, the first and the last, and of all of them the variances ``var_minus``, ``var_plus`` (K, n) ·
+    ``H`` (m, n) or (K, m, n), what is measured · ``K`` (K, n, m) · ``innovation`` (K, m, r), ``innovation_sd`` (K, m) ·
     ``nis`` (K, r), ``nis_dof`` (K,) · ``smoothed``, ``smoothed_sd``
     (K, n) of data · ``statistics`` : over all runs, see :class:`ErrorStatistics`, or None · ``actual_P``, ``actual_bias`` : the theory of
     the true errors where the design is not the truth · ``verdict`` : tests of the innovations of run 0 ·
@@ -201,16 +205,27 @@ class Outcome:
     seconds: float = 0.0
     notes: tuple[str, ...] = ()
     contradiction: str = ""
+    var_minus: Array | None = None
+    var_plus: Array | None = None
+    at: Array | None = None
+    H: Array | None = None
 
     @property
     def sd_minus(self) -> Array:
         """Standard deviations that the filter claims before an update, (K, n)."""
-        return deviations(self.P_minus)
+        return deviations(self.P_minus) if self.var_minus is None else np.sqrt(self.var_minus.clip(0))
 
     @property
     def sd_plus(self) -> Array:
         """Standard deviations that the filter claims after an update, (K, n)."""
-        return deviations(self.P_plus)
+        return deviations(self.P_plus) if self.var_plus is None else np.sqrt(self.var_plus.clip(0))
+
+    @property
+    def variances(self) -> tuple[Array, Array]:
+        """The variances that the filter claims before and after an update, (K, n) each."""
+        if self.var_minus is None or self.var_plus is None:
+            return np.diagonal(self.P_minus, axis1=1, axis2=2), np.diagonal(self.P_plus, axis1=1, axis2=2)
+        return self.var_minus, self.var_plus
 
     @property
     def actual_rms(self) -> Array | None:

@@ -83,7 +83,8 @@ def _model(made: Report, file: ModelFile) -> None:
 def _second_route(made: Report, file: ModelFile, plan: Asked, found: Outcome) -> None:
     """The covariances by a square-root form, where rounding lets two forms agree."""
     steps = min(int(found.k[-1]), CHECKED)
-    at = found.k[found.k <= steps]
+    kept = found.k if found.at is None else found.at  # the instants whose covariances are whole
+    at = kept[kept <= steps]
     wanted = found.P_plus[: len(at)]
     if not max(common.condition(P) for P in wanted) < common.SINGULAR:
         made.says("The error covariance is nearly singular: forms of the filter differ by their rounding.")

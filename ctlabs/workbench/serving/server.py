@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from ctlabs.workbench.desk.desk import Desk, Seat
 from ctlabs.workbench.serving import safety
+from ctlabs.workbench.serving.squeezed import Squeezed
 
 if TYPE_CHECKING:
     from nicegui import Client
@@ -48,7 +49,7 @@ def build(
 
     from ctlabs.workbench.pages import listed, shell
 
-    # GZip costs the server's time, and this machine's own browser gains nothing by it.
+    # GZip of every answer costs the server's time, and this machine's own browser gains little by it: large scripts are packed once.
     squeezed: dict[str, Any] = {"gzip_middleware_factory": None} if safety.is_loopback(host) else {}
     frame = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     ui.run_with(
@@ -66,7 +67,7 @@ def build(
         ui.page(f"/{page.name}")(_route(desk, pages, page.name))
     ui.page("/")(_route(desk, pages, listed(pages)[0].name))
     app.on_shutdown(lambda: asyncio.to_thread(desk.close))
-    return safety.Guard(frame, host=host, token=token, names=names)
+    return safety.Guard(Squeezed(frame), host=host, token=token, names=names)
 
 
 def _route(desk: Desk, pages: str, name: str) -> Callable[..., Any]:
@@ -75,7 +76,7 @@ def _route(desk: Desk, pages: str, name: str) -> Callable[..., Any]:
 
     from ctlabs.workbench.pages.shell import Shell
 
-    async def front(request: Request, client: Client, draft: str = "") -> None:
+    async def front(request: Request, client: Client, draft: str = "", model: str = "") -> None:
         shell = Shell(desk, client, request, pages)
         shell.draw(name)
         # While the browser reads the frame and its scripts, the server has nothing else to do.
@@ -85,10 +86,10 @@ def _route(desk: Desk, pages: str, name: str) -> Callable[..., Any]:
         if client.is_deleted:
             return
         client.on_delete(shell.left)
-        await shell.enter(name, draft[:64])
+        await shell.enter(name, draft[:64], model)
 
     # FastAPI looks the annotations up among this module's names, where the types are not at run time.
-    front.__annotations__ = {"request": Request, "client": Client, "draft": str, "return": None}
+    front.__annotations__ = {"request": Request, "client": Client, "draft": str, "model": str, "return": None}
     return front
 
 
