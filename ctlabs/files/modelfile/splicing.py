@@ -84,7 +84,7 @@ def _with(data: dict[str, Any], path: Path, value: Any) -> Any:
     def put(item: Any, rest: Path) -> Any:
         if not rest:
             return value
-        made = list(item) if isinstance(item, list) else dict(item)
+        made: Any = list(item) if isinstance(item, list) else dict(item)
         made[rest[0]] = put(item[rest[0]], rest[1:])
         return made
 
