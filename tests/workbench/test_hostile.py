@@ -68,14 +68,14 @@ def test_without_a_folder_the_token_is_one_for_this_start(tmp_path: Path) -> Non
 def test_the_token_is_in_no_programs_arguments(tmp_path: Path) -> None:
     """The browser is given a file that its owner alone reads; it leads to the address with the token."""
     address = "http://127.0.0.1:8080/?token=secretsecretsecret"
-    given = server._door(address, tmp_path)
+    given = server.door(address, tmp_path)
     assert "secret" not in given
     path = tmp_path / "open.html"
     assert given == path.as_uri()
     assert stat.S_IMODE(path.stat().st_mode) == 0o600
     assert f"url={address}" in path.read_text()
-    assert server._door(address, tmp_path / "none") == address
-    assert server._door("http://127.0.0.1:8080/", tmp_path) == "http://127.0.0.1:8080/"
+    assert server.door(address, tmp_path / "none") == address
+    assert server.door("http://127.0.0.1:8080/", tmp_path) == "http://127.0.0.1:8080/"
 
 
 def test_only_a_loopback_address_may_do_without() -> None:

@@ -508,10 +508,10 @@ def labs_with_models() -> list[tuple[str, str]]:
 def test_statements_are_typeset() -> None:
     """Every lab's: no dollar signs are left, and what a sheet asks is there by its letter."""
     pytest.importorskip("nicegui", reason="the workbench is not installed")
-    from ctlabs.workbench.pages.labs import _statement
+    from ctlabs.workbench.pages.labs import statement
 
     for sheet in catalogue.sheets():
-        html = _statement(sheet)
+        html = statement(sheet)
         assert "$" not in html
         if sheet.asked is not None:
             assert html.count("<dt>") == len(sheet.asked.items)

@@ -140,6 +140,7 @@ def test_a_large_model_is_edited_in_a_thread_in_the_order_of_typing(session: Ses
         plain()
 
     monkeypatch.setattr(session, "prepare", prepare)
+    monkeypatch.setattr("ctlabs.workbench.pages.model_edits.PAUSE", 1e9)  # however long an edit takes
     shell, changed = _Shell(), []  # type: tuple[_Shell, list[str]]
     steps = len(session.history)
 

@@ -182,7 +182,7 @@ class _Labs:
         starred = any(each.endswith("*") for each in sheet.variants)
         star = " (*: with a control lab beside it)" if starred else ""
         ui.label(f"{sheet.source}{variants}{star}").classes("ctl-lab-source")
-        ui.html(_statement(sheet), sanitize=False).classes("ctl-lab-statement").props("data-test=statement")
+        ui.html(statement(sheet), sanitize=False).classes("ctl-lab-statement").props("data-test=statement")
         if sheet.answer:
             with ui.expansion("Expected answer").classes("ctl-lab-statement").props("dense"):
                 ui.label(sheet.answer)
@@ -561,7 +561,7 @@ def _sentence(words: str) -> str:
     return f"{words[:1].upper()}{words[1:]}"
 
 
-def _statement(sheet: LabSheet) -> str:
+def statement(sheet: LabSheet) -> str:
     """What is given and asked, with its formulas set; of a lab without a sheet, its text."""
     asked = sheet.asked
     if asked is None:

@@ -225,12 +225,12 @@ def _browse(address: str, folder: Path) -> None:
     import webbrowser
 
     try:
-        webbrowser.open(_door(address, folder))
+        webbrowser.open(door(address, folder))
     except (webbrowser.Error, OSError) as why:
         log.warning("no browser could be opened (%s): open %s yourself", why, address)
 
 
-def _door(address: str, folder: Path) -> str:
+def door(address: str, folder: Path) -> str:
     """The address of a file that leads to an address with a token; the address itself where there is none, or no place for it."""
     if "token=" not in address:
         return address
