@@ -79,7 +79,7 @@ def answers(r, worth, gain, sensor):
     """Each item of the sheet in a sentence."""
     independent = r.values["verdict_b_independent"].value
     return {
-        "a": "To first order by {eq:errors}. The two errors are made of the same $e_D$ and $e_\\theta$ and are not independent, as the sheet calls them.",
+        "a": "To first order they are {eq:errors}. Both are made of the same $e_D$ and $e_\\theta$ and are not independent, as the sheet calls them.",
         "b": "The elements are those of {eq:covariance}; here $R_{12} = 0$." if independent else "The elements are those of {eq:covariance}; {fig:ellipse} shows the ellipse of the errors.",
         "c": "The variances that variant 1 claims are its true ones, the zero covariance of x and y is not; the influence of the factors is in {tab:factors}." if not independent else "With $R_{12} = 0$ variant 1 neglects nothing; the influence of the factors is in {tab:factors}.",
         "d": "The factors are those of {eq:factors}; $d_1$ and $d_2$ are positive as long as both errors exist.",
