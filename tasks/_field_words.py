@@ -86,8 +86,9 @@ def conclusions(r, p):
     elif not values["dt_limit_von_neumann"]:
         lines.append("No step in time is stable for the given coefficients. The filter's covariances stay finite, since every node is measured; the field grows while disturbances travel through it.")
     else:
-        lines.append(text("The step of {dt} s is unstable: von Neumann's limit is {limit} s. The filter's covariances stay small, since every node is measured; the field grows ",
-                          "by orders of magnitude while disturbances travel through it." if p.dt <= values["dt_limit_eigenvalue"] else "without bound.",
+        lines.append(text("The step of {dt} s is unstable: von Neumann's limit is {limit} s.",
+                          " The filter's covariances stay small, since every node is measured; the field grows by orders of magnitude while disturbances travel through it." if p.dt <= values["dt_limit_eigenvalue"]
+                          else " The filter's covariances stay finite, since every node is measured; the field grows without bound.",
                           dt=p.dt, limit=values["dt_limit_von_neumann"]))
     if values["verdict_scale"]:
         lines.append("The gain is local, so a long field is filtered at a cost proportional to its length.")

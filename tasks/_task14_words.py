@@ -62,7 +62,7 @@ def discussion(r, p, answer):
            if p.fixes > 1 else "**What the fix is for.** It makes the position accurate at the end, and so it is taken as late as the limit allows.")
     none = [part for part in "bcde" if answer[f"{part}_best_pair"] is None]
     if none:
-        r.says("**Where no plan exists.** That no plan keeps the limit, as in {parts}, is found before the flight and not in it. What helps always is a wider limit, which means a larger map ({fig:limits}). A better start helps where the RMS is beyond the limit at the start, a better drive where the noise of a period takes it there; better fixes, or fewer, help only where $Q_d$ alone is within $L^2$ or fewer fixes are enough.", parts=" and ".join(f"({part})" for part in none))
+        r.says("**Where no plan exists.** That no plan keeps the limit, as in {parts}, is found before the flight and not in it. What helps always is a wider limit, which means a larger map ({fig:limits}). A better start helps where the RMS is beyond the limit at the start, a better drive where the noise of a single period takes it there; better fixes help only where that noise alone leaves it within the limit, $Q_d < L^2$.", parts=" and ".join(f"({part})" for part in none))
     r.says("**What is particular here.** That a fix is worth more later rests on one state that is not forgotten ($\\Phi = 1$) and noise that only adds. With several states, or a state that decays, a fix may be worth more early, and the proof fails; the search over all selections remains.")
     r.says("**Theory and experiment.** The points of {fig:flights} lie on the curves within what {app:chance} allows.")
 

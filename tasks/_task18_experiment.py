@@ -32,7 +32,9 @@ def part_d(r, p, experiment, trial):
     nominal = np.outer(np.arange(steps + 1) * p.dt, [0, 0, by_hand.rate(p), 0]) + np.array([p.r0, 0, 0, by_hand.rate(p)])
     exact = by_hand.integrated(q, start, np.arange(steps + 1) * p.dt).T
     r.check("nonlinear motion from +2σ", (path - nominal) / by_hand.units(p), exact / by_hand.units(p), ("Runge and Kutta, order 4", "integrator of order 8 at tight tolerance"), SOLVER, scale=max(1.0, float(by_hand.rate(p) * p.dt * steps)))
-    r.says("**Nonlinear truth.** The motion is followed by the method of Runge and Kutta of order 4, with {parts} steps in a sampling period. From a start of +2σ in all states it differs in $r$ from an integration of order 8 with tight tolerance by {error:2} m at most, where the smallest standard deviation of a filter is {least:2} m.",
+    r.says("**Nonlinear truth.** The motion is followed by the method of Runge and Kutta of order 4, with one step in a sampling period." if parts == 1 else
+           "**Nonlinear truth.** The motion is followed by the method of Runge and Kutta of order 4, with {parts} steps in a sampling period.",
+           " From a start of +2σ in all states it differs in $r$ from an integration of order 8 with tight tolerance by {error:2} m at most, where the smallest standard deviation of a filter is {least:2} m.",
            parts=parts, error=float(np.abs(path - nominal - exact)[:, 0].max()), least=float(covariances(designed(q, [0, 1]), steps).sd_plus[:, 0].min()))
     if not scales.regular(q):
         r.says("$P_0$ is singular: both filters take some combinations of the states for exactly known for ever. On the nonlinear truth these combinations curve, however little, and an error against a variance of zero has no size; so the filters are not compared there (a start with small variances instead of zeros allows it).")

@@ -55,8 +55,9 @@ def conclusions(r, p, answer, steps):
     lines = []
     for i, R in enumerate(p.R_values):
         end, prior, posterior = (answer[name][i] for name in ("variance_steady_continuous", "prior_variance_steady", "posterior_variance_steady"))
-        words = "stays" if p.P0 == end else "rises" if p.P0 < end else "falls"
-        lines.append(text("With {name} the variance {words} from $P_0 = {P0}$ m² to {end:4} m² and the filter's pole is {pole:4} 1/s; the discrete filter swings between {prior:4} and {posterior:4} m²." if p.P0 != end
+        still = math.isclose(p.P0, end, rel_tol=1e-12)
+        words = "stays" if still else "rises" if p.P0 < end else "falls"
+        lines.append(text("With {name} the variance {words} from $P_0 = {P0}$ m² to {end:4} m² and the filter's pole is {pole:4} 1/s; the discrete filter swings between {prior:4} and {posterior:4} m²." if not still
                           else "With {name} the variance {words} at {end:4} m² and the filter's pole is {pole:4} 1/s; the discrete filter swings between {prior:4} and {posterior:4} m².",
                           name=label(R), P0=p.P0, words=words, end=end, pole=answer["filter_pole"][i], prior=prior, posterior=posterior))
     lines.append("The plant is unstable with the pole +1 1/s, its filter uniformly and exponentially stable with a pole at −1 1/s or beyond: measurements hold the error, not the state.")

@@ -45,7 +45,7 @@ def bounds(r, p, answer, small, discrete):
     r.holds("p(i) ≥ P(t_i)", sampled_.P_plus[:, 0, 0] - reduced.transient(small, sampled_.t)[:, 0, 0], ("discrete recursion", "Riccati equation, integrated"), size=size * 100)
     fine = np.linspace(0.0, sampled_.t[-1], 201)
     figure = plots.sampled({text("Δt = {dt} s", dt=p.dt): sampled_}, fine, reduced.transient(small, fine)[:, 0, 0], xlabel=TIME, ylabel="variance of x1, m²", limit=end)
-    r.says("{fig:sampled} shows the given parameters: P⁺ runs above P(t), so closely that the two can hardly be told apart where the period is short, and every prediction adds the noise of a period, which the next measurement removes again.")
+    r.says("{fig:sampled} shows the given parameters: P⁺ runs above P(t), so closely that the two can hardly be told apart where the period is short, and every prediction adds the noise of a period, from which the next measurement takes the variance down to P⁺ again.")
     r.figure("sampled", figure, "Error variance of x₁: the discrete filter before and after each measurement over the continuous P(t).")
     settled = settling(discrete, WITHIN, first=0) if answer["posterior_variance_steady"] is not None else None
     when = bucy.settling_time(small.model, WITHIN) if end is not None else None

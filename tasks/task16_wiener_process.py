@@ -113,7 +113,7 @@ def part_b(r, p, answer, system, sampled):
     r.math(r"x(t_{i+1}) = x(t_i) + w_d(t_i), \quad z(t_i) = x(t_i) + v_d(t_i), \qquad Q_d = Q\,dt, \quad R_d = \frac{R}{dt}", "sampled")
     r.says("**What is left out.** While $z$ is averaged, $x$ itself moves. The average over the period that ends at $t_i$ is")
     r.math(r"\frac1{dt}\int_{t_{i-1}}^{t_i}z\,dt = x(t_i) + \frac1{dt}\int_{t_{i-1}}^{t_i}v\,dt - \frac1{dt}\int_{t_{i-1}}^{t_i}(\tau - t_{i-1})\,w(\tau)\,d\tau", "average")
-    r.says("with a last term of the variance $Q\\,dt/3$, which is correlated with the $w_d$ of the same period, with the covariance $-Q\\,dt/2$. {eq:sampled} leaves it out: it is the model of a sampler that measures $x(t_i)$ itself. Beside the variance $R/dt$ of the noise that of the last term is the fraction $Q\\,dt^2/(3R) = (\\kappa\\,dt)^2/3$, here {share:2}. Its covariance does more: a filter that knows of both has the steady variance $P^+ = \\sqrt{QR}\\,(1 + (\\kappa\\,dt)^2/24 + \\dots)$, since averages lose next to nothing of the continuous record, while the sampler's is lower by $Q\\,dt/2$ to first order ({eq:steady}). Both tend to the continuous filter as $dt \\to 0$.", share=p.Q * p.dt**2 / (3 * p.R))
+    r.says("with a last term of the variance $Q\\,dt/3$, which is correlated with the $w_d$ of the same period, with the covariance $-Q\\,dt/2$. The model of {eq:sampled} leaves it out: it is that of a sampler that measures $x(t_i)$ itself. Beside the variance $R/dt$ of the noise that of the last term is the fraction $Q\\,dt^2/(3R) = (\\kappa\\,dt)^2/3$, here {share:2}. Its covariance does more: a filter that knows of both has the steady variance $P^+ = \\sqrt{QR}\\,(1 + (\\kappa\\,dt)^2/24 + \\dots)$, since averages lose next to nothing of the continuous record, while the sampler's is lower by $Q\\,dt/2$ to first order ({eq:steady}). Both tend to the continuous filter as $dt \\to 0$.", share=p.Q * p.dt**2 / (3 * p.R))
     r.model(sampled)
     r.check("Q_d", sampled.Qd, [[p.Q * p.dt]], ("integral of ΦGQGᵀΦᵀ", "by hand"), EXACT)
     r.check("R_d", sampled.R, [[p.R / p.dt]], ("model", "by hand"), EXACT)
@@ -147,7 +147,7 @@ def frequency(r, p, system, sampled, limit):
     r.figure("bode", figure,
              "Bode plot of both steady filters; the discrete one up to half the sampling frequency.")
     pole = float(limit.P_plus[0, 0] / limit.P_minus[0, 0])
-    r.says("In {fig:bode} both filters pass what is slow and attenuate what is faster than κ, the continuous one like $\\kappa/\\omega$ without end. The discrete one follows it where a period is short beside $1/\\omega$; at half the sampling frequency it has its least gain, and beyond it repeats itself.")
+    r.says("In {fig:bode} both filters pass what is slow and attenuate what is faster than κ, the continuous one like $\\kappa/\\omega$ without end. The discrete one follows it where a period is short beside $1/\\omega$; at half the sampling frequency it has its least gain and no lag, and beyond it repeats itself.")
     # asinh(x/2) = −½ ln((1−K)) of the closed forms: 1 − K = P⁺/P⁻ with P∓ = √(QR)·e^(±asinh(κ dt/2)).
     pole = float(limit.P_plus[0, 0] / limit.P_minus[0, 0])
     r.check("the discrete filter's pole in the plane of s", math.log(pole) / p.dt,

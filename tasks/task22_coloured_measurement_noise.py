@@ -131,7 +131,7 @@ def filter_a(r, p, answer, small):
     r.check("P(t) at 201 times", curve, closed, ("Riccati equation, integrated", "closed form"))
     r.says("In closed form {eq:filter} has the solution")
     r.math(r"P(t) = \frac{P(0^+)(1 - \beta\tau) + \alpha\tau}{1 + [\beta + \gamma P(0^+)]\,\tau}, \quad \tau = \frac{\tanh ac_1t}{ac_1}, \qquad \alpha = \frac{Q_1Q_2}{Q_1+Q_2}, \quad \beta = \frac{aQ_1}{Q_1+Q_2}, \quad \gamma = \frac{a^2}{Q_1+Q_2}", "variance")
-    if p.a:
+    if p.a and p.Q1 * p.Q2:
         r.says("As $a \\to 0$ the noise, too, becomes a Wiener process: β and γ vanish, τ becomes t, and $P(t) = P(0^+) + \\alpha t$ has no limit. One sees it beforehand: with $a = 0$ both states have the eigenvalue 0, $HF = 0$, and how z is divided leaves no trace in it; the model is not observable.")
 
 
