@@ -30,6 +30,7 @@ ROOMS: dict[str, set[str]] = {
     "reporting": {"text", "_front", "linalg", "filtering", "montecarlo"},
     "labs": {"text", "models", "filtering", "analysis", "montecarlo", "reporting"},
     "studies": {"text", "linalg", "models", "filtering", "analysis", "montecarlo", "files", "reporting", "labs"},
+    "course": {"linalg"},
     "workbench": {
         "text",
         "linalg",
