@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 import re
+import string
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -73,8 +74,8 @@ PREFIXES = {
 }  # fmt: skip
 _RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺−", "0123456789-+-")
 _TOKEN = re.compile(
-    r"\s*(?:(?P<symbol>[^\W\d_]+|[%‰°º'′″])(?P<power>\s*(?:\^|\*\*)\s*(?:\(\s*[-+−]?\d{1,3}\s*\)|[-+−]?\d{1,3})|[⁻⁺]?[⁰¹²³⁴⁵⁶⁷⁸⁹]{1,3}|[-−]?\d{1,3})?"
-    r"|(?P<one>1)(?!\d)|(?P<close>\))(?P<raised>\s*(?:\^|\*\*)\s*[-+−]?\d{1,3}|[⁻⁺]?[⁰¹²³⁴⁵⁶⁷⁸⁹]{1,3})?|(?P<mark>[·⋅*×/(]))"
+    r"\s*(?:(?P<symbol>[^\W\d_⁰¹²³⁴⁵⁶⁷⁸⁹]+|[%‰°º'′″])|(?P<one>1)(?!\d)|(?P<opening>\()|(?P<closing>\))|(?P<mark>[·⋅*×/]))"
+    r"(?(mark)|(?(opening)|(?P<power>\s*(?:\^|\*\*)\s*(?:\(\s*[-+−]?\d{1,3}\s*\)|[-+−]?\d{1,3})|[⁻⁺]?[⁰¹²³⁴⁵⁶⁷⁸⁹]{1,3}|[-−]?\d{1,3})?))"
 )
 
 
@@ -94,56 +95,52 @@ def unit(text: str) -> Unit:
     text = text.strip()
     if text in PLAIN:
         return PLAIN[text]
-    found, at, depth = _product(text, 0, 0)
-    if depth or text[at:].strip():
-        raise UnitError(f'expected a unit such as m²/s, received "{text}"')
+    found, at = _product(text, 0, 0)
+    if at < len(text):
+        raise _refusal(text)
     return found
 
 
-def _product(text: str, at: int, depth: int) -> tuple[Unit, int, int]:
-    """A product and its quotients from a place on; the place after it."""
-    found, divided, wanted, wrong = ONE, False, True, UnitError(f'expected a unit such as m²/s, received "{text}"')
-    sign = 1
+def _refusal(text: str) -> UnitError:
+    return UnitError(f'expected a unit such as m²/s, received "{text}"')
+
+
+def _product(text: str, at: int, depth: int) -> tuple[Unit, int]:
+    """Powers multiplied and divided, from a place on to the end or a closing bracket; the place after them."""
+    found, sign, divided, wanted = ONE, 1, False, True
     while at < len(text):
         match = _TOKEN.match(text, at)
-        if match is None:
-            raise wrong
-        if match["mark"] and match["mark"] != "(":
-            if wanted:
-                raise wrong
-            sign, wanted, at = -1 if match["mark"] == "/" else 1, True, match.end()
-            if divided and sign == 1:
-                raise UnitError(f'"{text}" has two readings: expected brackets, as in 1/(m²·s)')
-            divided = divided or sign == -1
-            continue
-        if match["close"]:
-            if not depth or wanted:
-                raise wrong
-            return found, at, depth
-        if not wanted and divided:
-            raise UnitError(f'"{text}" has two readings: expected brackets, as in 1/(m²·s)')
+        if match is None or depth > 3:
+            raise _refusal(text)
+        if match["closing"]:
+            break
+        at = match.end()
         if match["mark"]:
-            if depth > 3:
-                raise wrong
-            inner, at, _ = _product(text, match.end(), depth + 1)
-            closing = _TOKEN.match(text, at)
-            if closing is None or not closing["close"]:
-                raise wrong
-            found, at = found.times(inner, sign * _whole(closing["raised"])), closing.end()
-        elif match["one"]:
+            if wanted:
+                raise _refusal(text)
+            sign, wanted = -1 if match["mark"] == "/" else 1, True
+            continue
+        if divided and sign == 1:
+            raise UnitError(f'"{text}" has two readings: expected brackets, as in 1/(m²·s)')
+        if match["opening"]:
+            inner, at = _product(text, at, depth + 1)
+            match = _TOKEN.match(text, at)
+            if match is None:
+                raise _refusal(text)
             at = match.end()
         else:
-            found, at = found.times(_symbol(match["symbol"]), sign * _whole(match["power"])), match.end()
-        sign, wanted = 1, False
-    if wanted:
-        raise wrong
-    return found, at, depth
+            inner = _symbol(match["symbol"]) if match["symbol"] else ONE
+        found = found.times(inner, sign * _whole(match["power"]))
+        divided, sign, wanted = divided or sign == -1, 1, False
+    if wanted or (depth == 0 and at < len(text)) or (depth and at == len(text)):
+        raise _refusal(text)
+    return found, at
 
 
 def _whole(text: str | None) -> int:
     if not text:
         return 1
-    power = int(text.translate(_RAISED).strip("^*() \t"))
+    power = int(text.translate(_RAISED).strip("^*()" + string.whitespace))
     if abs(power) > POWER:
         raise UnitError(f"expected exponents up to {POWER}, received {power}")
     return power
