@@ -22,8 +22,8 @@ class AskedValue:
     ``others`` : what a known confusion gives, by its words: "predictor for filter gain", "P⁻ for P⁺", "strength for covariance"
 
     >>> import numpy as np
-    >>> AskedValue("gain_steady", "c", r"\bar K", "steady gain", "1", np.array(0.5), THREE_DIGITS, 0.0, {}).allowed
-    array(0.0025)
+    >>> AskedValue("gain_steady", "c", r"\bar K", "steady gain", "1", np.array([0.5]), THREE_DIGITS, 0.0, {}).allowed
+    array([0.0025])
     """
 
     name: str

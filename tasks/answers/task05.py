@@ -35,6 +35,20 @@ def analytic(p):
     }
 
 
+def confused(p, found):
+    """What known confusions give."""
+    R = np.array(found["pseudo_measurement_covariance"])
+    strength = np.kron(np.eye(2), [[0, 0], [0, p.sigma_w2]])
+    return {
+        "strength": strength,
+        "first_order": strength * p.tau,
+        "uncorrelated": np.diag(np.diag(R)),
+        "correlation": R[0, 1] / math.sqrt(R[0, 0] * R[1, 1]),
+        "diagonal": np.diag(R),
+        "ratio_upside_down": 1 / found["variance_ratio_steady"],
+    }
+
+
 def turned(along, across, theta):
     """Variances of (x, v_x, y, v_y) where radius and its normal have independent errors with the variances given."""
     c2, s2 = math.cos(theta) ** 2, math.sin(theta) ** 2

@@ -27,6 +27,11 @@ def analytic(p):
     }
 
 
+def confused(p, found):
+    """What known confusions give."""
+    return {"plant_pole": -p.beta, "variance_1s": variance(p.beta, 1.0)}
+
+
 def mean_power(x):
     """(eˣ − 1)/x, the mean of e^s over [0, x], which is 1 at x = 0 and loses no digits near it."""
     return math.expm1(x) / x if x else 1.0
