@@ -64,17 +64,17 @@ def read(path: Path, names: Collection[str], source: str = "", people: Collectio
     return parsed(content(path, source or path.name), names, source or path.name, people)
 
 
-def content(path: Path, source: str) -> bytes:
+def content(path: Path, source: str, largest: int = LARGEST) -> bytes:
     """The bytes of a plain file, which may be no link, no device and not large."""
     try:
         found = path.lstat()
         if not stat.S_ISREG(found.st_mode):
             kind = "a link" if stat.S_ISLNK(found.st_mode) else "a folder" if stat.S_ISDIR(found.st_mode) else "a device"
             raise ValueError(f"{source}: expected a plain file, received {kind}")
-        if found.st_size > LARGEST:
-            raise ValueError(f"{source}: expected at most {LARGEST // 2**20} MB, received {found.st_size / 2**20:.1f} MB")
+        if found.st_size > largest:
+            raise ValueError(f"{source}: expected at most {largest // 2**20} MB, received {found.st_size / 2**20:.1f} MB")
         with path.open("rb") as file:
-            return file.read(LARGEST)
+            return file.read(largest)
     except OSError as error:
         raise ValueError(f"{source}: expected a file that can be read, received: {error.strerror}") from None
 
