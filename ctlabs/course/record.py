@@ -40,6 +40,8 @@ from ctlabs.text import number
 LEVEL = 1e-5
 #: Largest table, bytes.
 LARGEST = 32 * 2**20
+#: Where names of columns stand, bytes.
+HEAD = 2000
 #: Fewest runs of an experiment.
 RUNS = 20
 #: How many of a record's numbers are kept to know it again.
@@ -99,7 +101,9 @@ def outcomes(raw: bytes, asked: Sequence[AskedValue], source: str) -> list[Outco
 
 def _columns(raw: bytes, source: str) -> dict[str, Array]:
     """The columns of numbers by their folded names; that of the runs is left out."""
-    wanted = [name for name in datafile.header(raw, source) if name.strip() and folded(name) not in _RUN]
+    end = raw.find(b"\n", HEAD) + 1
+    head = raw[:end] if end and b"\x00" not in raw[:HEAD] else raw  # names stand in front: the whole is read once
+    wanted = [name for name in datafile.header(head, source) if name.strip() and folded(name) not in _RUN]
     if not wanted:
         raise ValueError(f"{source}: expected columns i and error, received none")
     record = datafile.parse(raw, wanted, source)
