@@ -19,7 +19,7 @@ INSTEAD = {
     "m": ("cm", "mm", "km"), "s": ("ms", "min", "h"), "V": ("mV", "kV"), "rad": ("°", "mrad"), "1": ("%",), "%": ("1",),
 }  # fmt: skip
 #: Quantities whose square is another quantity.
-_VARIANCE, _DEVIATION = re.compile(r"variances?\b|variance"), re.compile(r"(^|_)(rms|sd|sigma)(_|$)")
+_VARIANCE, _DEVIATION = re.compile(r"variance(?!.*ratio)"), re.compile(r"(^|_)(rms|sd|sigma)(_|$)")
 
 
 def confused(asked: AskedValue) -> Mapping[str, Array]:

@@ -16,6 +16,7 @@ from ctlabs.course.copies import Copy
 from ctlabs.course.folder import Course
 from ctlabs.course.grading import LabResult, Total, lab_result, total
 from ctlabs.course.submissions import Noted, Submission
+from ctlabs.reporting.render import swap
 
 #: Folder of the grades in that of the course.
 GRADES = "grades"
@@ -109,16 +110,8 @@ def write(graded: Graded, pages: Callable[[Graded], Mapping[str, str]]) -> Path:
             path = place / name
             path.parent.mkdir(exist_ok=True)
             path.write_text(text, encoding="utf-8", newline="")
-        shutil.rmtree(old, ignore_errors=True)
-        try:
-            if folder.exists():
-                folder.rename(old)
-            place.rename(folder)
-        except BaseException:
-            if old.exists() and not folder.exists():
-                old.rename(folder)
-            raise
-        shutil.rmtree(old, ignore_errors=True)
+        place.chmod(0o755)
+        swap(place, folder)
     finally:
         shutil.rmtree(place, ignore_errors=True)
     return folder

@@ -117,7 +117,7 @@ def _submission(course: Course, forms: Mapping[str, tuple[Student, str]], path: 
     people = [each.name for each in course.students]
     raw = reading.content(path, source)
     head = reading.parsed(raw, HEAD, source, people)
-    student, lab, strange = _owner(course, forms, head, source)
+    student, lab, strange = owner(course, forms, head, source)
     answers = reading.parsed(raw, [*HEAD, *questions(lab)], source, people)
     beside = sorted(each for each in path.parent.iterdir() if each.suffix.lower() in RECORDS and not each.name.startswith("."))
     own = [each for each in path.parent.iterdir() if each.suffix.lower() in ANSWERS]
@@ -126,7 +126,8 @@ def _submission(course: Course, forms: Mapping[str, tuple[Student, str]], path: 
     return Submission(student.id, lab, source, answers, day(answers.text("date"), source), tuple(beside), strange)
 
 
-def _owner(course: Course, forms: Mapping[str, tuple[Student, str]], head: Answers, source: str) -> tuple[Student, str, str]:
+def owner(course: Course, forms: Mapping[str, tuple[Student, str]], head: Answers, source: str) -> tuple[Student, str, str]:
+    """Whose form it is, of which lab, and what is strange about it: by the number of the form, else by the words of its head."""
     told, form = head.text("student"), head.text("form").lower()
     if form in forms:
         student, lab = forms[form]

@@ -129,7 +129,7 @@ def scalar(text: str) -> tuple[float, Unit | None]:
     plain = grammar(text)
     if _GROUPS.fullmatch(plain):
         plain = plain.replace(" ", "")
-    if not re.search(r"atan2|min|max", plain):
+    if not re.search(r"\b(atan2|min|max)\s*\(", plain):
         plain = re.sub(r",(?=\d)", ".", plain)
     try:
         return parse(plain).value({}), None
