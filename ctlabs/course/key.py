@@ -1,7 +1,8 @@
 """The key of a lab: every value that a hand-out asks for, by the answers by hand, with what known confusions give.
 
-What is asked stands in ``tasks/asked/LAB.toml``; the numbers come from ``tasks/answers/LAB.py``, whose ``analytic`` owes nothing to the
-library and simulates nothing (or ``asked``, a part of it that takes less time), and whose ``confused`` says what the confusions of the table give.
+What is asked stands in ``tasks/asked/LAB.toml``; the numbers come from ``tasks/answers/LAB.py``: from ``analytic``, which owes nothing
+to the library and simulates nothing (or ``asked``, a part of it that takes less time), and for the confusions of the table from
+``confused``.
 """
 
 from __future__ import annotations

@@ -109,3 +109,11 @@ def moments_by_quadrature(D, theta, sigma_D, sigma_theta):
     both = weight[:, None] * weight
     mean = (e * both).sum(axis=(1, 2))
     return mean, np.einsum("aij,bij,ij->ab", e - mean[:, None, None], e - mean[:, None, None], both)
+
+
+def degenerate(p):
+    """Why these numbers are none for an exercise: errors nearly uncorrelated, so that both variants are one filter."""
+    along, across, s2 = p.sigma_D**2, (p.D * p.sigma_theta) ** 2, math.sin(p.theta) ** 2
+    R11, R22 = along * (1 - s2) + across * s2, along * s2 + across * (1 - s2)
+    rho = math.sqrt(s2 * (1 - s2) / (R11 * R22)) * abs(along - across)
+    return "the pseudo-measurements are nearly uncorrelated" if rho < 0.2 else ""
