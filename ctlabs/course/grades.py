@@ -101,9 +101,11 @@ def graded_lab(job: Job) -> Done:
 def write(graded: Graded, pages: Callable[[Graded], Mapping[str, str]]) -> Path:
     """Put the grades into the course's folder, all or nothing: ``pages`` gives each file's text by its name."""
     folder = graded.course.folder / GRADES
-    old = folder.with_name(f"{GRADES}-old")
-    if old.exists() and not folder.exists():  # a run before was killed between two renames
-        old.rename(folder)
+    for old in graded.course.folder.glob(f".{GRADES}-*-old"):  # a run before was killed between two renames, or after them
+        if folder.exists():
+            shutil.rmtree(old, ignore_errors=True)
+        else:
+            old.rename(folder)
     place = Path(tempfile.mkdtemp(prefix=f".{GRADES}-", dir=graded.course.folder))
     try:
         for name, text in pages(graded).items():

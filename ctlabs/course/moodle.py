@@ -50,8 +50,9 @@ class Question:
 def bank(course: Course, labs: Sequence[str], variants: int) -> Iterator[Question]:
     """The questions on some labs, each in ``variants`` variants of its numbers."""
     for lab in labs:
-        for variant, each in enumerate(several(course, lab, variants), 1):
-            yield from _questions(course, lab, variant, each)
+        each = [list(_questions(course, lab, variant, one)) for variant, one in enumerate(several(course, lab, variants), 1)]
+        for same in zip(*each, strict=True):  # the variants of a value, which are one category
+            yield from same
 
 
 def several(course: Course, lab: str, count: int) -> list[Drawn]:

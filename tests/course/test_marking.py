@@ -20,7 +20,8 @@ from tests.course.test_answers_read import spelled
 LABS = tuple(catalogue())
 #: Units a person may write for an asked one.
 OTHERS = {
-    "m²": ("cm²", "мм²", "m^2", "км²"), "m": ("cm", "м", "mm"), "s": ("ms", "min", "мс"), "1/s": ("1/ms", "s^-1", "Hz"), "m²/s": ("см²/с", "m2/s"),
+    "m²": ("cm²", "мм²", "m^2", "км²"), "m": ("cm", "м", "mm"), "s": ("ms", "min", "мс"), "1/s": ("1/ms", "s^-1", "Hz"),
+    "m²/s": ("см²/с", "m2/s"),
     "m²/s²": ("(cm/s)²", "cm^2/s^2"), "V²": ("mV²", "В^2"), "%": ("%",), "1": ("%",), "m/s": ("km/h", "см/с"), "1/m²": ("1/cm²",),
     "rad²": ("mrad²", "deg^2"), "1/s²": ("s⁻²",), "m²/s⁴": ("cm²/s⁴",),
 }  # fmt: skip
@@ -47,7 +48,8 @@ def written(value: AskedValue, numbers: np.ndarray, rng: random.Random) -> str:
         numbers = numbers.T
     rows = numbers.reshape(-1, numbers.shape[-1]) if numbers.ndim else numbers.reshape(1, 1)
     between, below = rng.choice([("; ", "\n"), (" ", "\n"), (", ", "\n"), (" ", ";\n")])
-    plain = [[f"{x:.0f}" if not value.relative else "0" if x == 0 else spelled(x, rng).replace(" ", "") for x in row] for row in rows.tolist()]
+    count = not value.relative
+    plain = [[f"{x:.0f}" if count else "0" if x == 0 else spelled(x, rng).replace(" ", "") for x in row] for row in rows.tolist()]
     if any("," in x for row in plain for x in row) and any("." in x for row in plain for x in row):
         plain = [[x.replace(",", ".") for x in row] for row in plain]  # one mark in one answer
     text = below.join(between.join(row) for row in plain)
