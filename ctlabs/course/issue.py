@@ -19,14 +19,14 @@ Job = TypeVar("Job")
 Done = TypeVar("Done")
 
 
-def issue(course: Course, lab: str, *, students: frozenset[str] | None = None) -> dict[str, Any]:
+def issue(course: Course, lab: str, students: frozenset[str] | None = None) -> dict[str, Any]:
     """Write the hand-outs of a lab; returns its name, how many there are, and what was drawn anew.
 
     ``students`` : folders of those who get theirs; of all if it is None. What a student gets depends on those before in the roster,
     so that all are drawn.
     """
     found, count = drawn(course, lab), 0
-    keeping.keep(course, lab, {student: each.answers for student, each in found.items()})
+    keeping.keep(course, lab, {name: each.answers for name, each in found.items()})
     for student in course.takers(lab):
         if students is not None and student.id not in students:
             continue

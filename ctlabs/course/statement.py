@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from fractions import Fraction
 
 from ctlabs.course.asked import AskedValue
+from ctlabs.course.checking import columns
 from ctlabs.course.folder import Course, Place
 from ctlabs.course.roster import Student
 from ctlabs.labs.catalogue import catalogue
@@ -60,7 +61,7 @@ def statement(course: Course, student: Student, place: Place, p: LabParameters, 
     lines += [f"## {_('Part I. Theory')}", _(THEORY), _questions(asked)]
     lines += [f"## {_('Plan of the experiment')}", _("Fill it in before the experiment; without a plan there is none."), _plan()]
     lines += [f"## {_('Part II. Experiment')}", _(EXPERIMENT)]
-    lines += [f"## {_('What to hand in')}", fill(_(HAND_IN), form=course.form(student, lab)), _days(place)]
+    lines += [f"## {_('What to hand in')}", fill(_(HAND_IN), form=course.form(student, lab)), columns(lab), _days(place)]
     if told.questions:
         lines += [f"## {_('Control questions')}"]
         lines += ["\n".join(f"{i}. {translated(question)}" for i, (question, _place) in enumerate(told.questions, 1))]
@@ -163,7 +164,8 @@ def _form(course: Course, student: Student, lab: str) -> Iterator[str]:
         ("course", course.title), ("term", course.term), ("student", student.id), ("lab", lab), ("form", course.form(student, lab)),
     ):  # fmt: skip
         yield f'{name} = "{_plain(value)}"'
-    yield 'date = ""  # the day on which you hand this in, such as 2026-10-05'
+    yield "# The day on which you hand it in, as 2026-10-01:"
+    yield 'date = ""'
 
 
 def _entry(each: AskedValue) -> Iterator[str]:
