@@ -28,7 +28,7 @@ ATTEMPTS = "attempts"
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class FormLine:
     """What is said of a value: its ``name``, how it was ``read``, what is ``wrong`` with its form, the ``verdict`` where it is told."""
 
     name: str
@@ -38,11 +38,11 @@ class Line:
 
 
 @dataclass(frozen=True, slots=True)
-class Checked:
+class CheckedForm:
     """A form: ``lines`` of its values, ``problems`` with the rest, how many values are ``empty``, ``left`` attempts (None: not asked)."""
 
     lab: str
-    lines: tuple[Line, ...]
+    lines: tuple[FormLine, ...]
     problems: tuple[str, ...]
     empty: int
     left: int | None = None
@@ -53,7 +53,7 @@ class Checked:
         return not self.problems and not any(line.wrong for line in self.lines)
 
 
-def check(path: Path) -> Checked:
+def check(path: Path) -> CheckedForm:
     """What a form says, as it is read; no number is compared with anything.
 
     Raises
@@ -63,7 +63,7 @@ def check(path: Path) -> Checked:
     """
     lab, answers = _form(path)
     lines = tuple(_line(each, answers) for each in usual(lab))
-    return Checked(lab, lines, answers.problems, sum(not line.read and not line.wrong for line in lines))
+    return CheckedForm(lab, lines, answers.problems, sum(not line.read and not line.wrong for line in lines))
 
 
 @cache
@@ -84,24 +84,25 @@ def _form(path: Path) -> tuple[str, reading.Answers]:
     return lab.name, reading.parsed(raw, [*HEAD, *(each.name for each in usual(lab.name))], path.name)
 
 
-def _line(asked: AskedValue, answers: reading.Answers) -> Line:
+def _line(asked: AskedValue, answers: reading.Answers) -> FormLine:
     try:
         found = _read(asked, answers)
     except AnswerError as error:
-        return Line(asked.name, "", f"line {answers.entries[asked.name].line}: {error}")
+        return FormLine(asked.name, "", f"line {answers.entries[asked.name].line}: {error}")
     if found is None:
-        return Line(asked.name, "")
+        return FormLine(asked.name, "")
     told, wanted = mark(asked, found), coherent(asked.unit)
     if found.unit is not None and wanted is not None and found.unit.dimension != wanted.dimension:
-        return Line(asked.name, received(told), f"line {answers.entries[asked.name].line}: expected {asked.unit}, received another unit")
-    return Line(asked.name, received(told))
+        wrong = f"line {answers.entries[asked.name].line}: expected {asked.unit}, received another unit"
+        return FormLine(asked.name, received(told), wrong)
+    return FormLine(asked.name, received(told))
 
 
 def _read(asked: AskedValue, answers: reading.Answers) -> Received | None:
     return answer(answers.text(asked.name), asked.value.shape, verdict=asked.value.dtype == bool)
 
 
-def attempt(course: Course, path: Path, allowed: int) -> Checked:
+def attempt(course: Course, path: Path, allowed: int) -> CheckedForm:
     """Right or wrong for each value, at most ``allowed`` times for one student and lab; the same answers again are no new attempt.
 
     Raises
@@ -120,15 +121,16 @@ def attempt(course: Course, path: Path, allowed: int) -> Checked:
     looked = _looked(place)
     if digest not in looked:
         if len(looked) >= allowed:
-            return Checked(lab, plain.lines, (*plain.problems, f"expected at most {allowed} attempts, received one more"), plain.empty, 0)
+            over = f"expected at most {allowed} attempts, received one more"
+            return CheckedForm(lab, plain.lines, (*plain.problems, over), plain.empty, 0)
         looked = [*looked, digest]
         place.parent.mkdir(parents=True, exist_ok=True)
         temporary = place.with_suffix(".tmp")
         temporary.write_text(json.dumps(looked), encoding="utf-8")
         temporary.replace(place)
     pairs = zip(plain.lines, asked, strict=True)
-    lines = tuple(Line(line.name, line.read, line.wrong, _verdict(each, answers)) for line, each in pairs)
-    return Checked(lab, lines, plain.problems, plain.empty, allowed - len(looked))
+    lines = tuple(FormLine(line.name, line.read, line.wrong, _verdict(each, answers)) for line, each in pairs)
+    return CheckedForm(lab, lines, plain.problems, plain.empty, allowed - len(looked))
 
 
 def _looked(place: Path) -> list[str]:

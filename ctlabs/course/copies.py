@@ -19,7 +19,7 @@ import numpy as np
 
 from ctlabs.course.asked import AskedValue
 from ctlabs.course.grading import LabResult
-from ctlabs.course.marking import Kind, Mark, agrees
+from ctlabs.course.marking import Kind, ValueMark, agrees
 
 #: Least probability that a wrong number is right for another student, and that a wrong list is.
 NUMBER, LIST = 0.01, 0.003
@@ -32,7 +32,7 @@ RECORD = 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class Copy:
+class Likeness:
     """``student`` has ``values`` of ``other`` in a lab; ``chance`` : that it is so by chance; ``why``, in words."""
 
     lab: str
@@ -43,7 +43,7 @@ class Copy:
     why: str
 
 
-def copies(lab: str, keys: Mapping[str, Sequence[AskedValue]], results: Mapping[str, LabResult], labs: int = 1) -> list[Copy]:
+def copies(lab: str, keys: Mapping[str, Sequence[AskedValue]], results: Mapping[str, LabResult], labs: int = 1) -> list[Likeness]:
     """The copies in a lab: ``keys`` of all students who have it, ``results`` of those who handed in something; of a course of ``labs``."""
     right = {name: {each.name: each for each in key} for name, key in keys.items()}
     limit = FALSE / max(labs * len(keys) * (len(keys) - 1), 1)
@@ -57,16 +57,16 @@ def copies(lab: str, keys: Mapping[str, Sequence[AskedValue]], results: Mapping[
     return sorted(found, key=lambda each: (each.chance, each.student, each.other))
 
 
-def _best(found: Sequence[Copy]) -> list[Copy]:
+def _best(found: Sequence[Likeness]) -> list[Likeness]:
     """Copies of a student without those that a likelier one explains."""
-    best: list[Copy] = []
+    best: list[Likeness] = []
     for each in found:
         if not any(set(each.values) <= set(other.values) for other in best):
             best.append(each)
     return best
 
 
-def _owners(found: Mark, right: Mapping[str, Mapping[str, AskedValue]], own: str) -> frozenset[str]:
+def _owners(found: ValueMark, right: Mapping[str, Mapping[str, AskedValue]], own: str) -> frozenset[str]:
     """For whom a wrong value would be right."""
     asked, owners = found.asked, set()
     assert found.values is not None
@@ -82,11 +82,11 @@ def _owners(found: Mark, right: Mapping[str, Mapping[str, AskedValue]], own: str
 def _copy(
     result: LabResult,
     other: str,
-    wrong: Sequence[Mark],
+    wrong: Sequence[ValueMark],
     owners: Mapping[str, frozenset[str]],
     results: Mapping[str, LabResult],
     count: int,
-) -> Copy | None:
+) -> Likeness | None:
     """What one student has of another's answers."""
     name, chance, theirs, digits = result.student, 1.0, [], []
     marks = {each.asked.name: each for each in results[other].marks} if other in results else {}
@@ -104,10 +104,10 @@ def _copy(
         return None
     words = [f"right for the other, wrong here: {', '.join(theirs)}"] if theirs else []
     words += [f"the same wrong digits: {', '.join(digits)}"] if digits else []
-    return Copy(result.lab, name, other, (*theirs, *digits), chance, "; ".join(words))
+    return Likeness(result.lab, name, other, (*theirs, *digits), chance, "; ".join(words))
 
 
-def _same_digits(one: Mark, other: Mark) -> bool:
+def _same_digits(one: ValueMark, other: ValueMark) -> bool:
     """Whether two wrong answers are one, written with four digits or more."""
     if other.kind != Kind.WRONG or other.asked.name != one.asked.name or one.values is None or other.values is None:
         return False
@@ -118,11 +118,12 @@ def _same_digits(one: Mark, other: Mark) -> bool:
     return long and bool(np.array_equal(one.values, other.values))
 
 
-def _records(lab: str, result: LabResult, results: Mapping[str, LabResult]) -> Iterator[Copy]:
+def _records(lab: str, result: LabResult, results: Mapping[str, LabResult]) -> Iterator[Likeness]:
     """Records of the experiment that are another student's."""
     own = frozenset[int]().union(*(each.sample for each in result.outcomes))
     for other, theirs in sorted(results.items()):
         sample = frozenset[int]().union(*(each.sample for each in theirs.outcomes))
         least = min(len(own), len(sample))
         if other != result.student and least >= 8 and len(own & sample) >= RECORD * least:
-            yield Copy(lab, result.student, other, ("record",), 0.0, f"{len(own & sample)} of {least} numbers of the record are the same")
+            why = f"{len(own & sample)} of {least} numbers of the record are the same"
+            yield Likeness(lab, result.student, other, ("record",), 0.0, why)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ctlabs.course import copies, keeping, submissions
-from ctlabs.course.copies import Copy
+from ctlabs.course.copies import Likeness
 from ctlabs.course.folder import Course
 from ctlabs.course.grading import LabResult, Total, lab_result, total
 from ctlabs.course.submissions import Noted, Submission
@@ -29,7 +29,7 @@ class Graded:
     course: Course
     results: Mapping[str, Mapping[str, LabResult]]
     totals: Mapping[str, Total]
-    copies: Sequence[Copy]
+    copies: Sequence[Likeness]
     problems: Sequence[str]
 
 
@@ -48,7 +48,7 @@ def grade(course: Course, folder: Path, workers: int = 1, progress: Callable[[st
         by_lab[each.lab].append(each)
     labs = [lab for lab in course.all_labs() if by_lab[lab] or any(key[1] == lab for key in noted)]
     results: dict[str, dict[str, LabResult]] = {each.id: {} for each in course.students}
-    met: list[Copy] = []
+    met: list[Likeness] = []
     jobs = [(course, lab, by_lab[lab], noted) for lab in labs]
     for lab, own, theirs, wrong in _done(jobs, workers, progress):
         for student, result in own.items():
@@ -62,7 +62,7 @@ def grade(course: Course, folder: Path, workers: int = 1, progress: Callable[[st
 
 
 Job = tuple[Course, str, list[Submission], Mapping[tuple[str, str], Noted]]
-Done = tuple[str, dict[str, LabResult], list[Copy], list[str]]
+Done = tuple[str, dict[str, LabResult], list[Likeness], list[str]]
 
 
 def _done(jobs: Sequence[Job], workers: int, progress: Callable[[str], object]) -> list[Done]:

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 from ctlabs.course import record
 from ctlabs.course.asked import AskedValue
 from ctlabs.course.folder import Course, Place, Rule
-from ctlabs.course.marking import CREDIT, Kind, Mark, mark
-from ctlabs.course.record import Outcome
+from ctlabs.course.marking import CREDIT, Kind, ValueMark, mark
+from ctlabs.course.record import RecordOutcome
 from ctlabs.course.roster import Student
 from ctlabs.course.submissions import Noted, Submission
 from ctlabs.course.values import AnswerError, answer
@@ -38,9 +38,9 @@ class LabResult:
 
     student: str
     lab: str
-    marks: tuple[Mark, ...]
+    marks: tuple[ValueMark, ...]
     items: Mapping[str, float]
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[RecordOutcome, ...]
     experiment: float | None
     admitted: bool
     points: float
@@ -115,17 +115,17 @@ def _admitted(rule: Rule, place: Place, found: Sequence[Submission], noted: Note
     return False, f"the theory part was in on {first}, after {place.theory}: the experiment does not count"
 
 
-def _marked(asked: AskedValue, found: Submission | None) -> Mark:
+def _marked(asked: AskedValue, found: Submission | None) -> ValueMark:
     if found is None:
         return mark(asked, None)
     text, line = found.answers.text(asked.name), found.answers.entries[asked.name].line if asked.name in found.answers.entries else 0
     try:
         return mark(asked, answer(text, asked.value.shape, verdict=asked.value.dtype == bool), line)
     except AnswerError as error:
-        return Mark(asked, Kind.UNREADABLE, f"line {line}: {error}", text=text[:200], line=line)
+        return ValueMark(asked, Kind.UNREADABLE, f"line {line}: {error}", text=text[:200], line=line)
 
 
-def shares(marks: Sequence[Mark]) -> dict[str, float]:
+def shares(marks: Sequence[ValueMark]) -> dict[str, float]:
     """The share of each item: the mean of what its values earn."""
     found: dict[str, list[float]] = {}
     for each in marks:
@@ -135,13 +135,13 @@ def shares(marks: Sequence[Mark]) -> dict[str, float]:
 
 def _experiment(
     asked: Sequence[AskedValue], found: Submission | None, admitted: bool
-) -> tuple[tuple[Outcome, ...], float | None, str]:
+) -> tuple[tuple[RecordOutcome, ...], float | None, str]:
     """What the records beside a file show, and what they earn; None where the lab has nothing to test."""
     if not record.tested(asked):
         return (), None, ""
     if found is None or not found.records:
         return (), 0.0, "" if found is None else "no record of the experiment"
-    outcomes: list[Outcome] = []
+    outcomes: list[RecordOutcome] = []
     wrong = []
     for path in found.records:
         try:

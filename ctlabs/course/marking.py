@@ -45,7 +45,7 @@ CREDIT = {
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Mark:
+class ValueMark:
     """What an answer is: ``kind``, in ``words``, and the largest relative ``error`` of an element (NaN where there is none to tell).
 
     ``values`` : as received, in the asked unit, None where nothing could be read · ``line`` of the file, 0 where there is none
@@ -60,7 +60,7 @@ class Mark:
     line: int = 0
 
 
-def mark(asked: AskedValue, received: Received | None, line: int = 0) -> Mark:
+def mark(asked: AskedValue, received: Received | None, line: int = 0) -> ValueMark:
     """The mark of an answer.
 
     >>> from ctlabs.course.asked import THREE_DIGITS
@@ -70,14 +70,14 @@ def mark(asked: AskedValue, received: Received | None, line: int = 0) -> Mark:
     ['right', 'right, but in another unit: % for 1', 'right but for the sign', 'another convention: K_pred for K', 'wrong by 2 %']
     """
     if received is None:
-        return Mark(asked, Kind.NONE, Kind.NONE.value, line=line)
+        return ValueMark(asked, Kind.NONE, Kind.NONE.value, line=line)
     values, kind, words = _in_unit(asked, received)
     error = _error(asked, values)
     if not kind:
         kind, words = _kind(asked, values, received.unit is None, error)
     if kind == Kind.RIGHT and received.turned:
         words = "right (rows and columns exchanged)"
-    return Mark(asked, kind, words or kind.value, error, values, received.text, line)
+    return ValueMark(asked, kind, words or kind.value, error, values, received.text, line)
 
 
 def agrees(asked: AskedValue, values: Array, wanted: Array | None = None) -> bool:

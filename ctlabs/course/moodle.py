@@ -38,7 +38,7 @@ _ENTITIES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
+class BankQuestion:
     """A question of the bank: ``name``, its place ``category``, the ``text`` in HTML with its gaps, and a stable ``number``."""
 
     name: str
@@ -47,7 +47,7 @@ class Question:
     number: str
 
 
-def bank(course: Course, labs: Sequence[str], variants: int) -> Iterator[Question]:
+def bank(course: Course, labs: Sequence[str], variants: int) -> Iterator[BankQuestion]:
     """The questions on some labs, each in ``variants`` variants of its numbers."""
     for lab in labs:
         each = [list(_questions(course, lab, variant, one)) for variant, one in enumerate(several(course, lab, variants), 1)]
@@ -68,7 +68,7 @@ def several(course: Course, lab: str, count: int) -> list[Drawn]:
     return list(drawn(Course(course.folder, course.title, course.term, course.secret, "a", nobody, variants), lab).values())
 
 
-def _questions(course: Course, lab: str, variant: int, each: Drawn) -> Iterator[Question]:
+def _questions(course: Course, lab: str, variant: int, each: Drawn) -> Iterator[BankQuestion]:
     title, asked = catalogue()[lab].title, sheet(lab)
     head = f"<p>{prose(asked.statement)}</p>\n{given(each.parameters)}"
     for value in each.answers:
@@ -78,7 +78,7 @@ def _questions(course: Course, lab: str, variant: int, each: Drawn) -> Iterator[
         name = f"{lab} ({value.item}) {value.name}, variant {variant}"
         parts = (course.title, f"Lab {catalogue()[lab].short}. {title}", value.name)
         category = "/".join(["$course$/top", *(part.replace("/", "//") for part in parts)])
-        yield Question(name, category, head + task + wanted, f"{lab}-{value.name}-{variant}")
+        yield BankQuestion(name, category, head + task + wanted, f"{lab}-{value.name}-{variant}")
 
 
 def given(p: LabParameters) -> str:
@@ -148,7 +148,7 @@ def _number(value: float) -> str:
     return f"{value:.{DIGITS}g}"
 
 
-def xml(questions: Sequence[Question]) -> str:
+def xml(questions: Sequence[BankQuestion]) -> str:
     """The bank as Moodle imports it: *Question bank → Import → Moodle XML format*."""
     found, category = ['<?xml version="1.0" encoding="UTF-8"?>', "<quiz>"], ""
     for each in questions:

@@ -16,7 +16,7 @@ from ctlabs.course import reading, submissions
 from ctlabs.course.folder import ROSTER, Course
 from ctlabs.course.grades import Graded
 from ctlabs.course.grading import LabResult
-from ctlabs.course.marking import Kind, Mark
+from ctlabs.course.marking import Kind, ValueMark
 from ctlabs.course.roster import Student
 from ctlabs.files import datafile
 from ctlabs.labs.catalogue import catalogue
@@ -94,7 +94,7 @@ def _moodle(graded: Graded) -> Iterable[Sequence[object]]:
     labs, known = _labs(graded), contacts(graded.course)
     keys = sorted({key for row in known.values() for key in row})
     titles = _titles()
-    yield ["Full name", *keys, *(f"Lab {_short(lab)}. {titles[lab]}" for lab in labs), "Labs done", "Mark"]
+    yield ["Full name", *keys, *(f"Lab {_short(lab)}. {titles[lab]}" for lab in labs), "Labs done", "ValueMark"]
     for student in graded.course.students:
         own, total = graded.results[student.id], graded.totals[student.id]
         shares = [_share(own.get(lab)) for lab in labs]
@@ -193,7 +193,7 @@ def _mistakes(results: Sequence[LabResult]) -> list[tuple[str, int]]:
     return sorted(counts.items(), key=lambda pair: (-pair[1], pair[0]))[:HARDEST]
 
 
-def mistake(mark: Mark) -> str:
+def mistake(mark: ValueMark) -> str:
     """A mistake in words that do not depend on the numbers."""
     return mark.words if mark.kind in (Kind.OTHER, Kind.UNIT) else mark.kind.value
 
@@ -239,7 +239,7 @@ def _chance(value: float) -> str:
     return "none" if value == 0 else f"{value:.0e}".replace("e-0", "e-")
 
 
-def received(mark: Mark) -> str:
+def received(mark: ValueMark) -> str:
     """An answer as it was read, in the asked unit; long ones cut."""
     if mark.values is None:
         return reading.unquoted(mark.text)[:60] or "—"

@@ -33,7 +33,7 @@ _WESTERN = re.compile(rb"[0-9A-Za-z)][\xb2\xb3\xb9]|[0-9] ?\xd7 ?[0-9]")
 _TRIPLE = re.compile(r'"""|\'\'\'')
 
 
-class Entry(NamedTuple):
+class FormEntry(NamedTuple):
     """What stands for a name, and in which line it begins."""
 
     text: str
@@ -45,7 +45,7 @@ class Answers:
     """A file of answers: what stands for each known name, and what is wrong with the rest, ``source: line n: …``."""
 
     source: str
-    entries: dict[str, Entry]
+    entries: dict[str, FormEntry]
     problems: tuple[str, ...]
 
     def text(self, name: str) -> str:
@@ -87,7 +87,7 @@ def parsed(raw: bytes, names: Collection[str], source: str, people: Collection[s
     ('0,52', '[1 0\n 0 1]', ('a.toml: line 4: expected a name of the form, received "x"',))
     """
     known = {folded(name): name for name in names}
-    entries: dict[str, Entry] = {}
+    entries: dict[str, FormEntry] = {}
     problems: list[str] = []
     for name, entry in _entries(text(raw, source, people), known):
         plain = known.get(folded(name))
@@ -166,7 +166,7 @@ def unquoted(text: str) -> str:
     return plain
 
 
-def _entries(text: str, known: Collection[str]) -> Iterator[tuple[str, Entry]]:
+def _entries(text: str, known: Collection[str]) -> Iterator[tuple[str, FormEntry]]:
     """Each name with what stands for it."""
     name, line, inside = "", 0, False
     parts: list[str] = []
@@ -178,18 +178,18 @@ def _entries(text: str, known: Collection[str]) -> Iterator[tuple[str, Entry]]:
             start = None
         if start is None and not inside and not open_before and _SECTION.fullmatch(bare) and not re.fullmatch(r"[\s\[\]\d.,]*", bare):
             if name:
-                yield name, Entry("\n".join(parts), line)
+                yield name, FormEntry("\n".join(parts), line)
             name, parts = "", []
         elif start is not None:
             if name:
-                yield name, Entry("\n".join(parts), line)
+                yield name, FormEntry("\n".join(parts), line)
             name, line, parts = start["name"], number, [start["rest"]]
             inside = len(_TRIPLE.findall(start["rest"])) % 2 == 1
         elif name:
             parts.append(bare)
             inside ^= len(_TRIPLE.findall(bare)) % 2 == 1
     if name:
-        yield name, Entry("\n".join(parts), line)
+        yield name, FormEntry("\n".join(parts), line)
 
 
 def _open(text: str) -> bool:

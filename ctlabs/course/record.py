@@ -51,7 +51,7 @@ _ERROR, _ESTIMATE, _TRUTH = ("error", "e"), ("estimate", "xhat", "x_hat"), ("tru
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class RecordOutcome:
     """What a record shows.
 
     ``passed``, in ``words`` · ``p`` : probability that a right record deviates as much, over all its tests · ``runs``, the fewest at an
@@ -75,7 +75,7 @@ def tested(asked: Sequence[AskedValue]) -> tuple[AskedValue, ...]:
     return tuple(sorted(found, key=lambda each: (each.value.ndim == 0, "posterior" not in each.name, "steady" in each.name)))
 
 
-def read(path: Path, asked: Sequence[AskedValue], source: str) -> list[Outcome]:
+def read(path: Path, asked: Sequence[AskedValue], source: str) -> list[RecordOutcome]:
     """The outcomes of the tests of a table, one for each column of errors.
 
     Raises
@@ -86,7 +86,7 @@ def read(path: Path, asked: Sequence[AskedValue], source: str) -> list[Outcome]:
     return outcomes(content(path, source, LARGEST), asked, source)
 
 
-def outcomes(raw: bytes, asked: Sequence[AskedValue], source: str) -> list[Outcome]:
+def outcomes(raw: bytes, asked: Sequence[AskedValue], source: str) -> list[RecordOutcome]:
     """The outcomes of the tests of the table in these bytes."""
     theory = tested(asked)
     if not theory:
@@ -132,7 +132,7 @@ def variances(asked: AskedValue) -> Array:
     return P
 
 
-def _outcome(asked: AskedValue, errors: Array, index: Sequence[Array | None], source: str) -> Outcome:
+def _outcome(asked: AskedValue, errors: Array, index: Sequence[Array | None], source: str) -> RecordOutcome:
     P = variances(asked)
     places = _places(P, index, ~np.isnan(errors), asked, source)
     inside = places >= 0
@@ -141,7 +141,7 @@ def _outcome(asked: AskedValue, errors: Array, index: Sequence[Array | None], so
     runs = np.bincount(at, minlength=theory.size)
     if (fewest := int(runs.min())) < RUNS:
         words = f"expected at least {RUNS} runs{_where(int(runs.argmin()), P.shape)}, received {fewest}"
-        return Outcome(asked.name, False, words, math.nan, fewest, math.inf, _sample(e))
+        return RecordOutcome(asked.name, False, words, math.nan, fewest, math.inf, _sample(e))
     squares, sums = np.bincount(at, e**2, theory.size), np.bincount(at, e, theory.size)
     known = theory == 0
     safe = np.where(known, 1.0, theory)
@@ -155,12 +155,13 @@ def _outcome(asked: AskedValue, errors: Array, index: Sequence[Array | None], so
     found = limit * math.sqrt(2 / fewest)
     if p >= LEVEL:
         words = f"agrees with theory (p = {number(p, 2)}; {fewest} runs find a variance that is wrong by {number(100 * found, 2)} %)"
-        return Outcome(asked.name, True, words, p, fewest, found, _sample(e))
+        return RecordOutcome(asked.name, True, words, p, fewest, found, _sample(e))
     where, what = _where(int(place), P.shape), "the mean error{where} is not zero"
     if kind == 0:
         what = f"the mean square of the error{{where}} is {number(squares[place] / runs[place] / safe[place], 3)} times that of theory"
     what = what.format(where=where)
-    return Outcome(asked.name, False, f"disagrees with theory: {what} (p = {number(p, 2)}, {fewest} runs)", p, fewest, found, _sample(e))
+    words = f"disagrees with theory: {what} (p = {number(p, 2)}, {fewest} runs)"
+    return RecordOutcome(asked.name, False, words, p, fewest, found, _sample(e))
 
 
 def _places(P: Array, index: Sequence[Array | None], there: Array, asked: AskedValue, source: str) -> Array:

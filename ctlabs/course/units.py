@@ -24,23 +24,23 @@ LENGTH = 60
 POWER = 12
 
 
-class Unit(NamedTuple):
+class WrittenUnit(NamedTuple):
     """``factor`` to the coherent unit, ``dimension`` : exponents of BASES."""
 
     factor: float
     dimension: tuple[int, ...]
 
-    def times(self, other: Unit, power: int = 1) -> Unit:
+    def times(self, other: WrittenUnit, power: int = 1) -> WrittenUnit:
         """Its product with a power of another."""
         dimension = tuple(a + power * b for a, b in zip(self.dimension, other.dimension, strict=True))
-        return Unit(self.factor * other.factor**power, dimension)
+        return WrittenUnit(self.factor * other.factor**power, dimension)
 
 
-ONE = Unit(1.0, (0,) * len(BASES))
+ONE = WrittenUnit(1.0, (0,) * len(BASES))
 
 
-def _made(factor: float = 1.0, **exponents: int) -> Unit:
-    return Unit(factor, tuple(exponents.get(base, 0) for base in BASES))
+def _made(factor: float = 1.0, **exponents: int) -> WrittenUnit:
+    return WrittenUnit(factor, tuple(exponents.get(base, 0) for base in BASES))
 
 
 _V = {"kg": 1, "m": 2, "s": -3, "A": -1}
@@ -53,8 +53,8 @@ PREFIXED = {
 }  # fmt: skip
 #: Units that take none.
 PLAIN = {
-    "%": Unit(1e-2, ONE.dimension), "‰": Unit(1e-3, ONE.dimension), "°": Unit(math.pi / 180, ONE.dimension),
-    "'": Unit(math.pi / 10800, ONE.dimension), "′": Unit(math.pi / 10800, ONE.dimension), "″": Unit(math.pi / 648000, ONE.dimension),
+    **{name: WrittenUnit(factor, ONE.dimension) for name, factor in (("%", 1e-2), ("‰", 1e-3), ("°", math.pi / 180))},
+    **dict.fromkeys("'′", WrittenUnit(math.pi / 10800, ONE.dimension)), "″": WrittenUnit(math.pi / 648000, ONE.dimension),
     "min": _made(60.0, s=1), "h": _made(3600.0, s=1), "d": _made(86400.0, s=1),
     "km/h": _made(1 / 3.6, m=1, s=-1), "kn": _made(1852 / 3600, m=1, s=-1), "rpm": _made(math.pi / 30, s=-1), "SI": ONE,
 }  # fmt: skip
@@ -63,7 +63,7 @@ SPELLED = {
     "deg": "°", "degree": "°", "degrees": "°", "град": "°", "º": "°", "percent": "%", "prozent": "%", "arcmin": "'", "arcsec": "″",
     "meter": "m", "metre": "m", "meters": "m", "metres": "m", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "c": "s",
     "hour": "h", "hours": "h", "hr": "h", "minute": "min", "minutes": "min", "day": "d", "days": "d", "volt": "V", "volts": "V",
-    "radian": "rad", "radians": "rad", "radians²": "rad", "Ohm": "Ω", "ohm": "Ω", "Ω": "Ω", "flops": "flop",
+    "radian": "rad", "radians": "rad", "Ohm": "Ω", "ohm": "Ω", "Ω": "Ω", "flops": "flop",
     "м": "m", "с": "s", "сек": "s", "г": "g", "А": "A", "К": "K", "В": "V", "Гц": "Hz", "Н": "N", "Дж": "J", "Вт": "W", "Па": "Pa",
     "Ом": "Ω", "Ф": "F", "Гн": "H", "рад": "rad", "мин": "min", "ч": "h", "час": "h", "сут": "d", "б": "b",
 }  # fmt: skip
@@ -84,7 +84,7 @@ class UnitError(ValueError):
 
 
 @lru_cache(maxsize=4096)
-def unit(text: str) -> Unit:
+def unit(text: str) -> WrittenUnit:
     """The unit that a text says.
 
     >>> unit("cm²").factor, unit("m2 s-1") == unit("m²/s") == unit("м^2/с"), unit("%").factor
@@ -105,7 +105,7 @@ def _refusal(text: str) -> UnitError:
     return UnitError(f'expected a unit such as m²/s, received "{text}"')
 
 
-def _product(text: str, at: int, depth: int) -> tuple[Unit, int]:
+def _product(text: str, at: int, depth: int) -> tuple[WrittenUnit, int]:
     """Powers multiplied and divided, from a place on to the end or a closing bracket; the place after them."""
     found, sign, divided, wanted = ONE, 1, False, True
     while at < len(text):
@@ -146,7 +146,7 @@ def _whole(text: str | None) -> int:
     return power
 
 
-def _symbol(text: str) -> Unit:
+def _symbol(text: str) -> WrittenUnit:
     """A unit by its symbol, with a prefix or without."""
     for name in (text, SPELLED.get(text, "")):
         if name in PREFIXED:
@@ -156,11 +156,11 @@ def _symbol(text: str) -> Unit:
     for size in (2, 1):
         name = SPELLED.get(text[size:], text[size:])
         if text[:size] in PREFIXES and name in PREFIXED:
-            return Unit(PREFIXES[text[:size]] * PREFIXED[name].factor, PREFIXED[name].dimension)
+            return WrittenUnit(PREFIXES[text[:size]] * PREFIXED[name].factor, PREFIXED[name].dimension)
     raise UnitError(f'expected a unit such as m²/s, received "{text}"')
 
 
-def coherent(text: str) -> Unit | None:
+def coherent(text: str) -> WrittenUnit | None:
     """The unit of an asked value, None where its elements have several.
 
     >>> coherent("m², m²/s") is None, coherent("SI") is None, coherent("V²").factor

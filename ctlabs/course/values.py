@@ -19,7 +19,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ctlabs.course.units import LENGTH, Unit, UnitError, unit
+from ctlabs.course.units import LENGTH, UnitError, WrittenUnit, unit
 from ctlabs.files.modelfile.expressions import ExpressionError, parse
 from ctlabs.files.spelling import shown
 from ctlabs.linalg.checks import Array
@@ -72,7 +72,7 @@ class Received:
     """
 
     values: Array
-    unit: Unit | None
+    unit: WrittenUnit | None
     turned: bool
     text: str
 
@@ -108,14 +108,14 @@ def _verdict(text: str) -> bool:
     return WORDS[word]
 
 
-def _single(text: str) -> tuple[float, Unit | None]:
+def _single(text: str) -> tuple[float, WrittenUnit | None]:
     """A number, brackets around it left out."""
     found = re.fullmatch(r"\[\s*\[?([^\[\]]*)\]?\s*\](.*)", text, re.DOTALL)
     return scalar(f"{found[1].strip().strip(chr(34))} {found[2]}" if found else text)
 
 
 @lru_cache(maxsize=65536)
-def scalar(text: str) -> tuple[float, Unit | None]:
+def scalar(text: str) -> tuple[float, WrittenUnit | None]:
     """A number in the coherent unit of SI, and the unit that it was written in.
 
     >>> scalar("1,2·10^-3"), scalar("1/3")[0] == 1 / 3, scalar("5 cm²")[0], scalar("5 %")[0]
@@ -169,7 +169,7 @@ def _array(text: str, shape: tuple[int, ...]) -> Received:
     """A list, a matrix or a list of matrices."""
     body, told = _common_unit(text)
     wanted, counts, failed = math.prod(shape), set(), None
-    found: list[tuple[list[list[float]], Unit | None]] = []
+    found: list[tuple[list[list[float]], WrittenUnit | None]] = []
     for cells in _readings(body):
         counts.add(count := sum(map(len, cells)))
         if count != wanted:
@@ -192,7 +192,7 @@ def _array(text: str, shape: tuple[int, ...]) -> Received:
     return Received(values, own, turned, text)
 
 
-def _common_unit(text: str) -> tuple[str, Unit | None]:
+def _common_unit(text: str) -> tuple[str, WrittenUnit | None]:
     """A list without the unit behind its last bracket, and the unit."""
     found = re.fullmatch(r"(.*\])\s*([^\[\]]+?)\s*", text, re.DOTALL)
     if found is None or not found[2].strip(" .;,"):
@@ -239,7 +239,7 @@ def _elements(row: str, mark: str, quoted: list[str]) -> list[str]:
     return [quoted[int(part[1:-1])] if re.fullmatch("\x00\\d+\x00", part) else part.replace("\x00", '"') for part in parts]
 
 
-def _numbers(rows: list[list[str]], told: Unit | None) -> tuple[list[list[float]], Unit | None]:
+def _numbers(rows: list[list[str]], told: WrittenUnit | None) -> tuple[list[list[float]], WrittenUnit | None]:
     """The elements as numbers in one unit: each its own, the last one's, or that behind the list."""
     read = [[(math.nan, None) if cell.lower() in NOTHING else scalar(cell) for cell in row] for row in rows]
     units = [own for row in read for _, own in row]
@@ -257,6 +257,6 @@ def _numbers(rows: list[list[str]], told: Unit | None) -> tuple[list[list[float]
     if len(given) > 1 or (given and bare):
         raise AnswerError("expected elements in one unit, received some with another unit or without")
     own = next((own for own in units if own is not None), None)
-    return [[value for value, _ in row] for row in read], own and Unit(1.0, own.dimension)
+    return [[value for value, _ in row] for row in read], own and WrittenUnit(1.0, own.dimension)
 
 

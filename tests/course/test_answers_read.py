@@ -11,7 +11,7 @@ import pint
 import pytest
 
 from ctlabs.course import reading
-from ctlabs.course.units import BASES, Unit, UnitError, coherent, unit
+from ctlabs.course.units import BASES, UnitError, WrittenUnit, coherent, unit
 from ctlabs.course.values import AnswerError, answer, scalar
 
 # Units -----------------------------------------------------------------------------------------------------------------
@@ -418,7 +418,7 @@ def test_signs_tell_encodings_of_one_byte_apart(encoding: str, written: str) -> 
     found = reading.parsed(f"P0 = {written}\n".encode(encoding), NAMES, "a.toml")
     received = answer(found.text("P0"), ())
     assert received is not None
-    assert received.unit == Unit(1.0, unit("m²").dimension)
+    assert received.unit == WrittenUnit(1.0, unit("m²").dimension)
 
 
 def test_a_name_is_known_in_other_letters_and_a_wrong_one_is_named_with_its_line() -> None:

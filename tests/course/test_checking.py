@@ -26,7 +26,7 @@ def filled(course: Course, root: Path, **answers: str) -> Path:
     return a_course.hand_in(course, root, student, "task07", a_course.form(course, student, "task07", found))
 
 
-def told(found: checking.Checked) -> dict[str, checking.Line]:
+def told(found: checking.CheckedForm) -> dict[str, checking.FormLine]:
     return {line.name: line for line in found.lines}
 
 

@@ -11,7 +11,7 @@ import pytest
 from ctlabs.course.asked import THREE_DIGITS, AskedValue
 from ctlabs.course.convention import confused, scales
 from ctlabs.course.key import key
-from ctlabs.course.marking import Kind, Mark, mark
+from ctlabs.course.marking import Kind, ValueMark, mark
 from ctlabs.course.units import coherent, unit
 from ctlabs.course.values import answer
 from ctlabs.labs.catalogue import catalogue, load
@@ -32,7 +32,7 @@ def asked(lab: str) -> tuple[AskedValue, ...]:
     return key(lab, load(catalogue()[lab]).Parameters())
 
 
-def marked(value: AskedValue, text: str) -> Mark:
+def marked(value: AskedValue, text: str) -> ValueMark:
     return mark(value, answer(text, value.value.shape, verdict=value.value.dtype == bool))
 
 
