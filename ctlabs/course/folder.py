@@ -30,7 +30,7 @@ WORDS = ("title", "university", "faculty", "department", "teacher", "city", "ter
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class LabPlace:
     """A lab in a variant: its name, whether it is the control session's, part 1 or 2, last days of its theory and its report."""
 
     lab: str
@@ -64,12 +64,12 @@ class Course:
     secret: str
     variant: str
     students: tuple[Student, ...]
-    variants: Mapping[str, tuple[Place, ...]]
+    variants: Mapping[str, tuple[LabPlace, ...]]
     rule: Rule = Rule()
     words: Mapping[str, str] = field(default_factory=dict)
     redrawn: Mapping[tuple[str, str], int] = field(default_factory=dict)
 
-    def labs(self, student: Student) -> tuple[Place, ...]:
+    def labs(self, student: Student) -> tuple[LabPlace, ...]:
         """The labs of a student's variant."""
         return self.variants[student.variant or self.variant]
 
@@ -186,7 +186,7 @@ class _Told:
         return found.strip()
 
 
-def _variants(told: _Told) -> dict[str, tuple[Place, ...]]:
+def _variants(told: _Told) -> dict[str, tuple[LabPlace, ...]]:
     """The labs of each variant, with their dates."""
     table = told.table("variants") or {letter: list(halves) for letter, halves in VARIANTS.items()}
     dates, found = _dates(told), {}
@@ -194,10 +194,10 @@ def _variants(told: _Told) -> dict[str, tuple[Place, ...]]:
         if not (isinstance(halves, list) and halves and all(isinstance(half, str) for half in halves)):
             raise told.refused(f"variants.{letter}", 'lists of labs such as ["1 2* 5", "11* 15"]', halves)
         words = [(part, word) for part, half in enumerate(halves, 1) for word in half.split()]
-        places = [Place(_lab(told, f"variants.{letter}", word.rstrip("*")), word.endswith("*"), part) for part, word in words]
+        places = [LabPlace(_lab(told, f"variants.{letter}", word.rstrip("*")), word.endswith("*"), part) for part, word in words]
         if len({place.lab for place in places}) < len(places) or not places:
             raise told.refused(f"variants.{letter}", "each lab once", " ".join(halves) or "none")
-        found[letter.lower()] = tuple(Place(p.lab, p.control, p.part, *dates.get(p.lab, (None, None))) for p in places)
+        found[letter.lower()] = tuple(LabPlace(p.lab, p.control, p.part, *dates.get(p.lab, (None, None))) for p in places)
     return found
 
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 from ctlabs.course import record
 from ctlabs.course.asked import AskedValue
-from ctlabs.course.folder import Course, Place, Rule
+from ctlabs.course.folder import Course, LabPlace, Rule
 from ctlabs.course.marking import CREDIT, Kind, ValueMark, mark
 from ctlabs.course.record import RecordOutcome
 from ctlabs.course.roster import Student
@@ -61,7 +61,7 @@ class Total:
 
 
 def lab_result(
-    course: Course, student: Student, place: Place, asked: Sequence[AskedValue], found: Sequence[Submission], noted: Noted
+    course: Course, student: Student, place: LabPlace, asked: Sequence[AskedValue], found: Sequence[Submission], noted: Noted
 ) -> LabResult:
     """The result of a lab from all its files."""
     counted, notes = _counted(place, found, noted)
@@ -80,7 +80,7 @@ def lab_result(
     return LabResult(student.id, place.lab, marks, items, outcomes, experiment, admitted, points, done, source, date, tuple(notes))
 
 
-def _counted(place: Place, found: Sequence[Submission], noted: Noted) -> tuple[Submission | None, list[str]]:
+def _counted(place: LabPlace, found: Sequence[Submission], noted: Noted) -> tuple[Submission | None, list[str]]:
     """The file that counts: the last one in time; of files of one day, or without one, the last by its path."""
     if not found:
         return None, []
@@ -99,7 +99,7 @@ def _in_time(last: dt.date | None, date: dt.date | None) -> bool:
     return last is None or date is None or date <= last
 
 
-def _admitted(rule: Rule, place: Place, found: Sequence[Submission], noted: Noted) -> tuple[bool, str]:
+def _admitted(rule: Rule, place: LabPlace, found: Sequence[Submission], noted: Noted) -> tuple[bool, str]:
     """Whether the theory was in, in time: a file that answers enough of the values."""
     if not rule.theory_first:
         return True, ""
@@ -156,7 +156,7 @@ def total(course: Course, student: Student, results: Mapping[str, LabResult]) ->
     """The mark of a student.
 
     >>> from pathlib import Path
-    >>> places = tuple(Place(f"task{i:02d}", control=i == 1, part=1) for i in range(1, 8))
+    >>> places = tuple(LabPlace(f"task{i:02d}", control=i == 1, part=1) for i in range(1, 8))
     >>> course = Course(Path("."), "", "", "", "a", (), {"a": places})
     >>> total(course, Student("A", "A"), {})
     Total(done=0, failed=(1,), mark=0.0, grade=2)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ctlabs.course import keeping, statement
-from ctlabs.course.folder import Course, Place
+from ctlabs.course.folder import Course, LabPlace
 from ctlabs.course.roster import Student
 from ctlabs.course.variants import drawn
 from ctlabs.labs import printing
@@ -38,7 +38,7 @@ def issue(course: Course, lab: str, students: frozenset[str] | None = None) -> d
     return {"lab": lab, "count": count, "anew": sum(len(each.refused) for each in found.values())}
 
 
-def write(course: Course, student: Student, place: Place, text: str, form: str) -> None:
+def write(course: Course, student: Student, place: LabPlace, text: str, form: str) -> None:
     """One hand-out: text, page and form; its PDF stays if the text is the same."""
     folder = course.handout(student, place.lab)
     old = folder / statement.TEXT

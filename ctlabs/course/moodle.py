@@ -20,7 +20,7 @@ import numpy as np
 
 from ctlabs.course.asked import AskedValue
 from ctlabs.course.convention import confused
-from ctlabs.course.folder import Course, Place
+from ctlabs.course.folder import Course, LabPlace
 from ctlabs.course.roster import Student
 from ctlabs.course.variants import Drawn, drawn
 from ctlabs.labs.catalogue import catalogue
@@ -64,7 +64,7 @@ def several(course: Course, lab: str, count: int) -> list[Drawn]:
         The lab has no sets to draw from, or they hold too few problems.
     """
     nobody = tuple(Student(f"moodle-{i + 1}", f"variant {i + 1}") for i in range(count))
-    variants = {"a": (Place(lab, control=False, part=1),)}
+    variants = {"a": (LabPlace(lab, control=False, part=1),)}
     return list(drawn(Course(course.folder, course.title, course.term, course.secret, "a", nobody, variants), lab).values())
 
 

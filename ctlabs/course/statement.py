@@ -12,7 +12,7 @@ from fractions import Fraction
 
 from ctlabs.course.asked import AskedValue
 from ctlabs.course.checking import columns
-from ctlabs.course.folder import Course, Place
+from ctlabs.course.folder import Course, LabPlace
 from ctlabs.course.roster import Student
 from ctlabs.labs.catalogue import catalogue
 from ctlabs.labs.sheets import sheet
@@ -51,7 +51,7 @@ def title(lab: str) -> str:
     return f"{_('Lab')} {found.short}. {translated(found.title)}" if found.short.isdigit() else translated(found.title)
 
 
-def statement(course: Course, student: Student, place: Place, p: LabParameters, asked: tuple[AskedValue, ...]) -> str:
+def statement(course: Course, student: Student, place: LabPlace, p: LabParameters, asked: tuple[AskedValue, ...]) -> str:
     """The hand-out in Markdown."""
     lab, told = place.lab, sheet(place.lab)
     lines = [f"# {title(lab)}", _head(course, student, place), f"## {_('Statement')}", translated(told.statement)]
@@ -83,7 +83,7 @@ HAND_IN = (
 )
 
 
-def _head(course: Course, student: Student, place: Place) -> str:
+def _head(course: Course, student: Student, place: LabPlace) -> str:
     of = (
         fill(_("Variant {letter}, part {part}"), letter=(student.variant or course.variant).upper(), part=str(place.part))
         + (f", {_('control lab')}" if place.control else "")
@@ -140,7 +140,7 @@ def _plan() -> str:
     return grid([_("decision"), _("yours")], rows)
 
 
-def _days(place: Place) -> str:
+def _days(place: LabPlace) -> str:
     days = [
         fill(_("**{what}: by {day}**"), what=_(what), day=day.isoformat())
         for what, day in (("theory part", place.theory), ("report", place.report)) if day
