@@ -7,7 +7,6 @@ to the library and simulates nothing (or ``asked``, a part of it that takes less
 
 from __future__ import annotations
 
-import importlib
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ctlabs.course.asked import THREE_DIGITS, AskedValue
-from ctlabs.labs.catalogue import catalogue, folder
+from ctlabs.labs.catalogue import by_hand, catalogue, folder
 from ctlabs.linalg.checks import Array
 from ctlabs.reporting.params import LabParameters
 
@@ -77,7 +76,7 @@ def key(lab: str, p: LabParameters) -> tuple[AskedValue, ...]:
     ValueError
         One of the values does not exist for these parameters.
     """
-    module = importlib.import_module(f"ctlabs.tasks.answers.{lab}")
+    module = by_hand(lab)
     answers = getattr(module, "asked", module.analytic)(p)
     known = answers | (module.confused(p, answers) if hasattr(module, "confused") else {})
     return tuple(_asked(lab, name, question, known) for name, question in questions(lab).items())

@@ -7,7 +7,6 @@ in the roster that most answers would be the same.
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache, partial
@@ -20,7 +19,7 @@ from ctlabs.course.asked import AskedValue
 from ctlabs.course.folder import Course
 from ctlabs.course.key import key
 from ctlabs.course.roster import Student
-from ctlabs.labs.catalogue import catalogue, load
+from ctlabs.labs.catalogue import by_hand, catalogue, load
 from ctlabs.reporting.draws import Draw
 from ctlabs.reporting.params import LabParameters
 
@@ -125,7 +124,7 @@ def degenerate(lab: str, p: LabParameters, answers: tuple[AskedValue, ...]) -> s
     for one, other in combinations(answers, 2):
         if equal(one, other) and (one.name, other.name) not in usual.equal:
             return f"{one.name} equals {other.name}"
-    own = getattr(importlib.import_module(f"ctlabs.tasks.answers.{lab}"), "degenerate", None)
+    own = getattr(by_hand(lab), "degenerate", None)
     return own(p) if own else ""
 
 
