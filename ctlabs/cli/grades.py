@@ -10,9 +10,6 @@ import click
 from ctlabs.cli.common import checked, whole
 
 FOLDER = click.Path(path_type=Path)
-COURSE = click.option(
-    "--course", "folder", type=FOLDER, default=Path(), show_default="this one", metavar="FOLDER", help="The folder of the course."
-)
 
 
 @click.command()
@@ -54,11 +51,11 @@ def check(answers: Path, attempts: int | None, folder: Path | None) -> int:
 
 @click.command()
 @click.argument("submitted", type=FOLDER)
-@COURSE
+@click.option("--course", "folder", type=FOLDER, metavar="FOLDER", help="The course's folder, if it is not above SUBMITTED.")
 @click.option(
     "--workers", type=str, metavar="N", callback=whole(1), default=os.cpu_count() or 1, show_default="all cores", help="Labs at a time."
 )
-def grade(submitted: Path, folder: Path, workers: int) -> int:
+def grade(submitted: Path, folder: Path | None, workers: int) -> int:
     """Grade what was handed in.
 
     SUBMITTED holds forms (answers.toml), in folders of any kind, with the record of the experiment beside each (a CSV file). Written are,
@@ -68,9 +65,10 @@ def grade(submitted: Path, folder: Path, workers: int) -> int:
     Days are those of the forms' heads, or of handed_in.csv in the course's folder (columns student, lab, theory, report, defence).
     """
     from ctlabs.course import grades, pages
-    from ctlabs.course.folder import open_course
+    from ctlabs.course.folder import COURSE, open_course
 
-    course = checked(lambda: open_course(folder))
+    above = next((place for place in (Path(), *submitted.absolute().parents) if (place / COURSE).is_file()), Path())
+    course = checked(lambda: open_course(folder or above))
     graded = checked(lambda: grades.grade(course, submitted, workers, lambda lab: click.echo(f"{lab:<15} graded", err=True)))
     place = checked(lambda: grades.write(graded, pages.files))
     for problem in graded.problems:
@@ -88,7 +86,7 @@ def grade(submitted: Path, folder: Path, workers: int) -> int:
 @click.option("--variants", type=str, metavar="N", callback=whole(1), default=5, show_default=True, help="Variants of each question.")
 @click.option("--lab", "words", multiple=True, metavar="LAB", help="Only this lab. Repeatable.")
 @click.option("--out", type=FOLDER, metavar="FILE", help="The file; questions.xml or questions.csv in the course's folder if left out.")
-@COURSE
+@click.argument("folder", type=FOLDER, default=Path(), required=False)
 def export(form: str | None, variants: int, words: tuple[str, ...], out: Path | None, folder: Path) -> int:
     """Questions of the course's labs for other programs.
 

@@ -85,12 +85,13 @@ def test_the_commands_of_a_teacher(course: Course, tmp_path: Path) -> None:
     made = run(cli, ["course", "grade", str(tmp_path / "in"), "--course", str(course.folder), "--workers", "1"])
     assert "1 labs of 2 students graded, 0 like another's, 0 problems" in made.output
     assert (course.folder / "grades" / "grades.csv").is_file()
-    made = run(cli, ["course", "export", "--moodle", "--variants", "2", "--lab", "16", "--course", str(course.folder)])
+    made = run(cli, ["course", "export", "--moodle", "--variants", "2", "--lab", "16", str(course.folder)])
     assert (course.folder / "questions.xml").is_file()
     assert made.exit_code == 0
-    made = run(cli, ["course", "export", "--csv", "--variants", "1", "--lab", "16", "--course", str(course.folder)])
+    made = run(cli, ["course", "export", "--csv", "--variants", "1", "--lab", "16", str(course.folder)])
     assert (course.folder / "questions.csv").is_file()
-    for arguments in (["export"], ["check", "none.toml"], ["check", "x", "--attempts", "2"], ["grade", str(tmp_path / "none")]):
-        made = run(cli, ["course", *arguments, *(["--course", str(course.folder)] if arguments[0] in ("export", "grade") else [])])
+    absent = str(tmp_path / "none")
+    for arguments in (["export"], ["check", absent], ["check", absent, "--attempts", "2"], ["grade", absent]):
+        made = run(cli, ["course", *arguments])
         assert made.exit_code == 1
         assert "expected" in made.output
