@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -13,8 +14,10 @@ from ctlabs.course.folder import Course, LabPlace
 from ctlabs.course.roster import Student
 from ctlabs.course.variants import drawn
 from ctlabs.labs import printing
+from ctlabs.reporting.crossrefs import anchor
 from ctlabs.reporting.render import page, swap
 
+_HEADING = re.compile(r"^## (.+)$", re.MULTILINE)
 Job = TypeVar("Job")
 Done = TypeVar("Done")
 
@@ -44,7 +47,7 @@ def write(course: Course, student: Student, place: LabPlace, text: str, form: st
     old = folder / statement.TEXT
     new = {
         statement.TEXT: text,
-        statement.PAGE: page(statement.title(place.lab), text),
+        statement.PAGE: page(statement.title(place.lab), _HEADING.sub(_named, text)),
         statement.FORM: form,
     }
     if all((folder / name).is_file() and (folder / name).read_bytes() == content.encode() for name, content in new.items()):
@@ -60,6 +63,12 @@ def write(course: Course, student: Student, place: LabPlace, text: str, form: st
         swap(made, folder)
     finally:
         shutil.rmtree(made, ignore_errors=True)
+
+
+def _named(heading: re.Match[str]) -> str:
+    """A heading with a name, by which the page's contents lead to it."""
+    name = "-".join(re.findall("[a-z]+", heading[1].lower()))
+    return f"{heading[0]}{anchor(name)}"
 
 
 def handouts(course: Course, labs: Sequence[str], students: frozenset[str] | None = None) -> list[tuple[Path, dict[str, str]]]:
