@@ -56,11 +56,12 @@ def drawn(course: Course, lab: str) -> Mapping[str, Drawn]:
     """
     takers = tuple(each.id for each in course.takers(lab))
     first = tuple(course.redrawn.get((each, lab), 0) for each in takers)
-    return _drawn(lab, takers, first, course.secret, course.term)
+    return of_class(lab, takers, first, course.secret, course.term)
 
 
 @lru_cache(maxsize=64)
-def _drawn(lab: str, takers: tuple[str, ...], first: tuple[int, ...], secret: str, term: str) -> Mapping[str, Drawn]:
+def of_class(lab: str, takers: tuple[str, ...], first: tuple[int, ...], secret: str, term: str) -> Mapping[str, Drawn]:
+    """The same from all that it depends on, kept for the next call."""
     course = Course(Path(), "", term, secret, "", (), {})
     found: dict[str, Drawn] = {}
     for student, start in zip(takers, first, strict=True):

@@ -331,7 +331,7 @@ class TestHandouts:
     def test_the_same_folder_gives_the_same_bytes(self, small, tmp_path):
         shutil.copytree(small, tmp_path / "copy")
         shutil.rmtree(tmp_path / "copy" / "handouts")
-        variants._drawn.cache_clear()
+        variants.of_class.cache_clear()
         assert CliRunner().invoke(commands, ["issue", str(tmp_path / "copy"), "--workers", "2"]).exit_code == 0
         assert files(tmp_path / "copy" / "handouts") == files(small / "handouts")
 
