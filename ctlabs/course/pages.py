@@ -201,13 +201,12 @@ def mistake(mark: ValueMark) -> str:
 @cache
 def _environment() -> Any:
     import jinja2
-    from markupsafe import Markup
 
     folder = jinja2.FileSystemLoader(Path(__file__).parent / "templates")
     made = jinja2.Environment(loader=folder, autoescape=True, trim_blocks=True, undefined=jinja2.StrictUndefined)
     made.filters |= {
         "short": _short, "number": lambda value: printed(number(float(value))), "received": received, "chance": _chance,
-        "math": lambda latex: Markup(mathml(latex)),  # MathML of our own symbols
+        "math": mathml,
         "looks": lambda mark: _LOOKS.get(mark.kind, "half"),
     }  # fmt: skip
     return made
