@@ -36,6 +36,7 @@ from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import kinematics, observability, symbolic
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
+from ctlabs.reporting.draws import one_of, span
 from ctlabs.reporting.params import Count, LabParameters, Positive, Variance, given
 from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import number, text
@@ -55,8 +56,8 @@ MISPRINT = {
 class KinematicParameters(LabParameters):
     """What may be changed in both labs."""
 
-    tau: Positive = given(1.0, unit="s", meaning="period of the measurements")
-    R: Variance = given(1.0, unit="m²", meaning="variance of the measurement error")
+    tau: Positive = given(1.0, unit="s", meaning="period of the measurements", draw=one_of(0.5, 1, 2))
+    R: Variance = given(1.0, unit="m²", meaning="variance of the measurement error", draw=span(0.2, 4, 0.2))
     steps: Count = given(10, unit="1", meaning="number of measurements in the lists", symbol="N")
 
 

@@ -29,6 +29,7 @@ from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel, shaping, spectra, symbolic
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
+from ctlabs.reporting.draws import span
 from ctlabs.reporting.params import LabParameters, Positive, Real, Variance, given
 from ctlabs.reporting.report import SOLVER, Report
 from ctlabs.text import text
@@ -48,12 +49,12 @@ TIME, FREQUENCY = "t, s", "frequency ω, rad/s"
 class Parameters(LabParameters):
     """What may be changed."""
 
-    a: Real = given(-1.0, unit="1/s", meaning="pole of the plant ẋ = ax + bw; positive is unstable")
-    b: Real = given(1.0, unit="1", meaning="how w enters the plant")
-    alpha: Positive = given(2.0, unit="1/s", meaning="α of the correlation function K(τ) = D e^(−α|τ|) of w")
-    D: Variance = given(1.0, unit="m²/s²", meaning="variance of w")
-    r: Positive = given(0.5, unit="m²·s", meaning="strength of the measurement noise v")
-    p0: Variance = given(1.0, unit="m²", meaning="variance of x(0)")
+    a: Real = given(-1.0, unit="1/s", meaning="pole of the plant ẋ = ax + bw; positive is unstable", draw=span(-3, -0.5, 0.25))
+    b: Real = given(1.0, unit="1", meaning="how w enters the plant", draw=span(0.5, 2, 0.25))
+    alpha: Positive = given(2.0, unit="1/s", meaning="α of the correlation function K(τ) = D e^(−α|τ|) of w", draw=span(1, 4, 0.5))
+    D: Variance = given(1.0, unit="m²/s²", meaning="variance of w", draw=span(0.5, 3, 0.5))
+    r: Positive = given(0.5, unit="m²·s", meaning="strength of the measurement noise v", draw=span(0.25, 2, 0.25))
+    p0: Variance = given(1.0, unit="m²", meaning="variance of x(0)", draw=span(0.5, 3, 0.5))
 
 
 def plant(p):

@@ -42,6 +42,7 @@ from ctlabs.filtering.bayes import SlowError
 from ctlabs.labs.experiment import Experiment, filtered
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.reporting import plots
+from ctlabs.reporting.draws import span
 from ctlabs.reporting.params import Count, LabParameters, Positive, Real, Variance, given
 from ctlabs.reporting.report import Report
 from ctlabs.text import text
@@ -57,11 +58,11 @@ META = {
 class Parameters(LabParameters):
     """What may be changed."""
 
-    lam: Real = given(8.0, unit="u", meaning="signal (u is the unit of the samples)", symbol=r"\lambda")
-    mu: Real = given(5.0, unit="u", meaning="slow error")
-    sigma_w2: Positive = given(1000.0, unit="u²", meaning="variance of the noise", symbol=r"\sigma_w^2")
-    sigma_lambda2: Variance = given(100.0, unit="u²", meaning="prior variance of the signal", symbol=r"\sigma_\lambda^2")
-    sigma_mu2: Variance = given(50.0, unit="u²", meaning="prior variance of the slow error", symbol=r"\sigma_\mu^2")
+    lam: Real = given(8.0, unit="u", meaning="signal (u is the unit of the samples)", symbol=r"\lambda", draw=span(4, 12, 1))
+    mu: Real = given(5.0, unit="u", meaning="slow error", draw=span(3, 9, 1))
+    sigma_w2: Positive = given(1000.0, unit="u²", meaning="variance of the noise", symbol=r"\sigma_w^2", draw=span(500, 2000, 100))
+    sigma_lambda2: Variance = given(100.0, unit="u²", meaning="prior variance of the signal", symbol=r"\sigma_\lambda^2", draw=span(60, 150, 10))
+    sigma_mu2: Variance = given(50.0, unit="u²", meaning="prior variance of the slow error", symbol=r"\sigma_\mu^2", draw=span(30, 80, 5))
     k: Count = given(10_000, unit="1", meaning="number of measurements")
 
 

@@ -27,6 +27,7 @@ from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
+from ctlabs.reporting.draws import one_of, span
 from ctlabs.reporting.params import Count, LabParameters, Positive, Real, Variance, VarianceOrVariances, given
 from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import text
@@ -47,11 +48,11 @@ FACTORS = (0.01, 0.1, 1.0, 10.0, 100.0)
 class Parameters(LabParameters):
     """What may be changed."""
 
-    sigma_w2: Variance = given(1.0, unit="m²/s", meaning="diffusion of the Brownian motion")
-    tau: Positive = given(1.0, unit="s", meaning="period of the measurements")
-    R: VarianceOrVariances = given(1.0, unit="m²", meaning="variance of the measurement error, or a list over the measurements")
+    sigma_w2: Variance = given(1.0, unit="m²/s", meaning="diffusion of the Brownian motion", draw=span(0.2, 3, 0.1))
+    tau: Positive = given(1.0, unit="s", meaning="period of the measurements", draw=one_of(0.5, 1, 2))
+    R: VarianceOrVariances = given(1.0, unit="m²", meaning="variance of the measurement error, or a list over the measurements", draw=span(0.2, 4, 0.2))
     x0_mean: Real = given(0.0, unit="m", meaning="mean of x(t0)", symbol=r"\bar x_0")
-    P0: Variance = given(10.0, unit="m²", meaning="variance of x(t0)")
+    P0: Variance = given(10.0, unit="m²", meaning="variance of x(t0)", draw=one_of(5, 8, 10, 12, 15, 20, 25))
     steps: Count = given(10, unit="1", meaning="number of measurements (a list R sets it)", symbol="N")
 
 

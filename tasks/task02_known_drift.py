@@ -24,6 +24,7 @@ from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
+from ctlabs.reporting.draws import span
 from ctlabs.reporting.params import Real, given
 from ctlabs.reporting.report import Report
 
@@ -38,7 +39,7 @@ META = {
 class Parameters(lab1.Parameters):
     """What may be changed: as in lab 1, and the drift."""
 
-    u: Real = given(1.0, unit="m/s", meaning="known constant velocity")
+    u: Real = given(1.0, unit="m/s", meaning="known constant velocity", draw=span(0.5, 3, 0.1))
 
 
 def model(p, R, sigma_w2=None, u=None):

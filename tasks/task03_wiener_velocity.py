@@ -14,6 +14,7 @@ error variances do not. With α = K̄1 and β = K̄2τ: β²/(1−α) = σ_w²τ
 from ctlabs.tasks import _kinematics
 from ctlabs.tasks.answers import task03 as by_hand
 
+from ctlabs.reporting.draws import diagonal, one_of, span
 from ctlabs.reporting.params import Covariance, Variance, Vector, given
 from ctlabs.reporting.report import SOLVER
 
@@ -28,8 +29,8 @@ META = {
 class Parameters(_kinematics.KinematicParameters):
     """What may be changed."""
 
-    sigma_w2: Variance = given(1.0, unit="m²/s³", meaning="diffusion of the velocity")
-    P0: Covariance(2) = given(((100, 0), (0, 10)), unit="m², m²/s, m²/s²", meaning="covariance of (x, v) at t0")
+    sigma_w2: Variance = given(1.0, unit="m²/s³", meaning="diffusion of the velocity", draw=span(0.2, 3, 0.1))
+    P0: Covariance(2) = given(((100, 0), (0, 10)), unit="m², m²/s, m²/s²", meaning="covariance of (x, v) at t0", draw=diagonal(one_of(40, 60, 80, 100, 120), one_of(4, 6, 8, 10, 12)))
     x0_mean: Vector(2) = given((0, 0), unit="m, m/s", meaning="mean of (x, v) at t0", symbol=r"\bar x_0")
 
 

@@ -14,6 +14,7 @@ from ctlabs.tasks import _kinematics
 from ctlabs.tasks.answers import task04 as by_hand
 
 from ctlabs.labs.experiment import covariances
+from ctlabs.reporting.draws import diagonal, one_of, span
 from ctlabs.reporting.params import Covariance, Variance, Vector, given
 
 META = {
@@ -27,8 +28,8 @@ META = {
 class Parameters(_kinematics.KinematicParameters):
     """What may be changed."""
 
-    sigma_w2: Variance = given(1.0, unit="m²/s⁵", meaning="diffusion of the acceleration")
-    P0: Covariance(3) = given(((100, 0, 0), (0, 10, 0), (0, 0, 1)), unit="m², m²/s … m²/s⁴", meaning="covariance of (x, v, a) at t0")
+    sigma_w2: Variance = given(1.0, unit="m²/s⁵", meaning="diffusion of the acceleration", draw=span(0.2, 3, 0.1))
+    P0: Covariance(3) = given(((100, 0, 0), (0, 10, 0), (0, 0, 1)), unit="m², m²/s … m²/s⁴", meaning="covariance of (x, v, a) at t0", draw=diagonal(one_of(40, 60, 80, 100, 120), one_of(4, 6, 8, 10, 12), one_of(0.5, 1, 1.5, 2)))
     x0_mean: Vector(3) = given((0, 0, 0), unit="m, m/s, m/s²", meaning="mean of (x, v, a) at t0", symbol=r"\bar x_0")
 
 

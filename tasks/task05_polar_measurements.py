@@ -32,6 +32,7 @@ from ctlabs.linalg.factors import factor, unit_triangular
 from ctlabs.models import kinematics, symbolic
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
+from ctlabs.reporting.draws import one_of, span
 from ctlabs.reporting.params import LabParameters, Positive, Real, given
 from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import text
@@ -55,12 +56,12 @@ NAMES = {"sigma_w2": "disturbance", "sigma_D": "error of range", "sigma_theta": 
 class Parameters(LabParameters):
     """What may be changed."""
 
-    D: Positive = given(1000.0, unit="m", meaning="range of the point at t0")
-    theta: Real = given(math.pi / 6, unit="rad", meaning="bearing of the point at t0")
-    sigma_D: Positive = given(10.0, unit="m", meaning="standard deviation of the range error")
-    sigma_theta: Positive = given(0.03, unit="rad", meaning="standard deviation of the bearing error")
-    sigma_w2: Positive = given(4.0, unit="m²/s³", meaning="diffusion of both velocities")
-    tau: Positive = given(1.0, unit="s", meaning="period of the measurements")
+    D: Positive = given(1000.0, unit="m", meaning="range of the point at t0", draw=span(800, 2000, 100))
+    theta: Real = given(math.pi / 6, unit="rad", meaning="bearing of the point at t0", draw=one_of(*(k * math.pi / 36 for k in (4, 5, 6, 7, 8, 10, 11, 12, 13, 14))))
+    sigma_D: Positive = given(10.0, unit="m", meaning="standard deviation of the range error", draw=span(6, 16, 1))
+    sigma_theta: Positive = given(0.03, unit="rad", meaning="standard deviation of the bearing error", draw=span(0.02, 0.04, 0.005))
+    sigma_w2: Positive = given(4.0, unit="m²/s³", meaning="diffusion of both velocities", draw=span(2, 8, 0.5))
+    tau: Positive = given(1.0, unit="s", meaning="period of the measurements", draw=one_of(0.5, 1, 2))
 
 
 def model_part(r, p, answer, truth):

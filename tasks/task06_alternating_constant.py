@@ -21,6 +21,7 @@ from ctlabs.labs.portrait import mean_error, portrait, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting.drawing import Band, Curve, Drawing, Mark, Panel
+from ctlabs.reporting.draws import each, one_of, span
 from ctlabs.reporting.params import LabParameters, Variance, VariancesOrInf, given
 from ctlabs.reporting.report import EXACT, SOLVER, Report
 from ctlabs.text import Uncertain, text
@@ -40,8 +41,8 @@ NONSENSE = 1e9
 class Parameters(LabParameters):
     """What may be changed."""
 
-    P0: Variance = given(4.0, unit="m²", meaning="variance of x(t0)")
-    R: VariancesOrInf = given((1, 1, 1, 1, 1, 1), unit="m²", meaning='variances of the measurement errors, 0 and "inf" allowed; as many measurements as entries')
+    P0: Variance = given(4.0, unit="m²", meaning="variance of x(t0)", draw=span(1, 9, 0.5))
+    R: VariancesOrInf = given((1, 1, 1, 1, 1, 1), unit="m²", meaning='variances of the measurement errors, 0 and "inf" allowed; as many measurements as entries', draw=each(*[one_of(0.5, 1, 1.5, 2, 2.5, 3, 4, 5)] * 6))
 
 
 def model(P0, R):

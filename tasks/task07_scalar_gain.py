@@ -23,6 +23,7 @@ from ctlabs.labs.portrait import agreement, mean_error, portrait, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting import plots
+from ctlabs.reporting.draws import one_of, span
 from ctlabs.reporting.params import Count, Fraction, LabParameters, Positive, Real, Variance, Variances, given
 from ctlabs.reporting.report import EXACT, SOLVER, Report
 from ctlabs.text import Uncertain, text
@@ -40,12 +41,12 @@ STEP = "measurement number i"
 class Parameters(LabParameters):
     """What may be changed."""
 
-    Phi: Real = given(0.78, unit="1", meaning="transition factor Φ")
-    Q: Variance = given(0.39, unit="m²", meaning="variance of the process noise w")
-    R: Positive = given(0.5, unit="m²", meaning="variance of the measurement noise v")
-    P0: Variance = given(1.0, unit="m²", meaning="variance of x(t0)")
-    K_star: Fraction = given(0.3, unit="1", meaning="a constant gain that is not optimal, parts (b) and (g)")
-    Phi2: Variance = given(0.5, unit="1", meaning="Φ² of the family of curves, part (d)")
+    Phi: Real = given(0.78, unit="1", meaning="transition factor Φ", draw=one_of(*(k / 100 for k in (*range(60, 96), *range(105, 131)))))
+    Q: Variance = given(0.39, unit="m²", meaning="variance of the process noise w", draw=span(0.1, 1, 0.05))
+    R: Positive = given(0.5, unit="m²", meaning="variance of the measurement noise v", draw=span(0.2, 2, 0.05))
+    P0: Variance = given(1.0, unit="m²", meaning="variance of x(t0)", draw=span(0.5, 3, 0.25))
+    K_star: Fraction = given(0.3, unit="1", meaning="a constant gain that is not optimal, parts (b) and (g)", draw=span(0.25, 0.8, 0.05))
+    Phi2: Variance = given(0.5, unit="1", meaning="Φ² of the family of curves, part (d)", draw=span(0.3, 0.9, 0.05))
     lambdas: Variances = given((0.1, 0.2, 0.5, 1, 2, 3, 4, 5), unit="1", meaning="ratios λ = Q/R of part (d)", symbol="\\lambda")
     steps: Count = given(5, unit="1", meaning="measurements in the lists and in table 3", symbol="N")
 

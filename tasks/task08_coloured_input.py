@@ -25,6 +25,7 @@ from ctlabs.models import ContinuousModel, shaping
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
 from ctlabs.reporting.drawing import Curve, Drawing, Mark, Panel
+from ctlabs.reporting.draws import one_of, span
 from ctlabs.reporting.params import Count, LabParameters, Positive, Variance, given
 from ctlabs.reporting.plots import Arrow, Node
 from ctlabs.reporting.report import EXACT, Report
@@ -45,11 +46,11 @@ SIX = ("optimal", "claimed_variant1", "true_variant1", "claimed_variant2", "true
 class Parameters(LabParameters):
     """What may be changed."""
 
-    a: Variance = given(1.0, unit="1/s", meaning="pole of the system 1/(s + a); 0 makes it an integrator")
-    T: Positive = given(0.1, unit="s", meaning="correlation time of the input y")
-    dt: Positive = given(0.5, unit="s", meaning="period of the measurements")
-    R: Variance = given(2.0, unit="m²", meaning="variance of the measurement noise v")
-    sigma_y2: Positive = given(5.0, unit="m²/s²", meaning="variance of the input y", symbol=r"\sigma_y^2")
+    a: Variance = given(1.0, unit="1/s", meaning="pole of the system 1/(s + a); 0 makes it an integrator", draw=span(0.5, 2, 0.1))
+    T: Positive = given(0.1, unit="s", meaning="correlation time of the input y", draw=one_of(0.05, 0.1, 0.15, 0.2, 0.25))
+    dt: Positive = given(0.5, unit="s", meaning="period of the measurements", draw=one_of(0.25, 0.5, 0.75, 1))
+    R: Variance = given(2.0, unit="m²", meaning="variance of the measurement noise v", draw=span(1, 4, 0.25))
+    sigma_y2: Positive = given(5.0, unit="m²/s²", meaning="variance of the input y", symbol=r"\sigma_y^2", draw=span(2, 8, 0.5))
     steps: Count = given(20, unit="1", meaning="measurements in the lists", symbol="N")
 
 

@@ -27,6 +27,7 @@ from ctlabs.models import ContinuousModel, shaping
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
 from ctlabs.reporting.drawing import Curve, Drawing, Panel
+from ctlabs.reporting.draws import one_of, span
 from ctlabs.reporting.params import Count, LabParameters, Positive, VarianceOrInf, given
 from ctlabs.reporting.plots import Arrow, Node
 from ctlabs.reporting.report import EXACT, SOLVER, Report
@@ -47,13 +48,13 @@ TIME = "t, s"
 class Parameters(LabParameters):
     """What may be changed."""
 
-    R1: Positive = given(1.0, unit="Ω", meaning="first resistor")
-    R2: Positive = given(1.0, unit="Ω", meaning="second resistor")
-    C1: Positive = given(1.0, unit="F", meaning="first capacitor")
-    C2: Positive = given(1.0, unit="F", meaning="second capacitor")
-    dt: Positive = given(0.5, unit="s", meaning="period of the measurements")
+    R1: Positive = given(1.0, unit="Ω", meaning="first resistor", draw=one_of(0.5, 1, 1.5, 2))
+    R2: Positive = given(1.0, unit="Ω", meaning="second resistor", draw=one_of(0.5, 1, 1.5, 2))
+    C1: Positive = given(1.0, unit="F", meaning="first capacitor", draw=one_of(0.5, 1, 1.5, 2))
+    C2: Positive = given(1.0, unit="F", meaning="second capacitor", draw=one_of(0.5, 1, 1.5, 2))
+    dt: Positive = given(0.5, unit="s", meaning="period of the measurements", draw=one_of(0.25, 0.5, 0.75, 1))
     steps: Count = given(4, unit="1", meaning="number of measurements", symbol="N")
-    R_over_b2: VarianceOrInf = given(0.2, unit="1", meaning="variance of the measurement noise in part (b), over b²", symbol="R/b^2")
+    R_over_b2: VarianceOrInf = given(0.2, unit="1", meaning="variance of the measurement noise in part (b), over b²", symbol="R/b^2", draw=span(0.1, 0.5, 0.05))
 
 
 def system(p, kind="ladder"):

@@ -24,6 +24,7 @@ from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel, observability
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting.drawing import Curve, Drawing, Mark, Panel
+from ctlabs.reporting.draws import one_of, span
 from ctlabs.reporting.params import Count, Covariance, LabParameters, Positive, Variance, given
 from ctlabs.reporting.report import SOLVER, Report
 from ctlabs.text import text
@@ -46,10 +47,10 @@ SEARCHED = 400
 class Parameters(LabParameters):
     """What may be changed."""
 
-    P0: Covariance(2) = given(((4, 1), (1, 2)), unit="m², m²/s, m²/s²", meaning="covariance of y(0), ẏ(0)")
-    R: Variance = given(1.0, unit="m²", meaning="variance of the measurement error v")
-    dt_bad: Positive = given(2 * math.pi, unit="s", meaning="a sampling period that should be bad", symbol="d_1")
-    dt_good: Positive = given(math.pi / 2, unit="s", meaning="a sampling period that should be good", symbol="d_2")
+    P0: Covariance(2) = given(((4, 1), (1, 2)), unit="m², m²/s, m²/s²", meaning="covariance of y(0), ẏ(0)", draw=one_of(*(((a, b), (b, c)) for a in (3, 4, 5, 6) for c in (2, 3, 4) for b in (0.5, 1, 1.5, 2))))
+    R: Variance = given(1.0, unit="m²", meaning="variance of the measurement error v", draw=span(0.5, 3, 0.25))
+    dt_bad: Positive = given(2 * math.pi, unit="s", meaning="a sampling period that should be bad", symbol="d_1", draw=one_of(math.pi, 2 * math.pi, 3 * math.pi, 4 * math.pi))
+    dt_good: Positive = given(math.pi / 2, unit="s", meaning="a sampling period that should be good", symbol="d_2", draw=one_of(math.pi / 6, math.pi / 4, math.pi / 3, math.pi / 2))
     steps: Count = given(10, unit="1", meaning="measurements in the lists", symbol="N")
 
 

@@ -21,6 +21,7 @@ from ctlabs.labs.portrait import largest, mean_error, portrait, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting.drawing import Curve, Drawing, Panel
+from ctlabs.reporting.draws import one_of, span
 from ctlabs.reporting.params import Count, LabParameters, Real, Variance, given
 from ctlabs.reporting.report import EXACT, SOLVER, Report
 from ctlabs.text import Uncertain, latex_number, text
@@ -46,10 +47,10 @@ SINCE = "time since t1, steps (i − 1)"
 class Parameters(LabParameters):
     """What may be changed."""
 
-    x1_mean: Real = given(1.0, unit="m", meaning="mean of x(t1)", symbol=r"E\,x(t_1)")
-    x1_second_moment: Variance = given(2.0, unit="m²", meaning="mean of x²(t1), at least the square of the mean", symbol=r"E\,x^2(t_1)")
-    Q: Variance = given(0.5, unit="m²", meaning="variance of the process noise w")
-    R: Variance = given(0.25, unit="m²", meaning="variance of the measurement noise v")
+    x1_mean: Real = given(1.0, unit="m", meaning="mean of x(t1)", symbol=r"E\,x(t_1)", draw=one_of(0.5, 1, 1.5, 2))
+    x1_second_moment: Variance = given(2.0, unit="m²", meaning="mean of x²(t1), at least the square of the mean", symbol=r"E\,x^2(t_1)", draw=span(1, 8, 0.5))
+    Q: Variance = given(0.5, unit="m²", meaning="variance of the process noise w", draw=span(0.1, 2, 0.1))
+    R: Variance = given(0.25, unit="m²", meaning="variance of the measurement noise v", draw=span(0.1, 2, 0.05))
     steps: Count = given(5, unit="1", meaning="measurements in the lists, the first at t1", symbol="N")
 
     @field_validator("x1_second_moment")

@@ -26,6 +26,7 @@ from ctlabs.labs.portrait import agreement, portrait, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting.drawing import Curve, Drawing, Panel
+from ctlabs.reporting.draws import span
 from ctlabs.reporting.params import LabParameters, Real, Variance, given
 from ctlabs.reporting.report import EXACT, SOLVER, Report
 from ctlabs.text import text
@@ -46,15 +47,15 @@ IMPOSSIBLE = "R₁₂² > R₁R₂: no noises have such a covariance"
 class Parameters(LabParameters):
     """What may be changed."""
 
-    Phi: Real = given(0.7, unit="1", meaning="transition factor")
-    b: Real = given(0.2, unit="1", meaning="mean of the process noise", symbol="b")
-    Q: Variance = given(0.01, unit="1", meaning="variance of the process noise")
-    x_posterior: Real = given(4.0, unit="1", meaning="estimate at the previous time, after its update", symbol=r"\hat x(t_{i-1}^+)")
-    P_posterior: Variance = given(1.0, unit="1", meaning="its error variance", symbol="P(t_{i-1}^+)")
-    z1: Real = given(3.0, unit="1", meaning="first measurement")
-    z2: Real = given(1.0, unit="1", meaning="second measurement")
-    t: Real = given(1.0, unit="s", meaning="time of the measurements (and their period in the experiment)")
-    R12: Real = given(0.3, unit="1", meaning="covariance of v1 and v2 in part (d)", symbol="R_{12}")
+    Phi: Real = given(0.7, unit="1", meaning="transition factor", draw=span(0.5, 0.9, 0.05))
+    b: Real = given(0.2, unit="1", meaning="mean of the process noise", symbol="b", draw=span(0.1, 0.5, 0.1))
+    Q: Variance = given(0.01, unit="1", meaning="variance of the process noise", draw=span(0.01, 0.05, 0.01))
+    x_posterior: Real = given(4.0, unit="1", meaning="estimate at the previous time, after its update", symbol=r"\hat x(t_{i-1}^+)", draw=span(2, 6, 0.5))
+    P_posterior: Variance = given(1.0, unit="1", meaning="its error variance", symbol="P(t_{i-1}^+)", draw=span(0.5, 2, 0.25))
+    z1: Real = given(3.0, unit="1", meaning="first measurement", draw=span(2, 8, 0.5))
+    z2: Real = given(1.0, unit="1", meaning="second measurement", draw=span(0.2, 1.2, 0.1))
+    t: Real = given(1.0, unit="s", meaning="time of the measurements (and their period in the experiment)", draw=span(0.5, 1.3, 0.1))
+    R12: Real = given(0.3, unit="1", meaning="covariance of v1 and v2 in part (d)", symbol="R_{12}", draw=span(0.05, 0.4, 0.05))
 
 
 def model(p, t, R12=0.0):

@@ -30,6 +30,7 @@ from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import interop, observability, shaping
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
+from ctlabs.reporting.draws import one_of
 from ctlabs.reporting.params import Count, LabParameters, Positive, Real, Variance, given
 from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import latex_number, text
@@ -49,11 +50,11 @@ UNITS = (36.0, 81.0, 22500.0)
 class Parameters(LabParameters):
     """What may be changed."""
 
-    N_c: Variance = given(1296.0, unit="m²·s", meaning="strength of the noise of the command")
-    N_m: Positive = given(6561.0, unit="m²·s", meaning="strength of the noise of the measured altitude")
-    var_hc0: Variance = given(506250000.0, unit="m²", meaning="variance of the commanded constant", symbol=r"\mathrm{var}\,h_{c0}")
+    N_c: Variance = given(1296.0, unit="m²·s", meaning="strength of the noise of the command", draw=one_of(*(k**2 for k in range(24, 50, 2))))
+    N_m: Positive = given(6561.0, unit="m²·s", meaning="strength of the noise of the measured altitude", draw=one_of(*(k**2 for k in range(63, 100, 3))))
+    var_hc0: Variance = given(506250000.0, unit="m²", meaning="variance of the commanded constant", symbol=r"\mathrm{var}\,h_{c0}", draw=one_of(*((1000 * k) ** 2 for k in range(15, 31))))
     mean_hc0: Real = given(3000.0, unit="m", meaning="mean of the commanded constant", symbol=r"\bar h_{c0}")
-    dt: Positive = given(1.0, unit="s", meaning="period of the sampled measurements")
+    dt: Positive = given(1.0, unit="s", meaning="period of the sampled measurements", draw=one_of(0.5, 1, 2))
     steps: Count = given(300, unit="1", meaning="sampled measurements in the experiment", symbol="N")
 
 

@@ -23,6 +23,7 @@ from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.portrait import agreement, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
+from ctlabs.reporting.draws import one_of, span
 from ctlabs.reporting.params import Count, LabParameters, Positive, Real, given
 from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import text
@@ -38,10 +39,10 @@ META = {
 class Parameters(LabParameters):
     """What may be changed."""
 
-    sigma: Positive = given(30.0, unit="m", meaning="root of $P_0$, $Q_d$ and $R$ in (a) and (b)")
-    sigma_high: Positive = given(90.0, unit="m", meaning="its place in $P_0$ in (c), in $Q_d$ in (d), in $R$ in (e)", symbol=r"\sigma_{\mathrm{high}}")
-    limit_rms: Positive = given(75.0, unit="m", meaning="largest RMS before a fix, (b) to (e)", symbol="L")
-    horizon: Count = given(10, unit="1", meaning="number of instants; the RMS at the one after them counts", symbol="N")
+    sigma: Positive = given(30.0, unit="m", meaning="root of $P_0$, $Q_d$ and $R$ in (a) and (b)", draw=span(24, 36, 1))
+    sigma_high: Positive = given(90.0, unit="m", meaning="its place in $P_0$ in (c), in $Q_d$ in (d), in $R$ in (e)", symbol=r"\sigma_{\mathrm{high}}", draw=span(80, 110, 2))
+    limit_rms: Positive = given(75.0, unit="m", meaning="largest RMS before a fix, (b) to (e)", symbol="L", draw=span(60, 90, 1))
+    horizon: Count = given(10, unit="1", meaning="number of instants; the RMS at the one after them counts", symbol="N", draw=one_of(9, 10, 11, 12))
     fixes: Count = given(2, unit="1", meaning="number of fixes that can be afforded", symbol="m")
     u: Real = given(1.0, unit="m", meaning="known displacement in a period (in the simulation only)")
     x0_mean: Real = given(0.0, unit="m", meaning="mean of x(t0) (in the simulation only)", symbol=r"\bar x_0")

@@ -27,6 +27,7 @@ from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import observability, shaping
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
+from ctlabs.reporting.draws import one_of, span
 from ctlabs.reporting.params import Count, LabParameters, Positive, Variance, given
 from ctlabs.reporting.plots import Arrow, Node
 from ctlabs.reporting.report import EXACT, Report
@@ -45,13 +46,13 @@ STEP = "measurement number i"
 class Parameters(LabParameters):
     """What may be changed."""
 
-    w0: Variance = given(1.0, unit="1/s", meaning="pole of the signal's model; 0 makes it an integrator")
-    wn: Variance = given(2.0, unit="1/s", meaning="pole of the noise's shaping filter", symbol="w_n")
-    dt: Positive = given(0.5, unit="s", meaning="period of the measurements")
-    Q1: Variance = given(2.0, unit="V²/s", meaning="strength of the white noise w1 that drives the signal")
-    Q2: Variance = given(1.0, unit="V²/s", meaning="strength of the white noise w2 that drives the noise")
-    Es2: Variance = given(1.0, unit="V²", meaning="variance of s(t0)", symbol=r"E\,s^2(t_0)")
-    En2: Variance = given(0.5, unit="V²", meaning="variance of n(t0)", symbol=r"E\,n^2(t_0)")
+    w0: Variance = given(1.0, unit="1/s", meaning="pole of the signal's model; 0 makes it an integrator", draw=span(0.5, 2, 0.1))
+    wn: Variance = given(2.0, unit="1/s", meaning="pole of the noise's shaping filter", symbol="w_n", draw=span(1.5, 4, 0.1))
+    dt: Positive = given(0.5, unit="s", meaning="period of the measurements", draw=one_of(0.25, 0.5, 0.75, 1))
+    Q1: Variance = given(2.0, unit="V²/s", meaning="strength of the white noise w1 that drives the signal", draw=span(1, 4, 0.25))
+    Q2: Variance = given(1.0, unit="V²/s", meaning="strength of the white noise w2 that drives the noise", draw=span(0.5, 3, 0.25))
+    Es2: Variance = given(1.0, unit="V²", meaning="variance of s(t0)", symbol=r"E\,s^2(t_0)", draw=span(0.5, 2, 0.25))
+    En2: Variance = given(0.5, unit="V²", meaning="variance of n(t0)", symbol=r"E\,n^2(t_0)", draw=span(0.25, 1.5, 0.25))
     steps: Count = given(10, unit="1", meaning="measurements after t0 in the lists", symbol="N")
 
     @model_validator(mode="after")

@@ -26,6 +26,7 @@ from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
 from ctlabs.montecarlo import chance
 from ctlabs.reporting import plots
+from ctlabs.reporting.draws import one_of, span
 from ctlabs.reporting.params import LabParameters, Positive, Real, Variance, given
 from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import text
@@ -41,11 +42,11 @@ META = {
 class Parameters(LabParameters):
     """What may be changed."""
 
-    Q: Variance = given(4.0, unit="m²/s", meaning="strength of the process noise w")
-    R: Positive = given(16.0, unit="m²·s", meaning="strength of the measurement noise v")
-    x0_mean: Real = given(10.0, unit="m", meaning="mean of x(0)", symbol=r"\bar x_0")
-    P0: Variance = given(25.0, unit="m²", meaning="variance of x(0)")
-    dt: Positive = given(1.0, unit="s", meaning="period of the discrete measurements", symbol="dt")
+    Q: Variance = given(4.0, unit="m²/s", meaning="strength of the process noise w", draw=span(1, 9, 0.5))
+    R: Positive = given(16.0, unit="m²·s", meaning="strength of the measurement noise v", draw=span(4, 25, 1))
+    x0_mean: Real = given(10.0, unit="m", meaning="mean of x(0)", symbol=r"\bar x_0", draw=span(5, 20, 5))
+    P0: Variance = given(25.0, unit="m²", meaning="variance of x(0)", draw=span(10, 50, 5))
+    dt: Positive = given(1.0, unit="s", meaning="period of the discrete measurements", symbol="dt", draw=one_of(0.5, 1, 1.5, 2))
 
 
 def model(p):

@@ -26,6 +26,7 @@ from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel, observability
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
+from ctlabs.reporting.draws import one_of, span
 from ctlabs.reporting.params import LabParameters, Positive, Variance, given
 from ctlabs.reporting.plots import Arrow, Node
 from ctlabs.reporting.report import EXACT, Report
@@ -42,12 +43,12 @@ META = {
 class Parameters(LabParameters):
     """What may be changed."""
 
-    q1: Variance = given(1.0, unit="m²/s", meaning="strength of the noise w1")
-    q2: Variance = given(1.0, unit="m²/s", meaning="strength of the noise w2")
-    R: Positive = given(2.0, unit="m²·s", meaning="strength of the measurement noise v")
-    P01: Variance = given(1.0, unit="m²", meaning="variance of x1(0)")
-    P02: Variance = given(2.0, unit="m²", meaning="variance of x2(0)")
-    dt: Positive = given(1.0, unit="s", meaning="period of the discrete measurements", symbol="dt")
+    q1: Variance = given(1.0, unit="m²/s", meaning="strength of the noise w1", draw=span(0.5, 3, 0.25))
+    q2: Variance = given(1.0, unit="m²/s", meaning="strength of the noise w2", draw=span(0.5, 3, 0.25))
+    R: Positive = given(2.0, unit="m²·s", meaning="strength of the measurement noise v", draw=span(1, 6, 0.25))
+    P01: Variance = given(1.0, unit="m²", meaning="variance of x1(0)", draw=span(0.5, 4, 0.5))
+    P02: Variance = given(2.0, unit="m²", meaning="variance of x2(0)", draw=span(0.5, 4, 0.5))
+    dt: Positive = given(1.0, unit="s", meaning="period of the discrete measurements", symbol="dt", draw=one_of(0.5, 1, 1.5, 2))
 
 
 def model(p):

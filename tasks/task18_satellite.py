@@ -26,6 +26,7 @@ from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import observability
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting.drawing import Curve, Drawing, Panel
+from ctlabs.reporting.draws import one_of, span
 from ctlabs.reporting.params import Count, Covariance, LabParameters, Positive, PositiveOrNull, given
 from ctlabs.reporting.report import EXACT, SOLVER, Report
 from ctlabs.text import text
@@ -45,11 +46,11 @@ PHASES = 1e7
 class Parameters(LabParameters):
     """What may be changed."""
 
-    r0: Positive = given(7.0e6, unit="m", meaning="radius of the nominal circular orbit")
+    r0: Positive = given(7.0e6, unit="m", meaning="radius of the nominal circular orbit", draw=one_of(*(k * 1e5 for k in range(67, 81))))
     w: PositiveOrNull = given(None, unit="rad/s", meaning="its angular rate; where none is given, $\\sqrt{3.986004418\\cdot10^{14}/r_0^3}$, the Earth's")
-    sigma_r: Positive = given(50.0, unit="m", meaning="standard deviation of the range measurement")
-    sigma_theta: Positive = given(1e-4, unit="rad", meaning="standard deviation of the angle measurement", symbol=r"\sigma_\Theta")
-    dt: Positive = given(60.0, unit="s", meaning="sampling period")
+    sigma_r: Positive = given(50.0, unit="m", meaning="standard deviation of the range measurement", draw=span(30, 100, 5))
+    sigma_theta: Positive = given(1e-4, unit="rad", meaning="standard deviation of the angle measurement", symbol=r"\sigma_\Theta", draw=one_of(5e-5, 1e-4, 1.5e-4, 2e-4))
+    dt: Positive = given(60.0, unit="s", meaning="sampling period", draw=one_of(40, 50, 60, 70))
     steps: Count = given(200, unit="1", meaning="number of measurements", symbol="N")
     P0: Covariance(4) = given(((1e6, 0, 0, 0), (0, 1, 0, 0), (0, 0, 1e-8, 0), (0, 0, 0, 1e-14)), unit="m, m/s, rad, rad/s", meaning="covariance of the deviations at t0")
 

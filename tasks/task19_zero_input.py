@@ -23,6 +23,7 @@ from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
+from ctlabs.reporting.draws import one_of, span
 from ctlabs.reporting.params import LabParameters, Positive, Real, given
 from ctlabs.reporting.report import EXACT, SOLVER, Report
 from ctlabs.text import text
@@ -46,9 +47,9 @@ AT_1S = r"P^+(1\,\text{s})"
 class Parameters(LabParameters):
     """What may be changed."""
 
-    alpha: Real = given(2.0, unit="1/s", meaning="minus the zero of the transfer function")
-    beta: Real = given(1.0, unit="1/s", meaning="minus its pole")
-    dt: Positive = given(0.1, unit="s", meaning="period of the discrete measurements")
+    alpha: Real = given(2.0, unit="1/s", meaning="minus the zero of the transfer function", draw=span(0.5, 4, 0.5))
+    beta: Real = given(1.0, unit="1/s", meaning="minus its pole", draw=one_of(*(k / 20 for k in (*range(-30, -5), *range(6, 41)))))
+    dt: Positive = given(0.1, unit="s", meaning="period of the discrete measurements", draw=one_of(0.05, 0.1, 0.2, 0.25))
 
 
 def model(p, beta=None):

@@ -22,6 +22,7 @@ from ctlabs.labs.portrait import agreement, mean_error, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting import plots
+from ctlabs.reporting.draws import one_of, span
 from ctlabs.reporting.params import LabParameters, Positive, Variance, given
 from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import text
@@ -41,9 +42,9 @@ TIME = "t, s"
 class Parameters(LabParameters):
     """What may be changed."""
 
-    R: Positive = given(2.0, unit="m²·s", meaning="strength of the measurement noise n")
-    P0: Variance = given(1.0, unit="m²/s²", meaning="variance of the slope a")
-    dt: Positive = given(0.5, unit="s", meaning="period of the discrete measurements")
+    R: Positive = given(2.0, unit="m²·s", meaning="strength of the measurement noise n", draw=span(1, 6, 0.25))
+    P0: Variance = given(1.0, unit="m²/s²", meaning="variance of the slope a", draw=span(0.5, 4, 0.25))
+    dt: Positive = given(0.5, unit="s", meaning="period of the discrete measurements", draw=one_of(0.25, 0.5))
 
 
 def model(p, steps, dt=None):

@@ -28,6 +28,7 @@ from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import ContinuousModel
 from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
+from ctlabs.reporting.draws import one_of, span
 from ctlabs.reporting.params import Count, LabParameters, Positive, Variance, given
 from ctlabs.reporting.plots import Arrow, Node
 from ctlabs.reporting.report import EXACT, Report
@@ -44,12 +45,12 @@ META = {
 class Parameters(LabParameters):
     """What may be changed."""
 
-    a: Variance = given(2.0, unit="1/s", meaning="pole of the noise's shaping filter 1/(s + a)")
-    Q1: Variance = given(1.0, unit="m²/s", meaning="strength of w1")
-    Q2: Variance = given(3.0, unit="m²/s", meaning="strength of w2")
-    sigma1_2: Variance = given(1.0, unit="m²", meaning="variance of x1(t0)", symbol=r"\sigma_1^2")
-    sigma2_2: Variance = given(0.75, unit="m²", meaning="variance of x2(t0)", symbol=r"\sigma_2^2")
-    dt: Positive = given(0.1, unit="s", meaning="period of the discrete measurements")
+    a: Variance = given(2.0, unit="1/s", meaning="pole of the noise's shaping filter 1/(s + a)", draw=span(1, 4, 0.25))
+    Q1: Variance = given(1.0, unit="m²/s", meaning="strength of w1", draw=span(0.5, 3, 0.25))
+    Q2: Variance = given(3.0, unit="m²/s", meaning="strength of w2", draw=span(1, 6, 0.5))
+    sigma1_2: Variance = given(1.0, unit="m²", meaning="variance of x1(t0)", symbol=r"\sigma_1^2", draw=span(0.5, 2, 0.25))
+    sigma2_2: Variance = given(0.75, unit="m²", meaning="variance of x2(t0)", symbol=r"\sigma_2^2", draw=span(0.5, 2, 0.25))
+    dt: Positive = given(0.1, unit="s", meaning="period of the discrete measurements", draw=one_of(0.05, 0.1, 0.2))
     steps: Count = given(20, unit="1", meaning="measurements after t0 in the list", symbol="N")
 
     @model_validator(mode="after")

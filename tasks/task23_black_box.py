@@ -27,6 +27,7 @@ from ctlabs.models import ContinuousModel, DiscreteModel, spectra
 from ctlabs.models.discretisation import discretise
 from ctlabs.montecarlo import chance
 from ctlabs.reporting import plots
+from ctlabs.reporting.draws import one_of, span
 from ctlabs.reporting.params import Count, LabParameters, Positive, Variance, given
 from ctlabs.reporting.report import EXACT, Report
 from ctlabs.text import Uncertain, text
@@ -45,12 +46,12 @@ TEST_INPUT, TEST_OUTPUT = "10/(w^2+25)", "5/2*(w^2+16)/((w^2+4)*(w^2+25))"
 class Parameters(LabParameters):
     """What may be changed; the box itself is fixed by the printed spectra."""
 
-    signal_power: Variance = given(5 / 12, unit="V²/s", meaning="numerator of the signal's spectrum σ/(ω² + a²)", symbol=r"\sigma")
-    signal_pole: Positive = given(2.0, unit="1/s", meaning="pole of the signal's spectrum", symbol="a")
-    noise_power: Variance = given(7 / 12, unit="V²/s", meaning="numerator of the noise's spectrum ν/(ω² + b²)", symbol=r"\nu")
-    noise_pole: Positive = given(4.0, unit="1/s", meaning="pole of the noise's spectrum", symbol="b")
-    test_pole: Positive = given(5.0, unit="1/s", meaning="pole of the test input 2pN/(ω² + p²) in part (b)", symbol="p")
-    dt: Positive = given(0.1, unit="s", meaning="period of the discrete measurements")
+    signal_power: Variance = given(5 / 12, unit="V²/s", meaning="numerator of the signal's spectrum σ/(ω² + a²)", symbol=r"\sigma", draw=span(0.25, 2, 0.25))
+    signal_pole: Positive = given(2.0, unit="1/s", meaning="pole of the signal's spectrum", symbol="a", draw=span(1, 3, 0.25))
+    noise_power: Variance = given(7 / 12, unit="V²/s", meaning="numerator of the noise's spectrum ν/(ω² + b²)", symbol=r"\nu", draw=span(0.25, 2, 0.25))
+    noise_pole: Positive = given(4.0, unit="1/s", meaning="pole of the noise's spectrum", symbol="b", draw=span(3.5, 8, 0.5))
+    test_pole: Positive = given(5.0, unit="1/s", meaning="pole of the test input 2pN/(ω² + p²) in part (b)", symbol="p", draw=span(3, 8, 0.5))
+    dt: Positive = given(0.1, unit="s", meaning="period of the discrete measurements", draw=one_of(0.05, 0.1, 0.2))
     steps: Count = given(20, unit="1", meaning="measurements after t0 in the list", symbol=r"i_{\max}")
 
     @model_validator(mode="after")

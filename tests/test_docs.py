@@ -71,6 +71,8 @@ def test_commands_exist(page: Path):
         elif words[0] == "ctlabs" or words[1:3] == ["-m", "ctlabs"]:
             name, *arguments = words[1:] if words[0] == "ctlabs" else words[3:]
             command = cli.commands[name]
+            while arguments and arguments[0] in getattr(command, "commands", ()):  # of a group
+                command = command.commands[arguments.pop(0)]
             command.make_context(name, arguments, resilient_parsing=True)
             known = {option for parameter in command.params for option in parameter.opts} | {"--help"}
             assert {word for word in arguments if word.startswith("--")} <= known

@@ -30,6 +30,7 @@ ROOMS: dict[str, set[str]] = {
     "reporting": {"text", "_front", "linalg", "filtering", "montecarlo"},
     "labs": {"text", "models", "filtering", "analysis", "montecarlo", "reporting"},
     "studies": {"text", "linalg", "models", "filtering", "analysis", "montecarlo", "files", "reporting", "labs"},
+    "course": {"text", "linalg", "montecarlo", "files", "reporting", "labs"},
     "workbench": {
         "text",
         "linalg",
@@ -42,7 +43,7 @@ ROOMS: dict[str, set[str]] = {
         "labs",
         "studies",
     },
-    "cli": {"text", "linalg", "montecarlo", "files", "reporting", "labs", "studies", "workbench"},
+    "cli": {"text", "linalg", "montecarlo", "files", "reporting", "labs", "studies", "course", "workbench"},
     "__main__": {"cli"},
 }
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ctlabs.cli import labs, models, own
+from ctlabs.cli import course, grades, labs, models, own
 from ctlabs.cli.common import Commands
 from ctlabs.workbench.serving.command import workbench
 
@@ -106,6 +106,10 @@ for command in (
     own.fit,
     own.look,
     models.models,
+    course.course,
     workbench,
 ):
     cli.add_command(command)
+
+for command in (grades.check, grades.grade, grades.export):
+    course.course.add_command(command)

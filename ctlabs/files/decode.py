@@ -92,7 +92,7 @@ def text(found: bytes, source: str, wanted: Collection[str] = (), encoding: str 
     for begin, name in OTHERS.items():
         if found.startswith(begin):
             raise ValueError(f"{what} {name}")
-    decoded = _decoded(found, [unicodedata.normalize("NFC", name) for name in wanted if not name.isascii()])
+    decoded = characters(found, [unicodedata.normalize("NFC", name) for name in wanted if not name.isascii()])
     wide = b"\x00" in found
     if decoded is None or (CONTROL.search(decoded) if wide else len(found.translate(None, CONTROLS)) < len(found)):
         raise ValueError(f"{what} a binary file")
@@ -104,7 +104,8 @@ def text(found: bytes, source: str, wanted: Collection[str] = (), encoding: str 
     return _plain(decoded)
 
 
-def _decoded(found: bytes, names: list[str]) -> str | None:
+def characters(found: bytes, names: list[str]) -> str | None:
+    """The text in the encoding that the bytes, or the ``names`` in them, tell; None where they are none."""
     for encoding in _encodings(found, names):
         try:
             return found.decode(encoding)

@@ -128,6 +128,11 @@ def load(lab: Lab) -> Any:
     return importlib.import_module(lab.module)
 
 
+def by_hand(name: str) -> Any:
+    """The answers by hand of the lab ``name``, the second route of its report."""
+    return importlib.import_module(f"{catalogue()[name].module.rpartition('.')[0]}.answers.{name}")
+
+
 def parameters(labs: Sequence[Lab], settings: Mapping[str, object]) -> dict[str, LabParameters]:
     """The parameters of each lab, with ``settings`` (NAME or LAB.NAME → value) given to every chosen lab that has them.
 

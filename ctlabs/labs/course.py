@@ -30,7 +30,7 @@ class Topic:
 
 
 @dataclass(frozen=True, slots=True)
-class Course:
+class Curriculum:
     """All chapters in their order, what each lab needs of earlier ones, and keys of the books."""
 
     topics: tuple[Topic, ...]
@@ -39,7 +39,7 @@ class Course:
 
 
 @cache
-def course() -> Course:
+def course() -> Curriculum:
     """The course, from ``tasks/course.toml``.
 
     >>> course().needs["task17"]
@@ -47,7 +47,7 @@ def course() -> Course:
     """
     found = tomllib.loads((folder() / "course.toml").read_text(encoding="utf-8"))
     topics = tuple(Topic(each["name"], each["about"], tuple(each["labs"])) for each in found["topic"])
-    return Course(topics, {name: tuple(names) for name, names in found["needs"].items()}, tuple(found["books"]))
+    return Curriculum(topics, {name: tuple(names) for name, names in found["needs"].items()}, tuple(found["books"]))
 
 
 @dataclass(frozen=True, slots=True)

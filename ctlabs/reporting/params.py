@@ -17,14 +17,19 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from ctlabs.linalg import checks
+from ctlabs.reporting.draws import Draw
 from ctlabs.reporting.symbols import symbol as symbol_of
 
 INFINITE = ("inf", "+inf", "infinity", "∞")
 
 
-def given(default: Any, *, unit: str, meaning: str, symbol: str = "") -> Any:
-    r"""A parameter's default value, unit and meaning, and its letter in LaTeX where its name does not tell it (Phi is \Phi)."""
-    extra: dict[str, Any] = {"unit": unit, **({"symbol": symbol} if symbol else {})}
+def given(default: Any, *, unit: str, meaning: str, symbol: str = "", draw: Draw | None = None) -> Any:
+    r"""A parameter's default value, unit and meaning.
+
+    ``symbol`` : its letter in LaTeX where its name does not tell it (Phi is \Phi) · ``draw`` : what a student's own may be;
+    without one it is the default
+    """
+    extra: dict[str, Any] = {"unit": unit, **({"symbol": symbol} if symbol else {}), **({"draw": draw} if draw else {})}
     return Field(default=default, description=meaning, json_schema_extra=extra, validate_default=True)
 
 
@@ -59,6 +64,12 @@ class LabParameters(BaseModel):
             name: str(extra["symbol"]) if isinstance(extra, dict) and "symbol" in extra else symbol_of(name)
             for name, extra in extras.items()
         }
+
+    @classmethod
+    def draws(cls) -> dict[str, Draw]:
+        """The sets from which a student's own parameters are drawn, by name."""
+        extras: dict[str, Any] = {name: info.json_schema_extra for name, info in cls.model_fields.items()}
+        return {name: extra["draw"] for name, extra in extras.items() if isinstance(extra, dict) and "draw" in extra}
 
     def described(self) -> list[tuple[str, str, str]]:
         """Name, unit and meaning of each."""

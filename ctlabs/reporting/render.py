@@ -14,8 +14,9 @@ import re
 import shutil
 import tempfile
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import matplotlib as mpl
@@ -61,14 +62,24 @@ def write(report: Report, folder: Path) -> None:
         place.chmod(0o755)
         _fill(report, place)
         keep(place, folder)
-        _swap(place, folder)
+        swap(place, folder)
     finally:
         shutil.rmtree(place, ignore_errors=True)
 
 
 def html(report: Report, pictures: dict[str, bytes]) -> str:
     """The report as one self-contained page: equations as MathML, figures inside, no request to any server."""
-    body = _markdown_it().render(markdown(report, "page"))
+    return page(translated(report.meta["title"]), markdown(report, "page"), report.around, pictures)
+
+
+def page(
+    title: str,
+    text: str,
+    around: Mapping[str, tuple[str, str]] = MappingProxyType({}),
+    pictures: Mapping[str, bytes] = MappingProxyType({}),
+) -> str:
+    """Markdown for a page as such a page, with the ways ``around`` it and the pictures that it shows, by name."""
+    body = _markdown_it().render(text)
     body = re.sub(rf"<p>{FOLD}(.*?){TITLE}</p>", r"<details><summary>\1</summary>", body).replace(f"<p>{END}</p>", "</details>")
     body = re.sub(f"<p>({ANCHOR.pattern})</p>", r"\1", body)
     contents = [(int(level), name, title) for level, title, name in re.findall(rf"<h([23])[^>]*>(.*?){ANCHOR.pattern}</h\1>", body)]
@@ -80,8 +91,7 @@ def html(report: Report, pictures: dict[str, bytes]) -> str:
         body = body.replace(source, f'src="{embedded(data)}"')
     template = environment().get_template("report.html")
     return template.render(
-        title=translated(report.meta["title"]), body=body, contents=contents, around=report.around, matrices=STYLE,
-        font=font(body) if "<math" in body else "", _=_,
+        title=title, body=body, contents=contents, around=around, matrices=STYLE, font=font(body) if "<math" in body else "", _=_,
     )
 
 
@@ -174,7 +184,7 @@ def _fill(report: Report, place: Path) -> None:
     (place / "results.json").write_text(_json(report.results()), encoding="utf-8")
 
 
-def _swap(place: Path, folder: Path) -> None:
+def swap(place: Path, folder: Path) -> None:
     """Rename ``place`` to ``folder``; what stood there goes only when the new one is in its place."""
     old = place.with_name(place.name + "-old")
     try:

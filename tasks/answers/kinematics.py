@@ -36,6 +36,21 @@ def answers(p, Phi, factor):
     }
 
 
+def confused(p, found):
+    """What known confusions give in labs 3 and 4: the strength of the noise for its covariance, Φ K for K, P⁻ for P⁺."""
+    Phi, n = np.array(found["Phi"], dtype=float), len(p.P0)
+    strength = np.zeros((n, n))
+    strength[-1, -1] = p.sigma_w2
+    before = [np.array(p.P0, dtype=float), *found["posterior_covariance"][:-1]]
+    return {
+        "strength": strength,
+        "first_order": strength * p.tau,
+        "predictor_gain": np.array(found["gain"]) @ Phi.T,
+        "predictor_gain_steady": Phi @ found["gain_steady"],
+        "prior_covariance": [Phi @ P @ Phi.T + np.array(found["Qd"]) for P in before],
+    }
+
+
 def spread(n, strength, t):
     """Covariance at t of n integrators that start from rest: σ_w² ∫ of the products of the powers sⁱ/i!."""
     order = [n - 1 - i for i in range(n)]

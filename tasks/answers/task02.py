@@ -19,3 +19,14 @@ def analytic(p):
         "unmodelled_drift_mse": None if forgets is None else steady_gain * R[-1] + forgets**2,
         "posterior_variance_known_start": task01.conditioned(0.0, Qd, R),
     }
+
+
+def confused(p, found):
+    """What known confusions give."""
+    before = [p.P0, *found["posterior_variance"][:-1]]
+    gain = found["gain_steady"]
+    return {
+        "velocity": p.u,
+        "prior_variance": [P + p.sigma_w2 * p.tau for P in before],
+        "posterior_variance_steady": gain * task01.variances(p)[-1] if gain is not None else None,
+    }

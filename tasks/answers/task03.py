@@ -22,6 +22,11 @@ def analytic(p):
     }
 
 
+def confused(p, found):
+    """What known confusions give."""
+    return kinematics.confused(p, found)
+
+
 def alpha_beta(c, R):
     """α and β from β² R = (1 − α) c and α² + αβ + β²/6 − 2β = 0, c = σ_w²τ³; the root in β is bracketed."""
     if c == 0:

@@ -23,3 +23,8 @@ def analytic(p):
         "diagonal_noise_variances": variances,
         "standardised_noise_factor": factor,
     }
+
+
+def confused(p, found):
+    """What known confusions give."""
+    return kinematics.confused(p, found)

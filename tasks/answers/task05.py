@@ -35,6 +35,20 @@ def analytic(p):
     }
 
 
+def confused(p, found):
+    """What known confusions give."""
+    R = np.array(found["pseudo_measurement_covariance"])
+    strength = np.kron(np.eye(2), [[0, 0], [0, p.sigma_w2]])
+    return {
+        "strength": strength,
+        "first_order": strength * p.tau,
+        "uncorrelated": np.diag(np.diag(R)),
+        "correlation": R[0, 1] / math.sqrt(R[0, 0] * R[1, 1]),
+        "diagonal": np.diag(R),
+        "ratio_upside_down": 1 / found["variance_ratio_steady"],
+    }
+
+
 def turned(along, across, theta):
     """Variances of (x, v_x, y, v_y) where radius and its normal have independent errors with the variances given."""
     c2, s2 = math.cos(theta) ** 2, math.sin(theta) ** 2
@@ -95,3 +109,11 @@ def moments_by_quadrature(D, theta, sigma_D, sigma_theta):
     both = weight[:, None] * weight
     mean = (e * both).sum(axis=(1, 2))
     return mean, np.einsum("aij,bij,ij->ab", e - mean[:, None, None], e - mean[:, None, None], both)
+
+
+def degenerate(p):
+    """Why these numbers are none for an exercise: errors nearly uncorrelated, so that both variants are one filter."""
+    along, across, s2 = p.sigma_D**2, (p.D * p.sigma_theta) ** 2, math.sin(p.theta) ** 2
+    R11, R22 = along * (1 - s2) + across * s2, along * s2 + across * (1 - s2)
+    rho = math.sqrt(s2 * (1 - s2) / (R11 * R22)) * abs(along - across)
+    return "the pseudo-measurements are nearly uncorrelated" if rho < 0.2 else ""

@@ -17,6 +17,11 @@ def analytic(p):
     }
 
 
+def confused(p, found):
+    """What known confusions give: the predictor's gain is ΦK = −K, the variance does not change between measurements."""
+    return {"predictor_gain": [-K for K in found["gain"]], "prior_variance": [p.P0, *found["posterior_variance"][:-1]]}
+
+
 def reciprocal(x):
     """1/x, with 1/0 = ∞ and 1/∞ = 0."""
     return math.inf if x == 0 else 1 / x

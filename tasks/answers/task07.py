@@ -37,6 +37,15 @@ def analytic(p):
     }
 
 
+def confused(p, found):
+    """What known confusions give: the predictor's gain ΦK, and P⁻ for P⁺ where there is no noise."""
+    return {
+        "predictor_gain": [p.Phi * K for K in found["gain"]],
+        "predictor_gain_steady": p.Phi * found["gain_steady"],
+        "noiseless_prior": p.Phi**2 * found["noiseless_limit"],
+    }
+
+
 def optimal_gain(Phi2, ratio):
     """K̄ of part (c), the positive root of Φ²K² + (λ + 1 − Φ²)K − λ = 0, written so that nothing cancels."""
     b = ratio + 1 - Phi2

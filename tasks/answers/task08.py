@@ -31,6 +31,15 @@ def analytic(p):
     return answer
 
 
+def confused(p, found):
+    """What known confusions give: the strength of the noise that drives y for a covariance, one-sided spectra."""
+    return {
+        "strength": [[0.0, 0.0], [0.0, 2 * p.sigma_y2 / p.T]],
+        "half_intensity1": found["intensity_variant1"] / 2,
+        "half_intensity2": found["intensity_variant2"] / 2,
+    }
+
+
 def intensities(a, T, s2):
     """Q of both variants."""
     return 2 * s2 * T, 2 * s2 * T / (1 + a * T)

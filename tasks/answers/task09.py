@@ -29,6 +29,13 @@ def analytic(p):
         }
 
 
+def confused(p, found):
+    """What known confusions give: the strength of the noise for its covariance, ΦK for K."""
+    rows = [(name, [[sum(f * k for f, k in zip(row, K, strict=True)) for row in found["Phi"]] for K in found[f"gain_{name}"]])
+            for name in ("perfect", "noisy")]
+    return {"strength": [[STRENGTH / (p.R1 * p.C1) ** 2, 0.0], [0.0, 0.0]]} | {f"predictor_gain_{name}": K for name, K in rows}
+
+
 def floats(matrix):
     """An mpmath matrix as lists."""
     return [[float(x) for x in row] for row in matrix.tolist()]

@@ -22,6 +22,11 @@ def analytic(p):
     }
 
 
+def confused(p, found):
+    """What a known confusion gives."""
+    return {"velocity_variance_start": p.P0[1][1]}
+
+
 def loses(dt):
     """Whether sin dt is zero, as far as a phase can be known that is given in double precision."""
     return abs(math.sin(dt)) <= max(1e-12, 8 * np.finfo(float).eps * dt)

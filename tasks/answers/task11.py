@@ -35,6 +35,11 @@ def analytic(p):
     }
 
 
+def confused(p, found):
+    """What a known confusion gives."""
+    return {"noise_variance": [p.R, p.R]}
+
+
 def start(p):
     """Var x(t1) = E x² − (E x)², without cancellation."""
     return float(decimal(p.x1_second_moment) - decimal(p.x1_mean) ** 2)

@@ -29,6 +29,12 @@ def analytic(p):
     }
 
 
+def confused(p, found):
+    """What known confusions give."""
+    x, P = found["prior"]
+    return {"prior_without_b": [x - p.b, P], "naive_claimed": found["linear_joint"][1]}
+
+
 def both(x, P, h2, nu1, nu2, R2, R12):
     """Estimate and variance by Cramer's rule for the 2×2 system; h1 = 2, R1 = 1."""
     det = R2 - R12**2

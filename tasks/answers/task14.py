@@ -32,6 +32,11 @@ def analytic(p):
     return answer
 
 
+def confused(p, found):
+    """What a known confusion gives."""
+    return {"a_terminal_variance": found["a_terminal_rms"] ** 2}
+
+
 def followed(P0, Qd, R, instants, horizon):
     """RMS at the end, and the largest RMS before and after a fix, of one selection."""
     P, prior, posterior = P0, 0.0, 0.0

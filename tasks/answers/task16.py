@@ -29,6 +29,11 @@ def analytic(p):
     }
 
 
+def confused(p, found):
+    """What a known confusion gives: the strength of the measurement's noise for its variance R/Δt."""
+    return {"gain_strength": found["prior_variance_steady"] / (found["prior_variance_steady"] + p.R)}
+
+
 def variance(Q, R, P0, t):
     """P(t) of part (a), the solution of P' = Q − P²/R."""
     if not Q:

@@ -14,17 +14,25 @@ WITHIN = 0.01
 
 def analytic(p):
     """The sheet's answers, by hand."""
+    return asked(p) | {"free_response": free_response(p.alpha, p.beta), "hint": hint()}
+
+
+def asked(p):
+    """Those that are numbers of the filter."""
     return {
         "states_required": len([1.0, p.beta]) - 1,  # the degree of the denominator s + β
-        "free_response": free_response(p.alpha, p.beta),
         "variance_continuous": [variance(p.beta, t) for t in TIMES],
         "variance_limit": max(0.0, -2 * p.beta),
         "filter_pole": -abs(p.beta),
         "settling_time": settling_time(p.beta),
         "posterior_variance_at_1s": sampled_variance(p.beta, p.dt, last(p.dt)),
         "posterior_variance_limit": max(0.0, -math.expm1(2 * min(p.beta, 0.0) * p.dt) / p.dt),
-        "hint": hint(),
     }
+
+
+def confused(p, found):
+    """What known confusions give."""
+    return {"plant_pole": -p.beta, "variance_1s": variance(p.beta, 1.0)}
 
 
 def mean_power(x):

@@ -21,6 +21,11 @@ def analytic(p):
     }
 
 
+def confused(p, found):
+    """What a known confusion gives: H = t left out of the gain."""
+    return {"gain_without_t": [P / p.R for P in found["variance_continuous"]]}
+
+
 def variance(R, P0, t):
     """P(t) of part (a)."""
     return P0 / (1 + P0 * t**3 / (3 * R))

@@ -30,6 +30,11 @@ def analytic(p):
     }
 
 
+def confused(p, found):
+    """What a known confusion gives."""
+    return {"c1_squared": found["c1"] ** 2}
+
+
 def first_variance(x, y):
     """P(t0⁺): two independent quantities of which the sum is known."""
     return x * y / (x + y) if x + y else 0.0

@@ -241,7 +241,7 @@ class TestRun:
         def interrupted(*_arguments):
             raise KeyboardInterrupt
 
-        for place in ("ctlabs.labs.catalogue.run", "ctlabs.reporting.render.markdown", "ctlabs.reporting.render._swap"):
+        for place in ("ctlabs.labs.catalogue.run", "ctlabs.reporting.render.markdown", "ctlabs.reporting.render.swap"):
             with monkeypatch.context() as patch:
                 patch.setattr(place, interrupted)
                 assert ctlabs("run", "7", "--seed", "2") == 130

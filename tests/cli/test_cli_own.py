@@ -285,7 +285,7 @@ class TestRefusals:
         for place in (
             "ctlabs.filtering.steady.solve",
             "ctlabs.reporting.render.markdown",
-            "ctlabs.reporting.render._swap",
+            "ctlabs.reporting.render.swap",
         ):
             with monkeypatch.context() as patch:
                 patch.setattr(place, interrupted)

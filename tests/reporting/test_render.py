@@ -164,7 +164,7 @@ class TestFolder:
         assert sorted(path.name for path in tmp_path.iterdir()) == ["fresh", "task99"]
 
     @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError, OSError])
-    @pytest.mark.parametrize("stage", ["png", "markdown", "html", "_json", "_swap"])
+    @pytest.mark.parametrize("stage", ["png", "markdown", "html", "_json", "swap"])
     @pytest.mark.parametrize("before", [True, False], ids=["over a report", "the first report"])
     def test_an_interrupted_write_leaves_what_was_there(self, tmp_path, monkeypatch, error, stage, before):
         """Whatever fails while files are made, the previous report is whole and nothing else remains."""

@@ -1,0 +1,122 @@
+"""Hand-outs for everybody: a folder for each student and lab, written as a whole or not at all; the same course gives the same bytes."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+from ctlabs.course import keeping, statement
+from ctlabs.course.folder import Course, LabPlace
+from ctlabs.course.roster import Student
+from ctlabs.course.variants import drawn
+from ctlabs.labs import printing
+from ctlabs.reporting.crossrefs import anchor
+from ctlabs.reporting.render import page, swap
+
+_HEADING = re.compile(r"^## (.+)$", re.MULTILINE)
+Job = TypeVar("Job")
+Done = TypeVar("Done")
+
+
+def issue(course: Course, lab: str, students: frozenset[str] | None = None) -> dict[str, Any]:
+    """Write the hand-outs of a lab; returns its name, how many there are, and what was drawn anew.
+
+    ``students`` : folders of those who get theirs; of all if it is None. What a student gets depends on those before in the roster,
+    so that all are drawn.
+    """
+    found, count = drawn(course, lab), 0
+    keeping.keep(course, lab, {name: each.answers for name, each in found.items()})
+    for student in course.takers(lab):
+        if students is not None and student.id not in students:
+            continue
+        place = next(each for each in course.labs(student) if each.lab == lab)
+        mine = found[student.id]
+        write(course, student, place, statement.statement(course, student, place, mine.parameters, mine.answers),
+              statement.form(course, student, lab, mine.answers))  # fmt: skip
+        count += 1
+    return {"lab": lab, "count": count, "anew": sum(len(each.refused) for each in found.values())}
+
+
+def write(course: Course, student: Student, place: LabPlace, text: str, form: str) -> None:
+    """One hand-out: text, page and form; its PDF stays if the text is the same."""
+    folder = course.handout(student, place.lab)
+    old = folder / statement.TEXT
+    new = {
+        statement.TEXT: text,
+        statement.PAGE: page(statement.title(place.lab), _HEADING.sub(_named, text)),
+        statement.FORM: form,
+    }
+    if all((folder / name).is_file() and (folder / name).read_bytes() == content.encode() for name, content in new.items()):
+        return
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    made = Path(tempfile.mkdtemp(prefix=f".{place.lab}-", dir=folder.parent))
+    try:
+        made.chmod(0o755)
+        for name, content in new.items():
+            (made / name).write_bytes(content.encode())
+        if old.is_file() and old.read_bytes() == text.encode() and (folder / statement.PAPER).is_file():
+            shutil.copyfile(folder / statement.PAPER, made / statement.PAPER)
+        swap(made, folder)
+    finally:
+        shutil.rmtree(made, ignore_errors=True)
+
+
+def _named(heading: re.Match[str]) -> str:
+    """A heading with a name, by which the page's contents lead to it."""
+    name = "-".join(re.findall("[a-z]+", heading[1].lower()))
+    return f"{heading[0]}{anchor(name)}"
+
+
+def handouts(course: Course, labs: Sequence[str], students: frozenset[str] | None = None) -> list[tuple[Path, dict[str, str]]]:
+    """The folder of each hand-out and what its title page says."""
+    return [
+        (course.handout(student, place.lab), titled(course, student))
+        for student in course.students if students is None or student.id in students
+        for place in course.labs(student) if place.lab in labs
+    ]  # fmt: skip
+
+
+def titled(course: Course, student: Student) -> dict[str, str]:
+    """What a title page says of a student."""
+    words = {key: course.words.get(key, "") for key in ("university", "faculty", "department", "teacher", "city")}
+    own = {"course": course.title, "student": student.name, "group": student.group, "date": course.term,
+           "variant": (student.variant or course.variant).upper()}  # fmt: skip
+    return {key: word for key, word in (words | own).items() if word}
+
+
+def paper(folder: Path) -> Path:
+    """The PDF of a hand-out that is there; made beside it and then renamed."""
+    head, body = (folder / statement.TEXT).read_text(encoding="utf-8").split("\n", 1)
+    made = folder / f".{statement.PAPER}"
+    printing.convert(body, "pdf", made, head.removeprefix("# "), {})
+    return made.replace(folder / statement.PAPER)
+
+
+def papers(folder: Path) -> dict[str, Any]:
+    """The same, if there is none that is as new as the text."""
+    made, text = folder / statement.PAPER, folder / statement.TEXT
+    if not made.is_file() or made.stat().st_mtime < text.stat().st_mtime:
+        paper(folder)
+    return {"lab": str(folder), "count": 1}
+
+
+def several(work: Callable[[Job], Done], jobs: Sequence[Job], together: int) -> Iterator[Done]:
+    """Results of ``work``, ``together`` of them at a time in processes of their own, as they are ready."""
+    if together == 1 or len(jobs) < 2:
+        yield from map(work, jobs)
+        return
+    import multiprocessing
+    from concurrent.futures import ProcessPoolExecutor, as_completed
+
+    with ProcessPoolExecutor(min(together, len(jobs)), mp_context=multiprocessing.get_context("spawn")) as pool:
+        waiting = [pool.submit(work, job) for job in jobs]
+        try:
+            for each in as_completed(waiting):
+                yield each.result()
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
