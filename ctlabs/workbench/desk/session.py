@@ -299,7 +299,7 @@ class Session:
             The plan or the model cannot be run; it was cancelled, too large or too long. One line.
         """
         job, text, plan = self.job(), self.text, self.plan
-        return self._finished(await self._ran(job, progress, cancel), text, plan, name)
+        return await self._finished(await self._ran(job, progress, cancel), text, plan, name)
 
     async def rerun(
         self,
@@ -312,7 +312,7 @@ class Session:
         old = self._kept(number)
         plan = self._plan(old.settings)
         found = await self._ran((REGISTERED, {"model": old.model, "plan": plan.plain()}), progress, cancel)
-        return self._finished(found, old.model, plan, f"{old.name} (again)")
+        return await self._finished(found, old.model, plan, f"{old.name} (again)")
 
     # What is kept ----------------------------------------------------------------------------------------------------
 
@@ -466,9 +466,9 @@ class Session:
         result = await self.runner.run(name, arguments, session=self.draft.id, progress=progress, cancel=cancel)
         return outcome(result)
 
-    def _finished(self, found: Outcome, text: str, plan: Asked, name: str) -> Outcome:
+    async def _finished(self, found: Outcome, text: str, plan: Asked, name: str) -> Outcome:
         self._show(found, None)  # it can be looked at even where it cannot be kept
-        self._show(found, self._keep(found, text, plan, name))
+        self._show(found, await asyncio.to_thread(self._keep, found, text, plan, name))  # all of a long record takes a while to pack
         return found
 
     def _show(self, found: Outcome, number: int | None) -> None:
