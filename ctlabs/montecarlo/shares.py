@@ -7,8 +7,9 @@ are a bivariate χ² (Kibble's) with the correlation ρ², of which the indicato
 .. math:: \mathrm{cov}(g_k, g_l) = \sum_{j\ge1} c_j^2\,\rho_{kl}^{2j}, \qquad c_j = \mathrm E\,g\,\psi_j, \quad
           \psi_j = L_j^{(\alpha-1)}\big/\sqrt{\tbinom{j+\alpha-1}{j}}, \quad \alpha = \text{runs}/2
 
-with Laguerre's polynomials. The share has the mean and variance that follow, and the quantiles of a Beta distribution with these.
-Correlations between states are not counted: their shares are taken to go together, so that the band is rather too wide.
+with Laguerre's polynomials. The share has the mean and variance that follow, and the quantiles of a Beta distribution with these, but for
+the probability of no point at all. Correlations between states are not counted: their shares are taken to go together, so that the band
+is rather too wide.
 """
 
 from __future__ import annotations
@@ -80,8 +81,11 @@ def judged(out: int, points: int, sd: float) -> Share:
     """
     size = OUTSIDE * (1 - OUTSIDE) / sd**2 - 1  # a + b
     a, b = OUTSIDE * size, (1 - OUTSIDE) * size
+    none = (1 - OUTSIDE) ** (size + 1)  # that no point at all is outside: as of so many independent ones, whose share varies as much
     low, high = (float(special.betaincinv(a, b, q)) for q in (0.025, 0.975))
+    low = 0.0 if none > 0.025 else low
     below, above = (float(special.betainc(a, b, min(max(out + half, 0), points) / points)) for half in (0.5, -0.5))
+    below = max(below, none)
     return Share(out / points, low, high, min(1.0, 2 * below, 2 * (1 - above)), points)
 
 

@@ -83,6 +83,8 @@ def to_plotly(drawing: Drawing, *, dark: bool = False, reach: tuple[float, float
     layout = _layout(drawing, dark, len(named))
     if reach is not None:
         layout["xaxis"]["range"] = list(np.log10(reach) if drawing.log else reach)
+        if fit:
+            layout.pop("annotations", None)  # all that is within is shown
         for row, panel in enumerate(drawing.panels if fit else ()):
             layout["yaxis" if row == 0 else f"yaxis{row + 1}"] |= _within(panel, reach)
     layout["xaxis"]["uirevision"] = f"{drawing.name} {reach}"
@@ -99,7 +101,7 @@ def _within(panel: Panel, reach: tuple[float, float]) -> dict[str, Any]:
         return {}
     low, high = (np.log10 if panel.falls else np.asarray)([found.min(), found.max()])
     room = 0.05 * (high - low)
-    return {"range": [0.0 if panel.kind in ("size", "count") and not panel.falls else low - room, high + room]}
+    return {"range": [low - room, high + room], "dtick": None}  # as many ticks as fit, on a part of a decade too
 
 
 def _inside(x: ArrayLike, reach: tuple[float, float]) -> Array:

@@ -33,7 +33,8 @@ FIELDS = {
     "understand": "observability detectability poles steady transfer bode variance",
     "experiment": "steps runs seed first algorithms design anomalies data progress",
     "algorithm": " ".join(catalogue.FORMS),
-    "result": "states errors gain variances innovations nis nees whiteness algorithms statistics diagnosis difference",
+    "result": "states errors gain variances innovations nis nees whiteness algorithms statistics diagnosis outside "
+    "python commands difference",
     "keep": "list compare rerun export",
     "labs": "parameter runs seed checks variant",
 }

@@ -67,7 +67,7 @@ def test_a_p_value_is_said_in_words(p: float) -> None:
     """The words follow the levels, the odds the number, within their rounding."""
     words = verdicts.in_words(p)
     assert words.startswith("nothing unusual" if p >= 0.05 else "rare" if p >= 0.01 else "against the model")
-    odds = re.search(r"(\d+) in (\d+)$", words)
+    odds = re.search(r"(\d+) in (\d+) by chance$", words)
     if odds:
         assert int(odds[1]) / int(odds[2]) == pytest.approx(p, rel=0.1, abs=0.051)
     else:

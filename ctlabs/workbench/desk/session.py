@@ -360,7 +360,7 @@ class Session:
             found = await self._ran(job, progress, cancel)
         finally:
             self._running(going=False)
-        return self._finished(found, text, plan, name)
+        return await self._finished(found, text, plan, name)
 
     def _running(self, *, going: bool) -> None:
         """Note that a run goes on, so that one is known which a killed server has not ended."""
@@ -378,7 +378,7 @@ class Session:
         old = self._kept(number)
         plan = self._plan(old.settings)
         found = await self._ran((REGISTERED, {"model": old.model, "plan": plan.plain()}), progress, cancel)
-        return self._finished(found, old.model, plan, f"{old.name} (again)")
+        return await self._finished(found, old.model, plan, f"{old.name} (again)")
 
     # What is kept ----------------------------------------------------------------------------------------------------
 
@@ -540,10 +540,11 @@ class Session:
         result = await self.runner.run(name, arguments, session=self.draft.id, progress=progress, cancel=cancel)
         return outcome(result)
 
-    def _finished(self, found: Outcome, text: str, plan: Asked, name: str) -> Outcome:
+    async def _finished(self, found: Outcome, text: str, plan: Asked, name: str) -> Outcome:
         self._show(found, None)
         try:
-            self._show(found, self._keep(found, text, plan, name))
+            number = await asyncio.to_thread(self._keep, found, text, plan, name)  # all of a long record takes a while to pack
+            self._show(found, number)
         except RuntimeError:  # it can be looked at even where it cannot be kept; the page says that it is not
             log.exception("keeping an experiment")
         return found

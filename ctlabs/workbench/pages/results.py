@@ -96,6 +96,8 @@ class Results:
             with ui.row().classes("items-start no-wrap gap-1"):
                 ui.html("".join(f"<p style='margin:0 0 .3rem'>{escape(line)}</p>" for line in lines), sanitize=False)
                 help_button("result.diagnosis")
+                if found.statistics is not None and found.statistics.outside is not None:
+                    help_button("result.outside")
 
     # Parts -----------------------------------------------------------------------------------------------------------
 

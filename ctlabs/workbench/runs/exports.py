@@ -86,20 +86,19 @@ def _paper(name: str, model: str, plan: Asked, found: Outcome) -> bytes:
 def gains(model: str, plan: Asked, kind: str) -> bytes:
     """The filter's matrices and its steady gains, or (where there are none) the gains of every instant, for other programs."""
     from ctlabs.files import export as writing
-    from ctlabs.filtering import covariances, steady
+    from ctlabs.filtering import kalman_filter, steady
 
     truth, design = files(model, plan)
     used = design or truth
     if plan.data is None:
-        discrete, steps = used.discrete(steps=plan.steps), plan.steps
+        discrete, z = used.discrete(steps=plan.steps), np.zeros((plan.steps + 1, len(used.measurements)))
     else:
         discrete, z, _t = timed(used, plan.data.record(used))
-        steps = len(z) - 1
-    discrete = anomalous(discrete, plan.anomalies, steps)
+    discrete = anomalous(discrete, plan.anomalies, len(z) - 1)
     try:
         result: Any = steady.solve(replace(discrete, measurement_offset=None))  # which may vary where all else is constant
     except ValueError:  # it varies with time, or has no steady state
-        result = covariances(discrete, steps, first=plan.first)
+        result = kalman_filter(discrete, z[plan.first :], first=plan.first)  # where nothing was measured, there is no gain
     with tempfile.TemporaryDirectory() as place:
         return writing.write(discrete, result, Path(place) / f"gains.{kind}").read_bytes()
 

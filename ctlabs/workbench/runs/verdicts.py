@@ -16,15 +16,19 @@ USUAL, RARE = 0.05, 0.01
 def in_words(p: float) -> str:
     """A p-value: what it means, and how often chance alone gives a right model a result so far out or farther.
 
-    >>> in_words(0.62), in_words(0.03), in_words(2e-4), in_words(0.0)
-    ('nothing unusual, 6 in 10', 'rare, 1 in 33', 'against the model, 1 in 5000', 'against the model, less than 1 in a million')
+    >>> for p in (0.62, 0.03, 2e-4, 0.0):
+    ...     print(in_words(p))
+    nothing unusual, 6 in 10 by chance
+    rare, 1 in 33 by chance
+    against the model, 1 in 5000 by chance
+    against the model, less than 1 in a million by chance
     """
     if math.isnan(p):
         return "too few to tell"
     if p >= USUAL:
-        return f"nothing unusual, {max(round(10 * p), 1)} in {10 if p >= 0.1 else round(1 / p)}"
+        return f"nothing unusual, {max(round(10 * p), 1)} in {10 if p >= 0.1 else round(1 / p)} by chance"
     kind = "rare" if p >= RARE else "against the model"
-    return f"{kind}, less than 1 in a million" if p < 1e-6 else f"{kind}, 1 in {_round(1 / p)}"
+    return f"{kind}, less than 1 in a million by chance" if p < 1e-6 else f"{kind}, 1 in {_round(1 / p)} by chance"
 
 
 def diagnosis(found: Outcome) -> list[str]:
