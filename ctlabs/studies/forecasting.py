@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ctlabs.files import clock
 from ctlabs.files.continued import continued
@@ -32,6 +33,41 @@ STEPS = 12
 BEFORE = 4
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Continued:
+    """A record filtered up to its instant ``last``, and what follows.
+
+    ``whole``, the model over the record and beyond · ``model``, over the record alone · ``found``, its estimates at ``t`` (last+1,) from
+    ``z`` (last+1, m) · ``ahead`` at the times ``later`` · ``held``, the row of ``last`` · ``rows`` of the times to come, None where the
+    record has none · ``notes``
+    """
+
+    whole: DiscreteModel
+    model: DiscreteModel
+    found: Filtered
+    ahead: Forecast
+    t: Array
+    z: Array
+    later: Array
+    held: int
+    rows: NDArray[np.int64] | None
+    notes: tuple[str, ...]
+
+
+def compute(model: ModelFile, record: Record, steps: int | None = None) -> Continued:
+    """What is known of the ``steps`` instants after a record; refusals as of :func:`study`."""
+    first, made = model.experiment.first, clock.over(model, record)
+    standing = _standing(model, record, made)
+    known = record.u is not None or standing is None
+    whole, last, later = _known(model, record, made, steps) if known else _free(model, record, made, steps)
+    z, discrete, held = made.z[: last + 1], whole.cut(last), int(made.placing.held[last])
+    found = kalman_filter(discrete, z[first:], first=first)
+    ahead = forecast(whole, found, len(later))
+    notes = (*record.notes, *clock.notes(model, record, made), *([] if known or standing is None else standing))
+    rows = made.placing.rows[last + 1 : last + 1 + len(later)] if known else None
+    return Continued(whole, discrete, found, ahead, made.t[: last + 1], z, later, held, rows, notes)
+
+
 def study(model: ModelFile, record: Record, steps: int | None = None) -> Report:
     """Filter a record, and predict the states and measurements of the ``steps`` instants after it.
 
@@ -43,14 +79,10 @@ def study(model: ModelFile, record: Record, steps: int | None = None) -> Report:
     ValueError
         Times that do not fit the model; a known input or a regressor without values for the time to come; a model given for fewer steps.
     """
-    first, made = model.experiment.first, clock.over(model, record)
-    standing = _standing(model, record, made)
-    known = record.u is not None or standing is None
-    whole, last, later = _known(model, record, made, steps) if known else _free(model, record, made, steps)
-    steps, t, z = len(later), made.t[: last + 1], made.z[: last + 1]
-    discrete, held = whole.cut(last), int(made.placing.held[last])
-    found = kalman_filter(discrete, z[first:], first=first)
-    ahead = forecast(whole, found, steps)
+    made = compute(model, record, steps)
+    first, discrete, found, ahead = model.experiment.first, made.model, made.found, made.ahead
+    t, z, later, held = made.t, made.z, made.later, made.held
+    steps, last = len(later), len(t) - 1
     given = common.settings(model, ("steps", steps, "1", _("instants after the record")))
     report = common.begin("forecast", _("a record continued"), model, "ab", given, data=record.source)
     report.section("a", _("Model and data"))
@@ -58,17 +90,17 @@ def study(model: ModelFile, record: Record, steps: int | None = None) -> Report:
         _("{source}: {rows} rows from t = {start} to {end} s."),
         source=record.source, rows=held + 1, start=float(t[first]), end=float(t[-1]),
     )  # fmt: skip
-    common.notes(report, (*record.notes, *clock.notes(model, record, made), *([] if known or standing is None else standing)))
+    common.notes(report, made.notes)
     common.show(report, discrete)
     report.section("b", _("Forecast"))
     report.says(_("All estimates are given the whole record, and nothing after it. σ counts what the measurement adds of its own noise."))
     _numbers(report, model, discrete, ahead, later)
     _pictures(report, discrete, found, ahead, t, later)
-    _checked(report, whole, z, first, ahead)
+    _checked(report, made.whole, z, first, ahead)
     own = _columns(discrete, ahead)
     names = [name for name, _values in own]
-    if known:
-        head, times = clocks(record, later, names, made.placing.rows[last + 1 : last + 1 + steps])
+    if made.rows is not None:
+        head, times = clocks(record, later, names, made.rows)
     else:
         head, times = _continued(record, held, later, names)
     columns = ["k", *head, *names]
