@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from ctlabs.filtering.results import Filtered
     from ctlabs.linalg.checks import Array
     from ctlabs.models.linear import DiscreteModel
+    from ctlabs.reporting.drawing import Drawing
 
 #: Instants after a record that are predicted unless it is said how many.
 STEPS = 12
@@ -95,7 +96,8 @@ def study(model: ModelFile, record: Record, steps: int | None = None) -> Report:
     report.section("b", _("Forecast"))
     report.says(_("All estimates are given the whole record, and nothing after it. σ counts what the measurement adds of its own noise."))
     _numbers(report, model, discrete, ahead, later)
-    _pictures(report, discrete, found, ahead, t, later)
+    for i, (name, figure) in enumerate(pictures(made).items(), 1):
+        report.figure(f"forecast_{i}", figure, _("The last rows of the record, and {name} after it, with ±σ bands."), name=name)
     _checked(report, made.whole, z, first, ahead)
     own = _columns(discrete, ahead)
     names = [name for name, _values in own]
@@ -167,13 +169,13 @@ def _numbers(report: Report, file: ModelFile, model: DiscreteModel, ahead: Forec
     report.value("state_sd_end", ahead.sd[-1], common.units(model))
 
 
-def _pictures(report: Report, model: DiscreteModel, found: Filtered, ahead: Forecast, t: Array, later: Array) -> None:
-    """The end of the record and what follows it, state by state."""
+def pictures(made: Continued, most: int = common.SHOWN) -> dict[str, Drawing]:
+    """The end of the record and what follows it, for the first states by their names."""
+    model, found, ahead, t, later = made.model, made.found, made.ahead, made.t, made.later
     shown = slice(max(0, len(t) - BEFORE * len(later)), None)
     at = np.concatenate([t[shown], later])
-    for i, (name, unit) in enumerate(zip(model.states, model.units, strict=True)):
-        if i == common.SHOWN:
-            break
+    drawn = {}
+    for i, (name, unit) in enumerate(list(zip(model.states, model.units, strict=True))[:most]):
         measured = common.measured(model, i)
         x, sd = found.x_plus[shown, i], deviations(found.P_plus)[shown, i]
         before, after = np.full(len(later), np.nan), np.full(len(x) - 1, np.nan)
@@ -182,8 +184,8 @@ def _pictures(report: Report, model: DiscreteModel, found: Filtered, ahead: Fore
             _("forecast"): (np.concatenate([after, x[-1:], ahead.x[:, i]]), np.concatenate([after, sd[-1:], ahead.sd[:, i]])),
         }
         data = None if measured is None else np.concatenate([found.z[shown, measured], before])
-        figure = estimates(at, curves, data=data, ylabel=common.label(name, unit))
-        report.figure(f"forecast_{i + 1}", figure, _("The last rows of the record, and {name} after it, with ±σ bands."), name=name)
+        drawn[name] = estimates(at, curves, data=data, ylabel=common.label(name, unit))
+    return drawn
 
 
 def _checked(report: Report, whole: DiscreteModel, z: Array, first: int, ahead: Forecast) -> None:
