@@ -34,6 +34,8 @@ FIELDS = {
     "experiment": "steps runs seed first algorithms design anomalies data progress",
     "algorithm": " ".join(catalogue.FORMS),
     "result": "states errors gain variances innovations nis nees whiteness algorithms statistics diagnosis difference",
+    "data": "table columns written rows filter gate steps verdict estimates tests",
+    "fit": "constants starts trace estimates sides profiles correlation",
     "keep": "list compare rerun export",
     "labs": "parameter runs seed checks variant",
 }
