@@ -12,7 +12,7 @@ from collections.abc import Callable
 from collections.abc import Mapping as Table
 from typing import Any
 
-from ctlabs.files.mapping import Mapping, pairs, time_option
+from ctlabs.files.mapping import NO_TIME, Mapping, pairs, time_option
 
 #: A word of a command: bare, or with parts in quotation marks.
 _WORD = r"""(?:"[^"]*"|'[^']*'|[^\s"'])+"""
@@ -113,6 +113,46 @@ def changing(refusal: str, present: Mapping) -> tuple[str, ...]:
     ('--decimal .',)
     """
     return tuple(options for options in offered(refusal) if _new(options, present))
+
+
+def words(options: str) -> str:
+    """What options say, for a reader; "" where they say nothing of a table.
+
+    >>> words('--column flow="Flow (m3/s)" --time stamp:unix_ms --t0 first')
+    'flow is in the column “Flow (m3/s)”, the times are in “stamp” as unix_ms, counted from the first row'
+    >>> words("--thousands ,"), words("--missing=-9999"), words("--time none")
+    ('a comma parts thousands', '-9999 means not measured', 'there are no times: the rows are one period apart')
+    """
+    try:
+        told = said(options)
+    except ValueError:
+        return ""
+    found = [f"{name} is in the column “{column}”" for name, column in told.columns.items()]
+    if told.time == NO_TIME:
+        found.append("there are no times: the rows are one period apart")
+    elif told.time:
+        found.append(f"the times are in “{told.time}”{f' as {told.unit}' if told.unit else ''}")
+    found += [f"{name} is a constant here" if column == NO_TIME else f"{name} is “{column}”" for name, column in told.regressors.items()]
+    found += [f"{word} means not measured" for word in told.missing]
+    found += [f"{name} is a known input" for name in told.inputs]
+    found += [f"{name} times {factor:g}" for name, factor in told.scale.items()]
+    marks = {",": "comma", ".": "point", "'": "apostrophe", " ": "blank"}
+    kinds = {"skip": "blank lines are nothing", "missing": "in a blank line nothing was measured"}
+    starts = {"first": "counted from the first row", "model": "counted on the model's clock"}
+    for text, value in (
+        (starts.get(told.t0, ""), told.t0),
+        (f"the decimal mark is a {marks.get(told.decimal)}", told.decimal),
+        (f"a{'n' if told.thousands == chr(39) else ''} {marks.get(told.thousands)} parts thousands", told.thousands),
+        (kinds.get(told.blank, ""), told.blank),
+        (f"records are named by “{told.record}”", told.record),
+        (f"the period is {told.dt} s", told.dt),
+        (f"the encoding is {told.encoding}", told.encoding),
+        (f"{told.skip} lines above the table are no part of it", told.skip),
+        (f"the sheet “{told.sheet}”", told.sheet),
+    ):
+        if value:
+            found.append(text)
+    return ", ".join(found)
 
 
 def _new(options: str, present: Mapping) -> bool:

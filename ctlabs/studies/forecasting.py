@@ -81,7 +81,7 @@ def study(model: ModelFile, record: Record, steps: int | None = None) -> Report:
         Times that do not fit the model; a known input or a regressor without values for the time to come; a model given for fewer steps.
     """
     made = compute(model, record, steps)
-    first, discrete, found, ahead = model.experiment.first, made.model, made.found, made.ahead
+    first, discrete, ahead = model.experiment.first, made.model, made.ahead
     t, z, later, held = made.t, made.z, made.later, made.held
     steps, last = len(later), len(t) - 1
     given = common.settings(model, ("steps", steps, "1", _("instants after the record")))

@@ -111,7 +111,8 @@ class RecordDesk:
         from ctlabs.workbench.runs import tables  # which takes a while to load
 
         what = role.partition(":")[2] or role or "not used"
-        return TellData(tables.mapped(self.mapping, column, role), f"data: {column['name']} is {what}")
+        options = str(self.table["options"]) if self.table else ""
+        return TellData(tables.mapped(self.mapping, column, role, options), f"data: {column['name']} is {what}")
 
     def remedied(self, options: str) -> TellData:
         """The edit that applies what a refusal offers."""

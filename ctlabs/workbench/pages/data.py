@@ -8,7 +8,7 @@ from nicegui import background_tasks, ui
 
 from ctlabs.filtering.algorithms.catalogue import FORMS
 from ctlabs.workbench.help import help_for
-from ctlabs.workbench.pages.data_columns import Columns
+from ctlabs.workbench.pages.data_columns import Columns, remedy
 from ctlabs.workbench.pages.data_results import RecordResults
 from ctlabs.workbench.pages.dropping import too_large
 from ctlabs.workbench.pages.editing import Editor
@@ -76,6 +76,11 @@ class _Data:
                     choose.props("no-caps outline dense data-test=data-choose")
                     self.remove = ui.button("Remove", icon="close", on_click=self._remove)
                     self.remove.props('no-caps flat dense aria-label="Remove the data" data-test=data-remove')
+            with ui.row().classes("items-center gap-2") as hint:
+                ui.label("There is no model yet: what the columns measure is said by one.").classes("ctl-show-hint")
+                begin = ui.button("Begin with a model", icon="grid_on", on_click=lambda: self.shell.go("model"))
+                begin.props("no-caps outline dense data-test=data-begin")
+            hint.set_visibility(self.session.untouched)
             self.upload = ui.upload(
                 auto_upload=True, max_file_size=LARGEST, on_upload=self._uploaded, on_rejected=lambda: self.shell.complain(too_large())
             )
@@ -198,9 +203,9 @@ class _Data:
         with self.refusal:
             ui.label(refusal).props("data-test=data-refusal-text")
             with ui.row().classes("gap-2 items-center"):
-                for i, way in enumerate(dict.fromkeys([suggestion, *ways] if suggestion else ways)):
-                    button = ui.button(way, on_click=lambda _, way=way: self._remedy(way))
-                    button.props(f"no-caps outline dense data-test=data-remedy-{i}").classes("ctl-data-way")
+                ways = [suggestion, *(way for way in ways if not suggestion.startswith(way))] if suggestion else ways
+                for i, way in enumerate(ways):
+                    remedy(way, f"data-remedy-{i}", self._remedy)
             hint = "Press what you mean; it is written into the model file under [data]." if ways or suggestion else _by_hand(table)
             ui.label(hint).classes("ctl-show-hint")
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from nicegui import ui
 
 from ctlabs.files.mapping import NO_TIME, UNITS, Mapping
+from ctlabs.files.remedies import words
 from ctlabs.studies.looking import written
 from ctlabs.workbench.desk.telling import TellData
 from ctlabs.workbench.pages.showing import Show, help_button
@@ -33,7 +34,7 @@ class Columns:
 
     def __init__(self, show: Show, editor: Editor, desk: RecordDesk) -> None:
         self.editor, self.desk = editor, desk
-        self._all = self._open = False
+        self._all = self._open = self._refused = False
         self._table: dict[str, Any] | None = None
         with show.card("Columns", "data.columns", test="data-columns") as card:
             self.card = card.section
@@ -43,7 +44,9 @@ class Columns:
                 self.written = ui.element("div").classes("ctl-data-fields")
         with show.card("Lines of the file", "data.rows", test="data-rows") as card:
             self.rows_card = card.section
-            self.rows = ui.html("", sanitize=False).classes("w-full")
+            self.shown = ui.expansion("The first and the last of them").classes("w-full").props("dense data-test=data-show-rows")
+            with self.shown:
+                self.rows = ui.html("", sanitize=False).classes("w-full")
 
     def fill(self, table: dict[str, Any] | None) -> None:
         """Show a table, or nothing."""
@@ -63,6 +66,9 @@ class Columns:
         self.more.text = f"All {len(columns)} columns"
         self._fill_written()
         self.rows.content = lines(table)
+        if bool(table["refusal"]) != self._refused:
+            self._refused = bool(table["refusal"])
+            self.shown.value = self._refused
 
     def _show_all(self) -> None:
         self._all = True
@@ -81,8 +87,7 @@ class Columns:
                 for remark in column["remarks"]:
                     ui.label(remark).classes("ctl-data-remark")
                 for way in dict.fromkeys(column["remedies"]):
-                    button = ui.button(way, on_click=lambda _, way=way: self.editor.do(self.desk.remedied(way)))
-                    button.props(f"no-caps outline dense size=sm data-test=data-column-remedy-{number}").classes("ctl-data-way")
+                    remedy(way, f"data-column-remedy-{number}", lambda way: self.editor.do(self.desk.remedied(way)))
             select = ui.select(self._roles(column), value=role, label="What it is", on_change=lambda e: self._assign(column, e.value))
             select.props(f"outlined dense options-dense data-test=data-role-{number}")
             select.props["aria-label"] = f"What the column {column['name']} is"
@@ -192,6 +197,13 @@ class Columns:
         what = ", ".join(f"{name} = {value}" for name, value in changes.items())
         self.editor.do(TellData(told, f"data: {what[:60]}"))
         return None
+
+
+def remedy(options: str, test: str, press: Callable[[str], object]) -> None:
+    """A button that says in words what options say, and has them as its hint."""
+    button = ui.button(words(options) or options, on_click=lambda: press(options))
+    button.props(f"no-caps outline dense data-test={test}").classes("ctl-data-way")
+    button.props["title"] = options
 
 
 def _has_inputs(data: dict[str, Any]) -> bool:

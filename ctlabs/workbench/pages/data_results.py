@@ -93,13 +93,13 @@ class RecordResults:
                 if self.desk.stale:
                     ui.label("The model or the data have been changed since.").classes("ctl-show-why").props("data-test=data-stale")
             if told is not None and told.rows:
-                ui.html("<h3>Rows that speak against the model</h3>", sanitize=False)
+                ui.html("<h3>Rows that speak against the model</h3>", sanitize=False).classes("ctl-show-head")
                 self._draw_rows(told.rows, "data-row")
                 if any(row.kind == "outlier" for row in told.rows) and self.desk.wanted.gate is None:
                     button = ui.button(f"Filter without what is beyond {GATE:g} σ", on_click=lambda: self._gate(GATE))
                     button.props("no-caps outline dense data-test=data-take-gate")
             if found.beyond:
-                ui.html(f"<h3>Left out by the gate: {found.beyond}</h3>", sanitize=False)
+                ui.html(f"<h3>Left out by the gate: {found.beyond}</h3>", sanitize=False).classes("ctl-show-head")
                 self._draw_rows(found.left_out, "data-left-out")
             with ui.row().classes("gap-2"):
                 for kind, (words, name, _type) in FILES.items():

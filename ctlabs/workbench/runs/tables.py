@@ -15,7 +15,7 @@ from ctlabs.files.datafile import Record
 from ctlabs.files.look import Column
 from ctlabs.files.mapping import NO_TIME, Mapping
 from ctlabs.files.modelfile import ModelFile, loads
-from ctlabs.files.remedies import changing, offered
+from ctlabs.files.remedies import changing, offered, said
 from ctlabs.linalg.checks import Array
 from ctlabs.studies import looking
 from ctlabs.text import moment, number
@@ -34,8 +34,8 @@ def seen(model: str, text: str, name: str) -> dict[str, Any]:
     -------
     ``understood``, sentences · ``columns``, each with number, name, kind, missing, range, remarks, role, low and high of its picture ·
     ``rows`` (line, cells) of the top, the end and beside a refused line · ``refusal``, why the model cannot read it, "" if it can, with
-    its ``line`` and ``column`` (0, "" where it names none) and ``remedies`` · ``suggestion``, options, "" where nothing is to be told ·
-    ``read``, what was read, in sentences · ``records``, their names
+    its ``line`` and ``column`` (0, "" where it names none) and ``remedies`` · ``options``, what the look would say of the table, and as a
+    ``suggestion`` where it would help · ``read``, what was read, in sentences · ``records``, their names
 
     Raises
     ------
@@ -61,6 +61,7 @@ def seen(model: str, text: str, name: str) -> dict[str, Any]:
         "column": column,
         "remedies": list(changing(refusal, told)),
         "suggestion": suggestion if refusal else "",
+        "options": found.options,
         "read": [sentence for each in records for sentence in _sentences(each)],
         "records": [each.name for each in records],
         "clock": found.clock,
@@ -108,8 +109,8 @@ def _unseen(content: bytes, told: Mapping, refusal: str) -> dict[str, Any]:
     around = sorted({*range(8), *range(max(line - 3, 0), line + 2)})
     return {
         "understood": [], "columns": [], "rows": [(i + 1, [lines[i][:200]]) for i in around if i < len(lines)], "remarks": [],
-        "refusal": refusal, "line": line, "column": column, "remedies": list(changing(refusal, told)), "suggestion": "", "read": [],
-        "records": [], "clock": "", "unit": "",
+        "refusal": refusal, "line": line, "column": column, "remedies": list(changing(refusal, told)), "suggestion": "", "options": "",
+        "read": [], "records": [], "clock": "", "unit": "",
     }  # fmt: skip
 
 
@@ -155,7 +156,7 @@ def _picture(values: Array) -> tuple[list[float | None], list[float | None]]:
     scale = (most - least) or 1.0
     lows: list[float | None] = []
     highs: list[float | None] = []
-    for part in np.array_split(values, min(BINS, len(values))):
+    for part in np.array_split(values, BINS if len(values) > 2 * BINS else len(values)):
         own = part[np.isfinite(part)]
         lows.append(None if not own.size else float((own.min() - least) / scale))
         highs.append(None if not own.size else float((own.max() - least) / scale))
@@ -173,8 +174,8 @@ def _sentences(record: Record) -> list[str]:
     return told + [f"{name}{note[0].upper()}{note[1:]}." for note in record.notes]
 
 
-def mapped(told: Mapping, column: Table[str, Any], role: str) -> Mapping:
-    """What is told of a table when a column is given another role.
+def mapped(told: Mapping, column: Table[str, Any], role: str, options: str = "") -> Mapping:
+    """What is told of a table when a column is given another role; ``options``, what the look would say: how times are written.
 
     >>> mapped(Mapping(), {"name": "pos [m]", "number": 2}, "measurement:position").columns
     {'position': 'pos [m]'}
@@ -190,7 +191,9 @@ def mapped(told: Mapping, column: Table[str, Any], role: str) -> Mapping:
         fields["record"] = ""
     kind, _, own = role.partition(":")
     if kind == TIME:
+        own_time = said(next(iter(offered(options)), ""))
         fields |= {"time": name, "unit": ""}
+        fields |= {"unit": own_time.unit, "t0": own_time.t0} if own_time.time == name else {}
     elif kind == RECORD:
         fields["record"] = name
     elif kind == "measurement":
