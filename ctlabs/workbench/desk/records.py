@@ -14,7 +14,7 @@ import importlib
 from collections.abc import Callable, Sequence
 from collections.abc import Mapping as Table
 from dataclasses import asdict, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from ctlabs.files.mapping import Mapping
 from ctlabs.files.remedies import changing, said
@@ -25,16 +25,43 @@ from ctlabs.workbench.runs.wanted import Wanted
 from ctlabs.workbench.runs.worker import FUNCTIONS
 
 if TYPE_CHECKING:
-    from ctlabs.workbench.desk.session import Session
+    from ctlabs.files.modelfile import ModelFile
+    from ctlabs.workbench.desk.sheet import ModelSheet
+    from ctlabs.workbench.desk.store import Draft, Store
     from ctlabs.workbench.runs.fits import FitResult, Point
-    from ctlabs.workbench.runs.records import Estimates, Judgement
-    from ctlabs.workbench.runs.worker import Cancel, RunProgress
+    from ctlabs.workbench.runs.outcomes import Asked
+    from ctlabs.workbench.runs.records import Judgement, RecordEstimates
+    from ctlabs.workbench.runs.worker import Cancel, Runner, RunProgress
 
 #: How long a fit may take, and how long one that is cancelled may take to come to its end with the best so far, s.
 LONGEST, PATIENCE = 3600.0, 20.0
 #: Tables of fewer characters are seen through in a thread of the server.
 SMALL = 500_000
 Show = Callable[["RunProgress"], object]
+
+
+class Drafted(Protocol):
+    """What is needed of a session."""
+
+    draft: Draft
+    store: Store
+    runner: Runner | None
+    file: ModelFile
+    plan: Asked
+
+    @property
+    def text(self) -> str:
+        """The text of the model file."""
+        ...
+
+    @property
+    def sheet(self) -> ModelSheet:
+        """The model as grids of cells and constants."""
+        ...
+
+    def set_plan(self, **changes: Any) -> None:
+        """Change settings of the next experiment, its data among them."""
+        ...
 
 
 class RecordDesk:
@@ -45,14 +72,14 @@ class RecordDesk:
     ``judgement`` of the last filtering · ``fitted`` · ``trace`` of the fit that runs · ``filtering``, ``fitting``, the runs
     """
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Drafted) -> None:
         self.session = session
         self.filtering, self.fitting = Running(), Running()
         self.fresh = False
         self.table: dict[str, Any] | None = None
         self.shown: tuple[str, Upload] | None = None
         self.refused, self.remedies = "", ()  # type: tuple[str, tuple[str, ...]]
-        self.estimates: Estimates | None = None
+        self.estimates: RecordEstimates | None = None
         self.judgement: Judgement | None = None
         self.fitted: FitResult | None = None
         self.trace: list[Point] = []
@@ -186,7 +213,9 @@ class RecordDesk:
         arguments = {"model": self.session.file.checked().dumps(), "data": self._needed(), "free": list(free), "starts": starts}
 
         def show(state: RunProgress) -> None:
-            if state.note is not None and (not self.trace or state.note.done > self.trace[-1].done):
+            if state.note is not None:
+                if len(self.trace) > 1 and self.trace[-1].best == self.trace[-2].best == state.note.best:
+                    self.trace.pop()  # the ends of a level are enough
                 self.trace.append(state.note)
             if progress is not None:
                 progress(state)

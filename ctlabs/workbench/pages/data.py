@@ -8,7 +8,7 @@ from nicegui import background_tasks, ui
 
 from ctlabs.filtering.algorithms.catalogue import FORMS
 from ctlabs.workbench.help import help_for
-from ctlabs.workbench.pages.data_columns import Columns, remedy
+from ctlabs.workbench.pages.data_columns import ColumnCards, remedy
 from ctlabs.workbench.pages.data_results import RecordResults
 from ctlabs.workbench.pages.dropping import too_large
 from ctlabs.workbench.pages.editing import Editor
@@ -47,7 +47,7 @@ class _Data:
         self.shell.name_draft(self.session.title)
         with ui.element("div").classes("ctl-data"):
             self._draw_file()
-            self.columns = Columns(self.show, self.editor, self.desk)
+            self.columns = ColumnCards(self.show, self.editor, self.desk)
             self._draw_filter()
             self.results = RecordResults(self.show, self.shell, self.session, self._gate)
         for keys, label, action in (

@@ -29,7 +29,7 @@ BLANKS = {"": "as it looks", "skip": "nothing", "missing": "a row in which nothi
 STARTS = {"": "as it looks", "first": "the first row is the first instant", "model": "the model's own clock"}
 
 
-class Columns:
+class ColumnCards:
     """Two cards: the columns with their selects, and the lines of the file."""
 
     def __init__(self, show: Show, editor: Editor, desk: RecordDesk) -> None:

@@ -16,7 +16,7 @@ from ctlabs.workbench.runs.inside import line
 if TYPE_CHECKING:
     from ctlabs.workbench.desk.session import Session
     from ctlabs.workbench.pages.shell import Shell
-    from ctlabs.workbench.runs.records import Row
+    from ctlabs.workbench.runs.records import RecordRow
 
 #: States and rows that are shown at first; the gate that is proposed where there are outliers, σ.
 STATES, ROWS, GATE = 4, 12, 5.0
@@ -34,7 +34,7 @@ class RecordResults:
     def __init__(self, show: Show, shell: Shell, session: Session, gate: Callable[[float | None], object]) -> None:
         self._show, self._shell, self._session, self._gate = show, shell, session, gate
         self.desk = session.records
-        self._at: Row | None = None
+        self._at: RecordRow | None = None
         self._rows, self._states = ROWS, STATES
         self._drawn: tuple[Any, ...] = ()
         self.box = ui.element("div").classes("ctl-data-found")
@@ -108,7 +108,7 @@ class RecordResults:
                         button.props(f"no-caps outline dense data-test=data-save-{kind}")
                         button.props["aria-label"] = f"{words}, {name}"
 
-    def _draw_rows(self, rows: tuple[Row, ...], test: str) -> None:
+    def _draw_rows(self, rows: tuple[RecordRow, ...], test: str) -> None:
         """Rows as a list; one that is pressed is shown in the figures."""
         with ui.element("ul").classes("ctl-data-rows"):
             for row in rows[: self._rows]:
@@ -126,7 +126,7 @@ class RecordResults:
         self._rows = records.LISTED
         self._draw()
 
-    def _look(self, row: Row | None) -> None:
+    def _look(self, row: RecordRow | None) -> None:
         """Show a row in the figures, or all of them."""
         self._at = row
         self._draw()

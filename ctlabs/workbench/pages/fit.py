@@ -59,7 +59,7 @@ class _Fit:
         self.shell.shortcut("mod+z", "Undo", self.editor.undo, in_fields=False)
         self.shell.shortcut("mod+shift+z", "Redo", self.editor.redo, in_fields=False)
         self.shell.on_leave(self.running.watch(self._look))
-        self.timer = ui.timer(REDRAWN, self._draw_trace)
+        self.timer = ui.timer(REDRAWN, self._follow)
         self.shell.on_leave(self.timer.cancel)
         self._look()
         self._found()
@@ -167,9 +167,8 @@ class _Fit:
             self.run_button.set_enabled(not now.running and not refusal)
             self.cancel_button.set_visibility(now.running)
             self.bar.set_visibility(now.running)
-            if now.running:
+            if now.running:  # how far it is is shown by the timer, not with every likelihood
                 self.wrong.text = ""
-                self._tell()
                 return
             self.told.text = "Cancelled before anything was found." if now.cancelled else refusal
             self.wrong.text = now.problem
@@ -189,8 +188,10 @@ class _Fit:
         self.told.text = f"{point.stage[:1].upper()}{point.stage[1:]}: {best} after {point.done} likelihoods{left}."
         self.bar.value = progress.fraction
 
-    def _draw_trace(self) -> None:
-        """The likelihood, as far as it has risen."""
+    def _follow(self) -> None:
+        """How far the search is, and the likelihood as far as it has risen."""
+        if self.running.running:
+            self._tell()
         points = self.desk.trace
         self.trace_card.set_visibility(len(points) > 1)
         if len(points) > 1 and len(points) != self.points:

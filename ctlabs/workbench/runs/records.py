@@ -30,7 +30,7 @@ Tell = Callable[[int, int, str], object]
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class RecordRow:
     """One value that speaks against the model, or was left out: its ``line`` in the file (0: none), instant ``k``, time ``t`` and how
     that is written, the ``quantity``, what is with it, the ``value``, and what it ``differs`` by, as a number and in σ.
     """
@@ -47,7 +47,7 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Estimates:
+class RecordEstimates:
     """A record filtered. K instants, n states, m measurements.
 
     ``x``, ``sd`` (K, n); ``smoothed``, ``smoothed_sd`` (K, n) or None · ``z`` (K, m), what the measurements say of the states ·
@@ -75,7 +75,7 @@ class Estimates:
     missing: int
     smoothed: Array | None = None
     smoothed_sd: Array | None = None
-    left_out: tuple[Row, ...] = ()
+    left_out: tuple[RecordRow, ...] = ()
     beyond: int = 0
     forecast: tuple[Drawing, ...] = ()
     notes: tuple[str, ...] = ()
@@ -89,7 +89,7 @@ class Judgement:
 
     verdict: str
     suggestion: str
-    rows: tuple[Row, ...] = ()
+    rows: tuple[RecordRow, ...] = ()
     tests: tuple[tuple[Any, ...], ...] = ()
     whiteness: Drawing | None = None
 
@@ -99,7 +99,7 @@ class Judgement:
         return self.verdict == "consistent"
 
 
-def estimated(model: str, data: Upload, wanted: Wanted, progress: Tell | None = None) -> Estimates:
+def estimated(model: str, data: Upload, wanted: Wanted, progress: Tell | None = None) -> RecordEstimates:
     """The record with its model: filtered, smoothed where asked for, and continued.
 
     Raises
@@ -159,7 +159,7 @@ def _run(file: ModelFile, record: Record, wanted: Wanted, *, test: bool = True) 
     return compute(file, record, form, smooth=wanted.smooth, gate=wanted.gate, test=test)
 
 
-def _estimates(file: ModelFile, record: Record, run: Run) -> Estimates:
+def _estimates(file: ModelFile, record: Record, run: Run) -> RecordEstimates:
     found, model = run.filtered, run.model
     with np.errstate(invalid="ignore"):
         sd = np.sqrt(np.diagonal(found.S, axis1=1, axis2=2))
@@ -169,7 +169,7 @@ def _estimates(file: ModelFile, record: Record, run: Run) -> Estimates:
     )
     alone = (common.measured(model, i) for i in range(model.n))
     smoothed = run.smoothed
-    return Estimates(
+    return RecordEstimates(
         source=record.source, algorithm=run.algorithm, t=run.t, states=file.states, units=file.units, measurements=file.measurements,
         measurement_units=file.measurement_units, measured=tuple(-1 if j is None else j for j in alone), x=found.x_plus,
         sd=deviations(found.P_plus), z=run.told, innovation=found.innovation,
@@ -180,12 +180,12 @@ def _estimates(file: ModelFile, record: Record, run: Run) -> Estimates:
     )  # fmt: skip
 
 
-def _row(run: Run, row: int, quantity: str, kind: str, value: float, differs: float, sigmas: float) -> Row:
+def _row(run: Run, row: int, quantity: str, kind: str, value: float, differs: float, sigmas: float) -> RecordRow:
     """A row of z from the first measurement on, as a person finds it in the file."""
     k, line = row + run.first, run.line(row)
     at = run.rows[k]
     time = run.record.stamps[at].strip() if run.record.clocked and at >= 0 else moment(float(run.t[k]))
-    return Row(line or 0, k, float(run.t[k]), time, quantity, kind, float(value), float(differs), float(sigmas))
+    return RecordRow(line or 0, k, float(run.t[k]), time, quantity, kind, float(value), float(differs), float(sigmas))
 
 
 def judged(run: Run) -> Judgement:
@@ -227,7 +227,7 @@ def judged(run: Run) -> Judgement:
 # Figures -------------------------------------------------------------------------------------------------------------
 
 
-def drawn(found: Estimates, states: Sequence[int], row: Row | None = None) -> Drawing:
+def drawn(found: RecordEstimates, states: Sequence[int], row: RecordRow | None = None) -> Drawing:
     """Estimates of some states over the measurements; of the rows beside one alone, where one is looked at."""
     own, marks, reach = _beside(found, row)
     panels = []
@@ -241,7 +241,7 @@ def drawn(found: Estimates, states: Sequence[int], row: Row | None = None) -> Dr
     return Drawing("Estimates", "t, s", tuple(panels), verbatim=True, marks=marks, reach=reach)
 
 
-def innovations(found: Estimates, row: Row | None = None, most: int = 6) -> Drawing:
+def innovations(found: RecordEstimates, row: RecordRow | None = None, most: int = 6) -> Drawing:
     """Innovations and NIS in their bands."""
     own, marks, reach = _beside(found, row)
     panels: list[Panel] = []
@@ -252,7 +252,7 @@ def innovations(found: Estimates, row: Row | None = None, most: int = 6) -> Draw
     return Drawing("Innovations", "t, s", tuple(panels), verbatim=True, marks=marks, reach=reach)
 
 
-def _beside(found: Estimates, row: Row | None) -> tuple[slice, tuple[Mark, ...], tuple[float, float] | None]:
+def _beside(found: RecordEstimates, row: RecordRow | None) -> tuple[slice, tuple[Mark, ...], tuple[float, float] | None]:
     """The instants that are drawn, and the mark at the row that is looked at."""
     if row is None:
         return slice(None), (), None
@@ -260,19 +260,19 @@ def _beside(found: Estimates, row: Row | None) -> tuple[slice, tuple[Mark, ...],
     return slice(low, high + 1), (Mark(where(row), row.t, "orange"),), (float(found.t[low]), float(found.t[high]))
 
 
-def where(row: Row) -> str:
+def where(row: RecordRow) -> str:
     """How a row is called.
 
-    >>> where(Row(52, 51, 50.0, "50", "flow", "outlier", 9500.0, 8499.0, 56.0))
+    >>> where(RecordRow(52, 51, 50.0, "50", "flow", "outlier", 9500.0, 8499.0, 56.0))
     'line 52 (t = 50)'
     """
     return f"line {row.line} (t = {row.time})" if row.line else f"t = {row.time}"
 
 
-def told(row: Row) -> str:
+def told(row: RecordRow) -> str:
     """What is with a row, in words.
 
-    >>> told(Row(52, 51, 50.0, "50", "flow", "outlier", 9500.0, 8499.0, 56.0))
+    >>> told(RecordRow(52, 51, 50.0, "50", "flow", "outlier", 9500.0, 8499.0, 56.0))
     'flow = 9500: outlier, 8499 from what the rest suggests (56 σ)'
     """
     value = "" if np.isnan(row.value) else f" = {number(row.value)}"
