@@ -153,7 +153,7 @@ def test_constants_are_fitted_taken_and_given_back_by_keyboard(visit: Visits) ->
 def test_a_long_fit_rises_and_is_cancelled_with_the_best_so_far(visit: Visits) -> None:
     """Its likelihood is drawn while it rises; after Cancel there are estimates, and it is said that the search was ended."""
     rng = np.random.default_rng(5)
-    z = np.cumsum(rng.normal(0, 38.3, 2000)) + rng.normal(0, 122.9, 2000)
+    z = np.cumsum(rng.normal(0, 38.3, 400)) + rng.normal(0, 122.9, 400)
     tab = begun(visit)
     tab.go("data")
     tab.choose("data-choose", "flow.csv", "flow\n" + "".join(f"{v:.2f}\n" for v in z))
