@@ -104,6 +104,21 @@ def text(found: bytes, source: str, wanted: Collection[str] = (), encoding: str 
     return _plain(decoded)
 
 
+def encoding(found: bytes, wanted: Collection[str] = ()) -> str:
+    """The encoding in which :func:`text` reads bytes, "" where none suits.
+
+    >>> encoding("t;Höhe".encode()), encoding("t;Höhe".encode("utf-16")), encoding("t;Höhe".encode("cp1252"), ["Höhe"])
+    ('utf-8', 'utf-16', 'cp1252')
+    """
+    for name in _encodings(found, [unicodedata.normalize("NFC", each) for each in wanted if not each.isascii()]):
+        try:
+            found.decode(name)
+        except UnicodeDecodeError:
+            continue
+        return name
+    return ""
+
+
 def characters(found: bytes, names: list[str]) -> str | None:
     """The text in the encoding that the bytes, or the ``names`` in them, tell; None where they are none."""
     for encoding in _encodings(found, names):

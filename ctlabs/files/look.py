@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ctlabs.files import columns as columns_
-from ctlabs.files import datafile, suspicions, table, times
+from ctlabs.files import datafile, fast, suspicions, table, times
 from ctlabs.files.columns import counts, is_time, likely
 from ctlabs.files.mapping import NO_TIME, Mapping, pasted
 from ctlabs.files.numbers import Numbers, TwoReadings
@@ -20,6 +21,9 @@ from ctlabs.linalg.checks import Array
 
 #: An interval that is so many times the usual one is a gap; equal values in succession that look like a stuck sensor.
 GAP, STUCK = 1.5, 10
+#: Lines of an excerpt: at the top, at the end, on either side of one that is asked for; cells that tell how numbers are written.
+HEAD, TAIL, BESIDE, HEAD_CELLS = 8, 3, 2, 500
+_ZONE = re.compile(r"(?:Z|UTC|GMT|[+-]\d\d:?\d\d)$")
 SEPARATORS = {",": "a comma", ";": "a semicolon", "\t": "a tab", "|": "a bar", " ": "blanks"}
 
 
@@ -44,7 +48,11 @@ class Column:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Survey:
-    """A table seen through: its ``columns``, how it is written, the times ``t`` where a column ``clock`` holds them, the gaps."""
+    """A table seen through: its ``columns``, how it is written, the times ``t`` where a column ``clock`` holds them, the gaps.
+
+    ``decimal`` mark of its numbers, "" where they have none · ``zone`` of its first time, as it is written, or "" · ``absent``, the words
+    that stand where nothing was measured ("" for an empty cell)
+    """
 
     source: str
     separator: str
@@ -57,6 +65,9 @@ class Survey:
     remarks: tuple[str, ...]
     data: str
     options: str
+    decimal: str = ""
+    zone: str = ""
+    absent: tuple[str, ...] = ()
 
     @property
     def usual(self) -> float | None:
@@ -73,10 +84,7 @@ def survey(content: bytes, source: str, mapping: Mapping, measurements: Sequence
     """
     wanted = columns_.wanted(measurements, mapping.sought())
     layout = table.layout(datafile.text(content, source, wanted, mapping.encoding, mapping.sheet), wanted, source, mapping.skip)
-    lines, cells, remarks = _cells(layout, mapping, source)
-    columns = tuple(
-        _column(i, layout.header[i], cells[i], lines, layout, mapping, source) for i in range(layout.width)
-    )  # fmt: skip
+    lines, cells, remarks, columns = _seen(layout, mapping, source)
     clock = _clock(columns, mapping, measurements)
     unit, t = mapping.unit, None
     if clock is not None:
@@ -86,8 +94,82 @@ def survey(content: bytes, source: str, mapping: Mapping, measurements: Sequence
     data, options = _suggested(columns, clock, unit, mapping, measurements, t)
     name = "" if clock is None else columns[clock].name
     return Survey(
-        source, SEPARATORS[layout.mark], layout.line, len(lines), columns, name, unit, t, tuple(remarks), data, options
-    )
+        source, SEPARATORS[layout.mark], layout.line, len(lines), columns, name, unit, t, tuple(remarks), data, options,
+        mapping.decimal or _mark(columns, cells), "" if clock is None else _zone(columns[clock]), _absent(columns, cells, mapping),
+    )  # fmt: skip
+
+
+def excerpt(
+    content: bytes, source: str, mapping: Mapping, measurements: Sequence[str] = (), *, around: int | None = None
+) -> list[tuple[int, list[str]]]:
+    r"""The first and the last lines of a table, and those ``around`` a line, each with its number and its cells.
+
+    >>> excerpt(b"t,z\n0,1\n1,2\n", "log.csv", Mapping(), ["z"])
+    [(1, ['t', 'z']), (2, ['0', '1']), (3, ['1', '2'])]
+    """
+    wanted = columns_.wanted(measurements, mapping.sought())
+    layout = table.layout(datafile.text(content, source, wanted, mapping.encoding, mapping.sheet), wanted, source, mapping.skip)
+    lines = layout.text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\n").split("\n")
+    top = max(layout.line, 1) - 1
+    chosen = {*range(top, top + HEAD), *range(len(lines) - TAIL, len(lines))}
+    if around is not None:
+        chosen |= set(range(around - 1 - BESIDE, around + BESIDE))
+    found = []
+    for i in sorted(chosen):
+        if top <= i < len(lines):
+            line = lines[i].replace('"', "") if lines[i].count('"') % 2 else lines[i]  # a cell of several lines
+            found.append((i + 1, next((cells for _, cells in table.rows(line, layout.mark, source)), [])))
+    return found
+
+
+def _seen(
+    layout: table.Layout, mapping: Mapping, source: str
+) -> tuple[Sequence[int], Sequence[Sequence[str]], list[str], tuple[Column, ...]]:
+    """Lines, cells and what was left out, and what each column holds; a large table of plain numbers is read at once."""
+    plain = fast.read(layout, mapping, source)
+    if plain is None:
+        told, texts, remarks = _cells(layout, mapping, source)
+        return told, texts, remarks, tuple(
+            _column(i, layout.header[i], texts[i], told, layout, mapping, source) for i in range(layout.width)
+        )  # fmt: skip
+    lines, cells = range(plain.line, plain.line + len(plain.values)), [plain.cells(i) for i in range(layout.width)]
+    columns = []
+    for i, column in enumerate(plain.values.T):
+        values, name = column.copy(), layout.header[i] or str(i + 1)
+        for word in mapping.missing:
+            if NUMBER.fullmatch(word):
+                values[values == float(word.replace(",", "."))] = np.nan
+        missing = int(np.isnan(values).sum())
+        first = next((cell for cell in cells[i][:1000] if cell.strip()), "")
+        remarks = [*suspicions.notes(values[:, None], [name], np.array(lines)), *_stuck(name, values, lines)]
+        columns.append(Column(i + 1, name, "empty" if missing == len(values) else "numbers", values, missing, first, tuple(remarks)))
+    return lines, cells, [], tuple(columns)
+
+
+def _mark(columns: Sequence[Column], cells: Sequence[Sequence[str]]) -> str:
+    """The decimal mark with which numbers are written."""
+    for column, texts in zip(columns, cells, strict=True):
+        for value, cell in zip(column.values[:HEAD_CELLS], texts[:HEAD_CELLS], strict=True) if column.kind == "numbers" else ():
+            for mark in ",.":
+                if mark in cell and NUMBER.fullmatch(cell.strip()) and float(cell.replace(",", ".")) == value:
+                    return mark
+    return ""
+
+
+def _zone(clock: Column) -> str:
+    """The zone in the first cell of a column of instants."""
+    found = _ZONE.search(clock.first) if clock.kind == "times" else None
+    return found[0].strip() if found else ""
+
+
+def _absent(columns: Sequence[Column], cells: Sequence[Sequence[str]], mapping: Mapping) -> tuple[str, ...]:
+    """What stands in the cells in which nothing was measured."""
+    found: dict[str, None] = {}
+    for column, texts in zip(columns, cells, strict=True):
+        if column.kind == "numbers" and column.missing:
+            there = np.flatnonzero(np.isnan(column.values))[:HEAD_CELLS]
+            found |= dict.fromkeys(texts[i].strip() for i in there)
+    return tuple(dict.fromkeys([*found, *mapping.missing]))
 
 
 def _cells(layout: table.Layout, mapping: Mapping, source: str) -> tuple[list[int], list[list[str]], list[str]]:
@@ -150,7 +232,7 @@ def _numbers(
             thousands = told.mark
 
 
-def _stuck(name: str, values: Array, lines: list[int]) -> list[str]:
+def _stuck(name: str, values: Array, lines: Sequence[int]) -> list[str]:
     """Equal values in succession, in a column that otherwise changes."""
     change = np.flatnonzero(np.diff(values) != 0)
     if len(change) < 3 or 2 * len(change) < len(values):
@@ -193,7 +275,7 @@ def _unit(column: Column) -> str:
 
 
 def _times(
-    column: Column, cells: list[str], lines: list[int], unit: str, source: str
+    column: Column, cells: Sequence[str], lines: Sequence[int], unit: str, source: str
 ) -> tuple[Array | None, list[str]]:
     """The times since the first, and what is remarkable of them."""
     try:

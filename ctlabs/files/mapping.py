@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable
 from collections.abc import Mapping as Table
 from dataclasses import dataclass, field, fields, replace
+from typing import Any
 
 #: Units of relative times as fractions of a second: numerator, denominator.
 RELATIVE = {
@@ -102,6 +103,18 @@ class Mapping:
             said["unit"] = ""
         return replace(self, **said)
 
+
+    def table(self) -> dict[str, Any]:
+        """The table ``[data]`` of a model file that says the same (a period of its own is the model's, and not in it).
+
+        >>> Mapping(columns={"position": "pos [m]"}, time="stamp", unit="unix_ms", t0="first").table()
+        {'columns': {'position': 'pos [m]', 't': 'stamp'}, 'time_unit': 'unix_ms', 't0': 'first'}
+        """
+        columns = {**self.columns, **({"t": self.time} if self.time else {})}
+        others = {"columns", "time", "unit", "dt", "standing"}
+        own = {f.name: getattr(self, f.name) for f in fields(self) if f.name not in others}
+        told = {"columns": columns, "time_unit": self.unit, **own}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in told.items() if value}
 
     def sought(self) -> Mapping:
         """The mapping without regressors for which a constant is to stand in.

@@ -77,11 +77,18 @@ class Run:
 
 
 def compute(
-    model: ModelFile, record: Record, algorithm: str, *, smooth: bool = False, gate: float | None = None, level: float = LEVEL
+    model: ModelFile,
+    record: Record,
+    algorithm: str,
+    *,
+    smooth: bool = False,
+    gate: float | None = None,
+    level: float = LEVEL,
+    test: bool = True,
 ) -> Run:
     """The record with its model, filtered by a form, without what is beyond the ``gate``; diagnosed; and smoothed where asked for.
 
-    A right model is suspected with probability ``level``.
+    A right model is suspected with probability ``level``; without ``test`` it is not diagnosed, which takes the longest.
 
     Raises
     ------
@@ -97,7 +104,9 @@ def compute(
         _refuse(discrete, found, algorithm, record, rows)
     smoothed = smooth_(discrete, found) if smooth else None
     verdict, untested, called = None, _("nothing was measured"), names(record, t[first:], rows[first:])
-    if np.isfinite(found.innovation).any():
+    if not test:
+        untested = _("no test was asked for")
+    elif np.isfinite(found.innovation).any():
         try:
             verdict = _diagnosed(discrete, found, algorithm, first, level, called)
         except ArithmeticError as error:  # the diagnosis filters in Joseph's form, whatever the form chosen here

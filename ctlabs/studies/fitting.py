@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -47,8 +48,49 @@ def study(
     ValueError
         A constant that does not exist; a start at which there is no likelihood.
     """
-    names = _free(free, model)
     records = [record] if not isinstance(record, Sequence) else list(record)
+    made = compute(model, records, free, starts, progress)
+    found, first, names = made.fit, model.experiment.first, list(made.fit.names)
+    given = common.settings(
+        model, ("free", list(names), "", _("constants that are estimated; above, where the search began"))
+    )
+    report = common.begin("fit", _("constants fitted to a record"), model, "abcd", given, data=several.sources(records))
+    report.section("a", _("Estimates"))
+    _estimates(report, model, found)
+    report.section("b", _("What the record says of each constant"))
+    _profiles(report, model, found)
+    report.section("c", _("The likelihood by a second route"))
+    _likelihood(report, found, [(build(found.estimates), rows) for build, rows in zip(made.builds, made.data, strict=True)], first)
+    report.section("d", _("The record filtered with the estimates"))
+    fitted = made.model
+    if len(records) == 1:
+        filtering.add(report, fitted, records[0])
+    else:
+        several.add(report, fitted, records)
+    report.files["fitted.toml"] = fitted.dumps().encode()
+    report.says(_("`fitted.toml` is the model with the estimates, `estimates.csv` the filtered record."))
+    return report
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fitted:
+    """Constants ``fit`` to records: ``model`` with the estimates; of each record its ``data`` and what ``builds`` its model."""
+
+    fit: Fit
+    model: ModelFile
+    builds: tuple[Build, ...]
+    data: tuple[Array, ...]
+
+
+def compute(
+    model: ModelFile,
+    records: Sequence[Record],
+    free: Sequence[str],
+    starts: int = 0,
+    progress: Callable[[Progress], object] | None = None,
+) -> Fitted:
+    """The constants ``free`` that make the records most likely, from their values in the model file on; refusals as of :func:`study`."""
+    names = _free(free, model)
     for each in records:
         if each.missing == each.z.size:
             raise ValueError(f"{each.source}: no observations: expected one measurement at least, received none: every element is missing")
@@ -63,25 +105,7 @@ def study(
     start = {name: model.constants[name] for name in names}
     bounds, data = _bounds(model, names, builds[0]), [rows[first:] for rows in z]
     found = fitting.fit(builds, data, start, bounds, first, starts=starts, progress=progress)
-    given = common.settings(
-        model, ("free", list(names), "", _("constants that are estimated; above, where the search began"))
-    )
-    report = common.begin("fit", _("constants fitted to a record"), model, "abcd", given, data=several.sources(records))
-    report.section("a", _("Estimates"))
-    _estimates(report, model, found)
-    report.section("b", _("What the record says of each constant"))
-    _profiles(report, model, found)
-    report.section("c", _("The likelihood by a second route"))
-    _likelihood(report, found, [(build(found.estimates), rows) for build, rows in zip(builds, data, strict=True)], first)
-    report.section("d", _("The record filtered with the estimates"))
-    fitted = model.replace(found.estimates)
-    if len(records) == 1:
-        filtering.add(report, fitted, records[0])
-    else:
-        several.add(report, fitted, records)
-    report.files["fitted.toml"] = fitted.dumps().encode()
-    report.says(_("`fitted.toml` is the model with the estimates, `estimates.csv` the filtered record."))
-    return report
+    return Fitted(found, model.replace(found.estimates), tuple(builds), tuple(data))
 
 
 def _free(free: Sequence[str], model: ModelFile) -> list[str]:

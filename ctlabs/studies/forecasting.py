@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ctlabs.files import clock
 from ctlabs.files.continued import continued
@@ -25,11 +26,47 @@ if TYPE_CHECKING:
     from ctlabs.filtering.results import Filtered
     from ctlabs.linalg.checks import Array
     from ctlabs.models.linear import DiscreteModel
+    from ctlabs.reporting.drawing import Drawing
 
 #: Instants after a record that are predicted unless it is said how many.
 STEPS = 12
 #: Rows of the record that are drawn before the forecast, as a multiple of its length.
 BEFORE = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Continued:
+    """A record filtered up to its instant ``last``, and what follows.
+
+    ``whole``, the model over the record and beyond · ``model``, over the record alone · ``found``, its estimates at ``t`` (last+1,) from
+    ``z`` (last+1, m) · ``ahead`` at the times ``later`` · ``held``, the row of ``last`` · ``rows`` of the times to come, None where the
+    record has none · ``notes``
+    """
+
+    whole: DiscreteModel
+    model: DiscreteModel
+    found: Filtered
+    ahead: Forecast
+    t: Array
+    z: Array
+    later: Array
+    held: int
+    rows: NDArray[np.int64] | None
+    notes: tuple[str, ...]
+
+
+def compute(model: ModelFile, record: Record, steps: int | None = None) -> Continued:
+    """What is known of the ``steps`` instants after a record; refusals as of :func:`study`."""
+    first, made = model.experiment.first, clock.over(model, record)
+    standing = _standing(model, record, made)
+    known = record.u is not None or standing is None
+    whole, last, later = _known(model, record, made, steps) if known else _free(model, record, made, steps)
+    z, discrete, held = made.z[: last + 1], whole.cut(last), int(made.placing.held[last])
+    found = kalman_filter(discrete, z[first:], first=first)
+    ahead = forecast(whole, found, len(later))
+    notes = (*record.notes, *clock.notes(model, record, made), *([] if known or standing is None else standing))
+    rows = made.placing.rows[last + 1 : last + 1 + len(later)] if known else None
+    return Continued(whole, discrete, found, ahead, made.t[: last + 1], z, later, held, rows, notes)
 
 
 def study(model: ModelFile, record: Record, steps: int | None = None) -> Report:
@@ -43,14 +80,10 @@ def study(model: ModelFile, record: Record, steps: int | None = None) -> Report:
     ValueError
         Times that do not fit the model; a known input or a regressor without values for the time to come; a model given for fewer steps.
     """
-    first, made = model.experiment.first, clock.over(model, record)
-    standing = _standing(model, record, made)
-    known = record.u is not None or standing is None
-    whole, last, later = _known(model, record, made, steps) if known else _free(model, record, made, steps)
-    steps, t, z = len(later), made.t[: last + 1], made.z[: last + 1]
-    discrete, held = whole.cut(last), int(made.placing.held[last])
-    found = kalman_filter(discrete, z[first:], first=first)
-    ahead = forecast(whole, found, steps)
+    made = compute(model, record, steps)
+    first, discrete, ahead = model.experiment.first, made.model, made.ahead
+    t, z, later, held = made.t, made.z, made.later, made.held
+    steps, last = len(later), len(t) - 1
     given = common.settings(model, ("steps", steps, "1", _("instants after the record")))
     report = common.begin("forecast", _("a record continued"), model, "ab", given, data=record.source)
     report.section("a", _("Model and data"))
@@ -58,17 +91,18 @@ def study(model: ModelFile, record: Record, steps: int | None = None) -> Report:
         _("{source}: {rows} rows from t = {start} to {end} s."),
         source=record.source, rows=held + 1, start=float(t[first]), end=float(t[-1]),
     )  # fmt: skip
-    common.notes(report, (*record.notes, *clock.notes(model, record, made), *([] if known or standing is None else standing)))
+    common.notes(report, made.notes)
     common.show(report, discrete)
     report.section("b", _("Forecast"))
     report.says(_("All estimates are given the whole record, and nothing after it. σ counts what the measurement adds of its own noise."))
     _numbers(report, model, discrete, ahead, later)
-    _pictures(report, discrete, found, ahead, t, later)
-    _checked(report, whole, z, first, ahead)
+    for i, (name, figure) in enumerate(pictures(made).items(), 1):
+        report.figure(f"forecast_{i}", figure, _("The last rows of the record, and {name} after it, with ±σ bands."), name=name)
+    _checked(report, made.whole, z, first, ahead)
     own = _columns(discrete, ahead)
     names = [name for name, _values in own]
-    if known:
-        head, times = clocks(record, later, names, made.placing.rows[last + 1 : last + 1 + steps])
+    if made.rows is not None:
+        head, times = clocks(record, later, names, made.rows)
     else:
         head, times = _continued(record, held, later, names)
     columns = ["k", *head, *names]
@@ -135,13 +169,13 @@ def _numbers(report: Report, file: ModelFile, model: DiscreteModel, ahead: Forec
     report.value("state_sd_end", ahead.sd[-1], common.units(model))
 
 
-def _pictures(report: Report, model: DiscreteModel, found: Filtered, ahead: Forecast, t: Array, later: Array) -> None:
-    """The end of the record and what follows it, state by state."""
+def pictures(made: Continued, most: int = common.SHOWN) -> dict[str, Drawing]:
+    """The end of the record and what follows it, for the first states by their names."""
+    model, found, ahead, t, later = made.model, made.found, made.ahead, made.t, made.later
     shown = slice(max(0, len(t) - BEFORE * len(later)), None)
     at = np.concatenate([t[shown], later])
-    for i, (name, unit) in enumerate(zip(model.states, model.units, strict=True)):
-        if i == common.SHOWN:
-            break
+    drawn = {}
+    for i, (name, unit) in enumerate(list(zip(model.states, model.units, strict=True))[:most]):
         measured = common.measured(model, i)
         x, sd = found.x_plus[shown, i], deviations(found.P_plus)[shown, i]
         before, after = np.full(len(later), np.nan), np.full(len(x) - 1, np.nan)
@@ -150,8 +184,8 @@ def _pictures(report: Report, model: DiscreteModel, found: Filtered, ahead: Fore
             _("forecast"): (np.concatenate([after, x[-1:], ahead.x[:, i]]), np.concatenate([after, sd[-1:], ahead.sd[:, i]])),
         }
         data = None if measured is None else np.concatenate([found.z[shown, measured], before])
-        figure = estimates(at, curves, data=data, ylabel=common.label(name, unit))
-        report.figure(f"forecast_{i + 1}", figure, _("The last rows of the record, and {name} after it, with ±σ bands."), name=name)
+        drawn[name] = estimates(at, curves, data=data, ylabel=common.label(name, unit))
+    return drawn
 
 
 def _checked(report: Report, whole: DiscreteModel, z: Array, first: int, ahead: Forecast) -> None:

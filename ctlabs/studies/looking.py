@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ctlabs.files import look
+from ctlabs.files.mapping import WRITTEN
 from ctlabs.reporting.plots import records as pictures
 from ctlabs.reporting.report import Report
 from ctlabs.studies import common
-from ctlabs.text import _, fill
+from ctlabs.text import _, fill, number
 
 if TYPE_CHECKING:
     from ctlabs.files.look import Survey
@@ -49,12 +50,62 @@ def report(found: Survey, source: str, *, named: bool) -> Report:
     return made
 
 
+def sentences(found: Survey) -> list[str]:
+    r"""How a table was understood: its columns, the marks of its numbers, its times and what stands for missing values.
+
+    >>> from ctlabs.files.mapping import Mapping
+    >>> table = "Time;pos\n2024-05-31T12:30:00+02:00;1,5\n2024-05-31T12:30:01+02:00;NA\n"
+    >>> for line in sentences(look.survey(table.encode(), "log.csv", Mapping())):
+    ...     print(line)
+    2 rows, columns separated by a semicolon, named in line 1.
+    Numbers have a decimal comma.
+    Times in the column Time: dates and times as ISO 8601 writes them, in the zone +02:00; usually 1 s apart.
+    Not measured: NA.
+    """
+    names = fill(_("named in line {line}"), line=found.line) if found.line else _("without names: they are counted from 1")
+    told = [fill(_("{rows} rows, columns separated by {separator}, {names}."), rows=found.rows, separator=found.separator, names=names)]
+    if found.decimal:
+        told.append(_("Numbers have a decimal comma.") if found.decimal == "," else _("Numbers have a decimal point."))
+    told.append(_times(found))
+    if found.absent:
+        words = ", ".join(word or _("empty cells") for word in found.absent)
+        told.append(fill(_("Not measured: {words}."), words=words))
+    return told
+
+
+def _times(found: Survey) -> str:
+    """The column of times and how it is written."""
+    if not found.clock:
+        return _("No column of times: the rows are one period of the model apart.")
+    text = fill(_("Times in the column {name}: {written}"), name=found.clock, written=written(found.unit))
+    if found.zone:
+        text += fill(_(", in the zone {zone}"), zone=found.zone)
+    elif found.unit in WRITTEN:
+        text += _(", without a zone")
+    if found.usual is not None:
+        text += fill(_("; usually {interval} s apart"), interval=number(found.usual, 4))
+    return f"{text}."
+
+
+def written(unit: str) -> str:
+    """How times are written, in words.
+
+    >>> written("unix_ms"), written("")
+    ('milliseconds since 1970', 'seconds, or the unit of dt')
+    """
+    return {
+        "": _("seconds, or the unit of dt"), "s": _("seconds"), "ms": _("milliseconds"), "us": _("microseconds"), "ns": _("nanoseconds"),
+        "min": _("minutes"), "h": _("hours"), "d": _("days"), "unix": _("seconds since 1970"), "unix_ms": _("milliseconds since 1970"),
+        "unix_us": _("microseconds since 1970"), "unix_ns": _("nanoseconds since 1970"), "excel": _("days of a spreadsheet"),
+        "iso": _("dates and times as ISO 8601 writes them"), "dmy": _("dates, the day first"), "mdy": _("dates, the month first"),
+        "ymd": _("dates, the year first"), "clock": _("times of day"),
+    }[unit]  # fmt: skip
+
+
 def _columns(report: Report, found: Survey) -> None:
     """What each column holds, drawn where it is numbers; sampling and remarks."""
-    report.says(
-        _("{rows} rows, columns separated by {separator}, {names}."), rows=found.rows, separator=found.separator,
-        names=fill(_("named in line {line}"), line=found.line) if found.line else _("without names: they are counted from 1"),
-    )  # fmt: skip
+    for sentence in sentences(found):
+        report.says("{sentence}", sentence=sentence)
     report.table(
         "columns",
         [_("number"), _("column"), _("type"), _("missing"), _("range, or the first")],

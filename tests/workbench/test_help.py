@@ -35,6 +35,8 @@ FIELDS = {
     "algorithm": " ".join(catalogue.FORMS),
     "result": "states errors gain variances innovations nis nees whiteness algorithms statistics diagnosis outside "
     "python commands difference",
+    "data": "table columns written rows filter gate steps verdict estimates tests",
+    "fit": "constants starts trace estimates sides profiles correlation",
     "keep": "list compare rerun export",
     "labs": "parameter runs seed checks variant",
 }

@@ -260,8 +260,8 @@ def _plain(value: Any, path: Path) -> Any:
 
 
 def _inline(value: dict[str, Any], path: Path) -> Any:
-    """A constant with its limits on one line; any other table as it is."""
-    if path[0] != "constants" or len(path) != 2:
+    """A constant with its limits, and what [data] says of several columns, on one line; any other table as it is."""
+    if path[0] not in ("constants", "data") or len(path) != 2:
         return value
     table = tomlkit.inline_table()
     table.update(value)

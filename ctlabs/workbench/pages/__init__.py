@@ -40,7 +40,7 @@ def listed(package: str = __name__) -> tuple[Page, ...]:
     """The pages of a package in their order; none is imported, since they need numpy and the frame does not.
 
     >>> [page.name for page in listed()]
-    ['model', 'understand', 'experiment', 'keep', 'labs', 'help']
+    ['model', 'understand', 'experiment', 'data', 'fit', 'keep', 'labs', 'help']
     """
     spec, found = importlib.util.find_spec(package), []
     for path in Path(spec.origin).parent.glob("*.py") if spec is not None and spec.origin else ():
@@ -52,7 +52,9 @@ def listed(package: str = __name__) -> tuple[Page, ...]:
 
 
 def over(session: Session, shell: Shell) -> None:
-    """What stays over every page: the guided first experiment, if it was shown before."""
-    from ctlabs.workbench.pages.help import resume_tour  # not before a page is drawn: the frame comes first
+    """What stays over every page: the guided first experiment, if it was shown before; where tables may be dropped."""
+    from ctlabs.workbench.pages.dropping import accept_anywhere  # not before a page is drawn: the frame comes first
+    from ctlabs.workbench.pages.help import resume_tour
 
     resume_tour(session, shell)
+    accept_anywhere(session, shell)

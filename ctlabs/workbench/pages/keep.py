@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from ctlabs.workbench.pages.shell import Shell
     from ctlabs.workbench.runs.comparing import Difference, Row
 
-PAGE = {"place": 4, "title": "Keep", "icon": "inventory_2"}
+PAGE = {"place": 7, "title": "Keep", "icon": "inventory_2"}
 
 #: So many experiments are listed at first, and so many more at a time.
 LISTED = 25

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from ctlabs.workbench.desk.session import Session
     from ctlabs.workbench.pages.shell import Shell
 
-PAGE = {"place": 5, "title": "Labs", "icon": "school"}
+PAGE = {"place": 8, "title": "Labs", "icon": "school"}
 
 #: Where the files of reports are, by draft, lab, number of the run and name.
 FILES = "/lab-files/{draft}/{lab}/{run}/{name}"

@@ -157,6 +157,12 @@ class ModelPage:
                     "Say how many states, noises and measurements it has, and type.",
                     self.new_dialog,
                 ),
+                (
+                    "begin-data",
+                    "I have data",
+                    "A table of measurements: CSV, Excel, parquet. Drop it here, and say which column is what.",
+                    lambda: self.shell.go("data"),
+                ),
             ):
                 with ui.element("button").props(f"type=button data-test={test}").on("click", action):
                     ui.html(f"<b>{title}</b><br>{what}", sanitize=False)

@@ -1,7 +1,7 @@
 """The other end of :mod:`ctlabs.workbench.runs.worker`: what happens inside the process of a run.
 
 Messages to it: (name, arguments, threads) begins a run, "stop" ends it. Messages from it: "loaded" once; then for each
-run ("progress", done, total) any number of times and ("done", result) or ("failed", kind, line, traceback) once.
+run ("progress", done, total, note) any number of times and ("done", result) or ("failed", kind, line, traceback) once.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def line(why: BaseException) -> str:
     return " ".join(str(why).split()) or type(why).__name__
 
 
-class _Stop(BaseException):
+class Unwanted(BaseException):
     """The run is no longer wanted. Not an ``Exception``: what is tried again after a failure is not tried again now."""
 
 
@@ -88,7 +88,7 @@ def _answer(
 ) -> None:
     try:
         message = _computed(connection, functions[name], arguments, threads)
-    except _Stop:
+    except Unwanted:
         message = "failed", "cancelled", "cancelled", ""
     except BaseException as why:
         message = "failed", _kind(why), _said(why), traceback.format_exc()
@@ -109,19 +109,21 @@ def _computed(connection: Connection, path: str, arguments: dict[str, Any], thre
     return "done", function(**{key: value for key, value in offered.items() if key in taken or key in arguments})
 
 
-def _teller(connection: Connection) -> Callable[[int, int], None]:
-    """The function (done, total) that a run calls: it tells how far it is, and ends the run if it is unwanted."""
+def _teller(connection: Connection) -> Callable[..., None]:
+    """The function (done, total, note) that a run calls: it tells how far it is, with a note of its own, and ends the run by
+    :class:`Unwanted` if it is.
+    """
     last = 0.0
 
-    def tell(done: int, total: int) -> None:
+    def tell(done: int, total: int, note: Any = None) -> None:
         nonlocal last
         if connection.poll():
             connection.recv()  # nothing but "stop" is sent during a run
-            raise _Stop
+            raise Unwanted
         now = time.monotonic()
         if now - last >= TELL or 0 < total <= done:
             last = now
-            connection.send(("progress", int(done), int(total)))
+            connection.send(("progress", int(done), int(total), note))
 
     return tell
 

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping as Table
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ctlabs.files import datafile, reading
+from ctlabs.files.datafile import PLAIN
+from ctlabs.files.mapping import Mapping
 from ctlabs.files.modelfile import ModelFile
 from ctlabs.files.modelfile.errors import meant, shown
 from ctlabs.files.modelfile.schema import RUNS, STEPS
@@ -38,16 +40,30 @@ class Upload:
     text: str
 
     @classmethod
-    def of(cls, content: bytes, name: str) -> Upload:
-        """The data of an uploaded file."""
+    def of(cls, content: bytes, name: str, mapping: Mapping = PLAIN) -> Upload:
+        """The data of an uploaded file, in the encoding or from the sheet that is told."""
         if len(content) > LARGEST:
             msg = f"{name}: expected at most {LARGEST // 10**6} MB, received more"
             raise ValueError(msg)
-        return cls(name, datafile.text(content, name))
+        return cls(name, datafile.text(content, name, encoding=mapping.encoding, sheet=mapping.sheet))
 
     def record(self, model: ModelFile | tuple[str, ...]) -> datafile.Record:
         """The record, as the model's table [data] reads it; of names alone, its columns in their order."""
-        return datafile.only(reading.parsed([(self.text.encode(), self.name)], model))
+        return datafile.only(self.records(model))
+
+    def records(self, model: ModelFile | tuple[str, ...]) -> tuple[datafile.Record, ...]:
+        """All records of the data."""
+        own = decoded(model) if isinstance(model, ModelFile) else model
+        return reading.parsed([(self.text.encode(), self.name)], own)
+
+
+def decoded(model: ModelFile) -> ModelFile:
+    """The model for a table that is a text already: its [data] without the encoding and the sheet from which that was read."""
+    told = model.data().get("data")
+    for key in ("encoding", "sheet"):
+        if isinstance(told, dict) and key in told:
+            model = model.remove(("data", key))
+    return model
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +109,7 @@ class Asked:
         return found
 
     @classmethod
-    def of(cls, plain: Mapping[str, Any]) -> Asked:
+    def of(cls, plain: Table[str, Any]) -> Asked:
         """The plan of :meth:`plain`'s answer; what is not there has its default."""
         known = {each.name for each in dataclasses.fields(cls)}
         given = {key: value for key, value in plain.items() if key in known}
@@ -245,7 +261,7 @@ def packed(found: Outcome) -> dict[str, Any]:
     return {each.name: _plain(getattr(found, each.name)) for each in dataclasses.fields(found)}
 
 
-def outcome(result: Mapping[str, Any]) -> Outcome:
+def outcome(result: Table[str, Any]) -> Outcome:
     """The outcome of what a run returned, or the store keeps."""
     known = {each.name for each in dataclasses.fields(Outcome)}
     given: dict[str, Any] = {key: value for key, value in result.items() if key in known}

@@ -40,6 +40,11 @@ FUNCTIONS: Mapping[str, str] = {
     "simulate": "ctlabs.montecarlo:simulate",
     "experiment": "ctlabs.workbench.runs.experiments:run",
     "lab": "ctlabs.workbench.runs.catalogue:run_lab",
+    "table": "ctlabs.workbench.runs.seen:seen",
+    "estimates": "ctlabs.workbench.runs.records:estimated",
+    "diagnosis": "ctlabs.workbench.runs.records:diagnosed",
+    "files": "ctlabs.workbench.runs.records:files",
+    "fit": "ctlabs.workbench.runs.fits:fitted",
 }
 #: Loaded by a process before its first run.
 WARM: Sequence[str] = ("ctlabs.workbench.runs.warm",)
@@ -62,13 +67,16 @@ class RunFailed(RuntimeError):
 
 
 class RunProgress(NamedTuple):
-    """How far a run is. ``ahead``: how many wait before it (0: it runs); ``rate`` per second, 0 while not known."""
+    """How far a run is. ``ahead``: how many wait before it (0: it runs); ``rate`` per second, 0 while not known; ``note``: what else the
+    run tells.
+    """
 
     fraction: float
     rate: float
     done: int
     total: int
     ahead: int = 0
+    note: Any = None
 
     @property
     def left(self) -> float | None:
@@ -128,6 +136,7 @@ class Runner:
         progress: Callable[[RunProgress], object] | None = None,
         cancel: Cancel | None = None,
         seconds: float | None = None,
+        patience: float = PATIENCE,
     ) -> Any:
         """Run a function of the table elsewhere and return its result.
 
@@ -138,6 +147,7 @@ class Runner:
         progress : called in this event loop; it may change elements of a page, but make none
         cancel : when it is set, the run ends within a second
         seconds : cap on its time, from when it starts; the runner's own if not given
+        patience : how long it may take to stop when it is cancelled, s; one that then has a result, as far as it came, gives it
 
         Raises
         ------
@@ -156,7 +166,7 @@ class Runner:
             with contextlib.suppress(RuntimeError):  # the loop has ended
                 loop.call_soon_threadsafe(_shown, progress, state, context=context)
 
-        job = Job(name, dict(arguments), session, self.seconds if seconds is None else seconds, show)
+        job = Job(name, dict(arguments), session, self.seconds if seconds is None else seconds, show, patience)
         self._enter(job)
         done, ahead = asyncio.wrap_future(job.future), -1
         done.add_done_callback(lambda future: future.cancelled() or future.exception())  # it may be awaited by nobody
@@ -303,8 +313,10 @@ class Job:
         session: str,
         seconds: float,
         show: Callable[[RunProgress], object],
+        patience: float = PATIENCE,
     ) -> None:
         self.name, self.arguments, self.session, self.seconds, self.show = name, arguments, session, seconds, show
+        self.patience = patience
         self.future: Future[Any] = Future()
         self.unwanted, self.closing = threading.Event(), threading.Event()
         self.process: _Process | None = None
@@ -394,9 +406,9 @@ class _Process:
                 if message[0] != "progress":
                     self._outcome(job, message, runner)
                     return
-                job.show(rated(message[1], message[2], now - start))
+                job.show(rated(message[1], message[2], now - start)._replace(note=message[3]))
             if job.unwanted.is_set() and not told:
-                told, patience = True, now + PATIENCE
+                told, patience = True, now + job.patience
                 self.connection.send("stop")
             if now > patience or job.closing.is_set():
                 self.kill()

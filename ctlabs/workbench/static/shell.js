@@ -41,7 +41,8 @@ document.addEventListener("DOMContentLoaded", () => {
   }).observe(popup, { attributes: true });
 });
 
-// A file that is dropped anywhere on the page Model goes to its uploader; elsewhere the browser would leave the page for it.
+// A model file that is dropped anywhere on the page Model goes to its uploader, a table on any page to the page Data; else the browser
+// would leave the page for it.
 {
   let depth = 0;
   const files = (e) => e.dataTransfer?.types?.includes("Files");
@@ -53,10 +54,11 @@ document.addEventListener("DOMContentLoaded", () => {
     if (!files(e)) return;
     depth = 0;
     over(false);
-    const page = document.querySelector(".ctl-model");
-    if (!page) { if (!e.target.closest(".q-uploader")) e.preventDefault(); return; }
+    if (e.defaultPrevented || e.target.closest(".q-uploader")) return;
     e.preventDefault();
-    getElement(Number(page.dataset.uploader)).$refs.qRef.addFiles([e.dataTransfer.files[0]]);
+    const model = /\.toml$/i.test(e.dataTransfer.files[0]?.name ?? ".toml");
+    const page = document.querySelector(model ? ".ctl-model" : ".ctl-anydrop");
+    if (page) getElement(Number(page.dataset.uploader)).$refs.qRef.addFiles([e.dataTransfer.files[0]]);
   });
 }
 
