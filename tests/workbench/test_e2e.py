@@ -576,57 +576,6 @@ def test_an_experiment_leaves_as_files_that_are_right(visit: Visits) -> None:
     assert b"<svg" in files["svg"][1]
 
 
-RANGE = "document.querySelector(\"[data-test='{}'] .js-plotly-plot\").layout.xaxis.range"
-ZOOM = """() => {
-  const figure = document.querySelector("[data-test='plot-states'] .js-plotly-plot"), drag = figure.querySelector(".nsewdrag");
-  const box = drag.getBoundingClientRect();
-  return [box.left, box.top, box.width, box.height];
-}"""
-
-
-def test_what_is_looked_at_stays_when_another_part_is_shown(visit: Visits) -> None:
-    """A part of a long record that is dragged over: its rows are all drawn, and every figure shows it until a double click."""
-    tab = begun(visit, page="experiment")
-    tab.run(steps=20_000, runs=2)
-    assert tab.points("plot-states", "estimate") < 5_000
-    left, top, width, height = tab.page.evaluate(ZOOM)
-    tab.page.mouse.move(left + 0.5 * width, top + 0.5 * height)
-    tab.page.mouse.down()
-    tab.page.mouse.move(left + 0.54 * width, top + 0.5 * height, steps=4)
-    tab.page.mouse.up()
-    inside = (
-        "([a, b]) => document.querySelector(\"[data-test='plot-states'] .js-plotly-plot\")._fullData"
-        ".find(e => e.name === 'estimate').x.filter(x => x >= a && x <= b).length"
-    )
-    a, b = tab.page.evaluate(RANGE.format("plot-states"))
-    until(lambda: tab.page.evaluate(inside, [a, b]) >= 0.9 * 20_000 * 0.04)
-    tab.part("innovations")
-    tab.curves("plot-innovations")
-    until(lambda: tab.page.evaluate(RANGE.format("plot-innovations")) == [a, b])
-    tab.part("states")
-    tab.curves("plot-states")
-    assert tab.page.evaluate(RANGE.format("plot-states")) == [a, b]
-    tab.page.mouse.dblclick(left + 0.5 * width, top + 0.5 * height)
-    until(lambda: tab.page.evaluate(RANGE.format("plot-states"))[1] > 10 * (b - a))
-
-
-def test_a_link_opens_the_page_with_its_model(visit: Visits) -> None:
-    """In another browser, with the settings of the experiment; a broken one says so."""
-    tab = begun(visit, page="experiment")
-    tab.settle(steps=123, runs=7)
-    tab.visit.context.grant_permissions(["clipboard-read", "clipboard-write"])
-    tab.get("link").click()
-    until(lambda: "model=" in tab.page.evaluate("navigator.clipboard.readText()"))
-    address = tab.page.evaluate("navigator.clipboard.readText()")
-    other = visit().tab("experiment", "?" + address.partition("?")[2])
-    holds(other.field("steps"), "123")
-    holds(other.field("runs"), "7")
-    other.go("model")
-    assert other.cell("R", 0, 0).input_value() == "0.1^2"
-    broken = visit().tab("model", "?model=abc")
-    broken.page.wait_for_selector("text=link: expected one that was copied whole")
-
-
 def test_the_exported_lines_of_python_give_the_same_numbers(visit: Visits, tmp_path: Path) -> None:
     """They run in another process, with nothing but the library."""
     tab = begun(visit, page="experiment")
