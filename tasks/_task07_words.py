@@ -12,7 +12,7 @@ def result(p, answer, measured, sd):
     elif gain and ratio <= gain * (1 + 1e-6):
         cost = text("{fig:family} shows why this is the minimum, at which the given constant gain {K} lies.", K=p.K_star)
     elif gain:
-        cost = text("{fig:family} shows why this is the minimum: every other constant gain has a larger variance, that of {K} has {factor:4} times the least one.", K=p.K_star, factor=ratio / gain)
+        cost = text("{fig:family} shows why this is the minimum: every other constant gain gives a larger variance, the gain {K} one {factor:4} times as large.", K=p.K_star, factor=ratio / gain)
     else:
         cost = text("{fig:family} shows the minima for other numbers; here a constant gain of {K} keeps a variance of {variance:4} m², where that of the optimal gain vanishes.", K=p.K_star, variance=ratio * p.R)
     return [

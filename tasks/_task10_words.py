@@ -55,7 +55,7 @@ def conclusions(r, p, answer):
         elif floor == 0 and prior > 0:
             line = "${name} = {dt}$ s loses the velocity (rank 1), but $P_0$ is singular and ties it to the position, so its variance tends to 0 all the same: after {steps} measurements it is {last:4} m²/s², from {prior} at the start."
         elif floor < prior:
-            line = "${name} = {dt}$ s loses the velocity (rank 1): only the position is seen. Its variance falls from {prior} towards {floor} m²/s², which the initial correlation allows, and no number of measurements brings it below that; after {steps} it is {last:4} m²/s²."
+            line = "${name} = {dt}$ s loses the velocity (rank 1): only the position is seen. The variance of the velocity falls from {prior} towards {floor} m²/s², which the initial correlation allows, and no number of measurements brings it below that; after {steps} it is {last:4} m²/s²."
         elif prior:
             line = "${name} = {dt}$ s loses the velocity (rank 1): without an initial correlation with the position its variance stays at {prior} m²/s² for ever."
         else:

@@ -216,7 +216,7 @@ def near(r, p):
     panel = Panel("variance of ẏ, m²/s²", (Curve(text("after {n} measurements", n=n), grid, found), *given), kind="count", levels=(Mark("floor at $d = k\\pi$", floor),))
     r.figure("periods", Drawing("Periods", "sampling period d, s", (panel,)),
              "Variance of the velocity after {n} measurements against the sampling period; the points are the given periods, less full cycles.", n=n)
-    r.says("In {fig:periods} the variance stays above its floor (dashed) at π and 2π, however many measurements there are, and it is small almost everywhere else. With more measurements the peaks become narrower, not lower: by {eq:slope} their width falls like $N^{-3/2}$. {tab:periods} compares rank and quality: near a losing period the rank is full and the quality poor.")
+    r.says("In {fig:periods} the variance stays above its floor (dashed) at π and 2π, however many measurements there are. Elsewhere it is small, except towards $d = 0$, where the measurements follow one another too quickly to show the motion. With more measurements the peaks become narrower, not lower: by {eq:slope} their width falls like $N^{-3/2}$. {tab:periods} compares rank and quality: near a losing period the rank is full and the quality poor.")
     gains(r, p)
 
 
