@@ -30,7 +30,7 @@ def result(p, answer, measured, sd, when):
     second = (
         "The strength of $w_1$ changes where the variance ends, the variance of $n(t_0)$ only where it begins, and equal frequencies make the filter a constant factor ({fig:factors})." if limit
         else "Equal frequencies make the filter a constant factor, and the variance of $n(t_0)$ does not enter the gain after the first measurement ({fig:factors})." if p.w0 == p.wn
-        else "One of the two processes is not driven, and the variance tends to zero whatever the factors are ({fig:factors})."
+        else "One of the two processes is not driven, and the variance tends to zero whatever the strength of the other and the variance of $n(t_0)$ are ({fig:factors})."
     )
     return [first, second, text("In the experiment the RMS error of the signal at {at:4} s was {measured}, where theory has {sd:4} V.", at=when, measured=measured, sd=sd)]
 
@@ -39,7 +39,8 @@ def discussion(r, answer):
     """What the numbers mean together."""
     r.says("**Coloured noise is a state, not a nuisance.** As soon as the noise is modelled, the measurement is perfect, and the question is no longer how large the noise is but how its spectrum differs from the signal's. What the filter uses is the difference $z_i - bz_{i-1}$ ({eq:derived}): it removes what is left of the old noise, and the part $(a-b)s_{i-1}$ that remains is the larger, the more the poles differ.")
     r.says("**When the poles are equal.** Then nothing remains: signal and noise are two processes of one shape, and no filter can do better than to divide z in the ratio of their strengths ({eq:equal}). The pair is unobservable; that it does no harm for a positive frequency is the difference between observability and detectability.")
-    r.says("**Initial values and strengths.** A wrong variance of $n(t_0)$ is a mistake about the past, and a stable filter forgets it. A wrong strength is a mistake about all that is to come; it stays in the gain, and the filter's own variance does not show it ({eq:wrong}). The innovations do: their variance is no longer the claimed one and, unless the poles are equal, they are no longer white.")
+    r.says("**Initial values and strengths.** A wrong variance of $n(t_0)$ is a mistake about the past, and a stable filter forgets it. A wrong strength is a mistake about all that is to come; it stays in the gain, and the filter's own variance does not show it ({eq:wrong}). The innovations do: their variance is no longer the claimed one and, unless the poles are equal, they are no longer white." if answer["signal_variance_steady"] else
+           "**Initial values and strengths.** A wrong variance of $n(t_0)$ is a mistake about the past, and a stable filter forgets it. A wrong strength is one about all that is to come: in general it stays in the gain, and the filter's own variance does not show it.")
     r.says("**Points outside the band.** Successive errors share the factor {pole:3} ({eq:transfer}); where it is near 1, points of {fig:ensemble} that leave the band do so in groups. The tests of {app:chance} account for it.", pole=answer["filter_pole"])
 
 

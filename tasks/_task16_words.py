@@ -23,7 +23,7 @@ def discussion(r, p):
         r.says("**One number decides.** The product $QR$ fixes the variance and the ratio $Q/R$ the speed. The period enters through $x = \\kappa\\,dt$ only: {fig:limits} is the same curve for all $Q$ and $R$, in units of $P_\\infty$ and $1/\\kappa$. As long as a period is a small part of the time constant, sampling costs a fraction $x/2$ of the variance right before a measurement and gains as much right after it. (The gain is that of a measurement of $x(t_i)$ itself; an average over the period has none, see {part:b}.)")
         r.says("**Two settling times.** Both filters settle at the rate at which an error of the variance is forgotten, which is twice that of an error of the estimate. The numbers differ since the discrete one counts whole measurements and has another limit.")
     r.says("**Points outside a band.** The error after a measurement contains the fraction $1 - K$ of the one before. With a short period this is nearly all of it, and points of {fig:ensemble} that lie outside a band of 95 % come in groups as long as the memory of the filter; the tests of {app:chance} are about the largest of them.")
-    r.says("**White noise.** A continuous measurement in white noise is an idealisation: no record of it exists. What exists is its average over a period, {eq:average}, and a filter that is fed with such averages, but takes them for values of $x(t_i)$, differs from the continuous one by what is left out there.")
+    r.says("**White noise.** A continuous measurement in white noise is an idealisation: no record of it exists. What exists is its average over a period ({eq:average}).", " A filter that is fed with such averages, but takes them for values of $x(t_i)$, differs from the continuous one by what is left out there." if p.Q else "")
 
 
 def answers(p):
@@ -32,7 +32,8 @@ def answers(p):
         "a": "The filter is {eq:filter}, with the variance of {eq:variance}; its gain tends to κ from any start, and the transfer function is {eq:transfer}." if p.Q
              else "The filter is {eq:filter}; without process noise its gain tends to 0, and it does not become time-invariant.",
         "b": "The model is {eq:sampled}, the filter {eq:prediction} and {eq:update}; the steady state is {eq:steady}, the transfer function {eq:pulse}.",
-        "c": "The experiments are those of {fig:record} and {fig:ensemble}; the settling times follow from {eq:settling}.",
+        "c": "The experiments are those of {fig:record} and {fig:ensemble}; the settling times follow from {eq:settling}." if p.Q
+             else "The experiments are those of {fig:record} and {fig:ensemble}; without process noise neither filter settles.",
     }
 
 
