@@ -56,6 +56,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     """How many of hypothesis's examples are run, at most; which cases; and how many random models."""
     parser.addoption("--examples", type=int, default=10, help="run at most so many examples of each property")
     parser.addoption("--share", default="0/1", help="i/n: of the cases of a parametrised test every n-th, from the i-th on")
+    parser.addoption("--variants", type=int, default=3, help="students' variants of each lab that are run (tests/course/test_issue.py)")
     parser.addoption("--twins", type=int, default=8, help="random models of each of four seeds (tests/test_twins.py)")
 
 

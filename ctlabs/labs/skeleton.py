@@ -40,8 +40,8 @@ class Skeleton:
     built beforehand; and what the parts before it have returned (``{"steps": 40}``, or nothing). Result and answers come last
     although they are read first or later: they may name everything.
 
-    ``result`` : three sentences, the first of which stands for the lab in the index · ``key`` : the figure that shows it ·
-    ``answers`` : by letter
+    ``result`` : three sentences, the first of which stands for the lab in the index · ``key`` : the figure that shows it, where
+    the parameters leave something to draw · ``answers`` : by letter
     """
 
     analysis: tuple[Part, ...]
@@ -88,7 +88,8 @@ class Skeleton:
             _questions(r, asked)
         sentences = [translated(each) for each in called(self.result, known)]
         r.more["result"] = without_places(sentences[0])
-        r.blocks[first:first] = [Heading(translated("Result"), 2, name="result"), Text(" ".join(sentences)), Copy(self.key)]
+        copy = [Copy(self.key)] if any(isinstance(each, Picture) and each.name == self.key for each in r.blocks) else []
+        r.blocks[first:first] = [Heading(translated("Result"), 2, name="result"), Text(" ".join(sentences)), *copy]
         r.blocks = numbered(r.blocks)
         return r
 
