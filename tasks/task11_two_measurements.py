@@ -329,8 +329,7 @@ def answers():
 PARTS = Skeleton(
     result=result,
     key="weights",
-    discussion=discussion,
-    answers=answers,
+    discussion=discussion, answers=answers,
     analysis=(part_a, part_b, weights, vectors),
     plan=plan,
     experiment=(part_c,),

@@ -272,7 +272,7 @@ def test_every_axis_names_its_unit(name: str) -> None:
     """The title of an axis is a name, a comma, a unit (a pure number: 1, or a name alone)."""
     layout = to_plotly(drawings()[name])["layout"]
     titles = [value["title"]["text"] for key, value in layout.items() if re.match(r"[xy]axis", key)]
-    pure = {"autocorrelation of position", "largest error against 50 digits", "operations of a step", ""}
+    pure = {"autocorrelation of position", "largest error against 50 digits", "operations of a step", "magnitude", ""}
     for title in titles:
         unit = title.rpartition(", ")[2] if ", " in title else ""
         assert (

@@ -387,7 +387,7 @@ def model_with(name: str, lab: str, typed: Mapping[str, Typed]) -> tuple[str, tu
 def address(lab: str, typed: Mapping[str, Typed], runs: str = "", seed: str = "") -> str:
     """The part of an address that leads to a lab with values in its fields: what is the default is left out.
 
-    >>> address("task07", {"R": "4", "Q": fields("task07")[0].default}, "1000", "2")
+    >>> address("task07", {field.name: field.default for field in fields("task07")} | {"R": "4"}, "1000", "2")
     'lab=task07&R=4&runs=1000&seed=2'
     """
     known = {field.name: field for field in fields(lab)}
