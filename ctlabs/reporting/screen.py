@@ -121,7 +121,7 @@ def _layout(drawing: Drawing, dark: bool, names: int) -> dict[str, Any]:
     inner = height(drawing) - above(drawing) - BELOW
     panel_height = (inner - (rows - 1) * GAP) / rows
     line = {"gridcolor": grid, "linecolor": grid, "zerolinecolor": grid, "zerolinewidth": 1, "automargin": True}
-    number = {"exponentformat": "power", "showexponent": "all"}
+    number = {"exponentformat": "power", "showexponent": "all", "minexponent": 4}  # 8000, not 0.8×10⁴
     layout: dict[str, Any] = {
         "height": height(drawing),
         "margin": {"l": 58, "r": 14, "t": above(drawing), "b": BELOW},
