@@ -101,6 +101,25 @@ def test_a_teacher_issues_grades_and_looks(visit: Visits, course: Course) -> Non
     until(lambda: tab.unnamed() == [])
 
 
+def test_issuing_is_cancelled_and_leaves_whole_hand_outs(visit: Visits, tmp_path: Path) -> None:
+    """Grading waits meanwhile; the work goes on while another page is shown."""
+    course = a_course.made(tmp_path / "autumn", 30)
+    tab = visit().tab("course")
+    open_course(tab, course)
+    tab.get("course-issue-run").click()
+    tab.page.wait_for_selector("[data-test=course-issue-told]:has-text('of 120 hand-outs')")
+    assert tab.get("course-grade-run").is_disabled()
+    tab.go("keep")
+    tab.go("course")
+    until(lambda: list(course.folder.glob("handouts/*/*/answers.toml")))
+    tab.get("course-issue-cancel").click()
+    tab.page.wait_for_selector("[data-test=course-issue-told]:has-text('Cancelled')")
+    made = list(course.folder.glob("handouts/*/*"))
+    assert 0 < len(made) < 120
+    assert all({path.name for path in each.iterdir()} == {"answers.toml", "statement.html", "statement.md"} for each in made)
+    tab.page.wait_for_selector(f"[data-test=course-there]:has-text('{len(made)} of 120 hand-outs')")
+
+
 def test_a_folder_is_chosen_on_a_phone(visit: Visits, course: Course) -> None:
     """From the list of folders, and up; nothing is wider than the window."""
     tab = visit(viewport=PHONE, has_touch=True).tab("course")

@@ -123,7 +123,7 @@ class Grades:
                 ui.label("Nothing has been graded yet.").classes("ctl-show-hint")
                 return
             self._found()
-            ui.html(self._table(course, rows), sanitize=False).classes("ctl-course-table")
+            ui.html(self._table(course, rows), sanitize=False).classes("ctl-course-table ctl-course-grades")
             self._links()
             self._overview()
 
