@@ -96,7 +96,7 @@ def _moodle(graded: Graded) -> Iterable[Sequence[object]]:
     labs, known = _labs(graded), contacts(graded.course)
     keys = sorted({key for row in known.values() for key in row})
     titles = _titles()
-    yield ["Full name", *keys, *(f"Lab {_short(lab)}. {titles[lab]}" for lab in labs), "Labs done", "ValueMark"]
+    yield ["Full name", *keys, *(f"Lab {_short(lab)}. {titles[lab]}" for lab in labs), "Labs done", "Mark"]
     for student in graded.course.students:
         own, total = graded.results[student.id], graded.totals[student.id]
         shares = [_share(own.get(lab)) for lab in labs]

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from ctlabs.course.folder import Course
+from ctlabs.course.pages import PLAIN
 from tests.course import a_course
 from tests.workbench_browser import (  # noqa: F401  # fixtures
     PHONE,
@@ -118,6 +119,41 @@ def test_issuing_is_cancelled_and_leaves_whole_hand_outs(visit: Visits, tmp_path
     assert 0 < len(made) < 120
     assert all({path.name for path in each.iterdir()} == {"answers.toml", "statement.html", "statement.md"} for each in made)
     tab.page.wait_for_selector(f"[data-test=course-there]:has-text('{len(made)} of 120 hand-outs')")
+
+
+#: What would leave its frame, the page or this machine, if it could.
+PAGE = """<!doctype html><html><head></head><body><h1>hostile</h1><script>parent.document.title = "taken"</script>
+<img src="/x.png" onerror="parent.document.title = 'taken'"><iframe src="/model"></iframe>
+<meta http-equiv="refresh" content="0; url=/model"></body></html>"""
+
+
+def test_what_a_hostile_file_says_is_not_done(visit: Visits, course: Course) -> None:
+    """A hand-out and grades that somebody has put into the folder: they are shown, and nothing of them runs."""
+    handout, grades = course.handout(course.students[0], "task07"), course.folder / "grades"
+    for place in (handout, grades):
+        place.mkdir(parents=True)
+    (handout / "statement.html").write_text(PAGE)
+    (grades / "course.html").write_text(PAGE)
+    rows = [["name", "group", *PLAIN], [course.students[0].name, "G", *["<img src=x onerror=alert(1)>"] * len(PLAIN)]]
+    (grades / "grades.csv").write_text("".join(",".join(row) + "\n" for row in rows), encoding="utf-8")
+    tab = visit().tab("course")
+    tab.visit.forgiven = "sandbox|Content Security Policy"
+    open_course(tab, course)
+    assert text(tab, "course-grades").count("<img src=x") == len(PLAIN)
+    for part in ("handout", "grades"):
+        frame = tab.page.frame_locator(f"[data-test=course-frame-{part}]")
+        frame.locator("h1", has_text="hostile").wait_for()
+    tab.page.wait_for_load_state("networkidle")
+    assert "taken" not in tab.page.title()
+    for what in ("img-src", "frame-src", "sandboxed"):
+        until(lambda what=what: any(what in line for line in tab.visit.complaints))
+    assert sum("/model" in frame.url for frame in tab.page.frames) == 0
+    # The roster grows in an editor, and the next run shows it.
+    with (course.folder / "roster.csv").open("a", encoding="utf-8") as file:
+        file.write("Late Comer;CS-1;late@example.org\n")
+    tab.get("course-grade-run").click()
+    tab.page.wait_for_selector("[data-test=course-roster]:has-text('Late Comer')")
+    tab.page.wait_for_selector("[data-test=course-grades] table:has-text('Late Comer')")
 
 
 def test_a_folder_is_chosen_on_a_phone(visit: Visits, course: Course) -> None:

@@ -15,6 +15,7 @@ from ctlabs.workbench.pages.showing import Show
 from ctlabs.workbench.runs.inside import line
 
 if TYPE_CHECKING:
+    from ctlabs.course.folder import Course
     from ctlabs.workbench.desk.session import Session
     from ctlabs.workbench.pages.shell import Shell
 
@@ -48,6 +49,7 @@ class _CoursePage:
         self.desk: CourseDesk = session.courses
         self.running = self.desk.running
         self.seen = self.running.finished
+        self.drawn: Course | None = None  # the course as it is shown
         self.works: list[CourseWork] = []
         self.grades: Grades | None = None
         self.handout: Handout | None = None
@@ -97,7 +99,7 @@ class _CoursePage:
 
     def _fill(self) -> None:
         """Draw what is open."""
-        course = self.desk.course
+        course = self.drawn = self.desk.course
         self.close.set_visibility(course is not None)
         self.title.set_visibility(course is not None)
         self.works, self.grades, self.handout = [], None, None
@@ -161,12 +163,23 @@ class _CoursePage:
                 return
             ended = now.finished != self.seen
             self.seen = now.finished
+            if ended:
+                self._renew()
             if now.name == "issue" and (ended or now.cancelled or now.problem):
                 self._issued()
                 if self.handout is not None:
                     self.handout.draw()
             if now.name == "grade" and ended and self.grades is not None:
                 self.grades.draw()
+
+    def _renew(self) -> None:
+        """Work has read the files of the course anew: if they have been edited, so does the page."""
+        try:
+            self.desk.again()
+        except ValueError as why:
+            self.wrong.text = line(why)
+        if self.desk.course != self.drawn:
+            self._fill()
 
     def _theme(self) -> None:
         """Frames follow the colours of the workbench."""
