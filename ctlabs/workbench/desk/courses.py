@@ -74,8 +74,8 @@ class CourseDesk:
         found = open_course(place)
         if self.course is None or self.course.folder != place:
             self.found = None
-            usual = place / "submitted"
-            self.submitted = self.submitted if self.left == str(place) else str(usual) if usual.is_dir() else ""
+            noted, usual = self.submitted if self.left == str(place) else "", place / "submitted"
+            self.submitted = noted or (str(usual) if usual.is_dir() else "")
         self.course, self.left = found, str(place)
         self._note()
         return found
