@@ -42,6 +42,7 @@ ROOMS: dict[str, set[str]] = {
         "reporting",
         "labs",
         "studies",
+        "course",
     },
     "cli": {"text", "linalg", "montecarlo", "files", "reporting", "labs", "studies", "course", "workbench"},
     "__main__": {"cli"},

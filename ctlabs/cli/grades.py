@@ -69,7 +69,15 @@ def grade(submitted: Path, folder: Path | None, workers: int) -> int:
 
     above = next((place for place in (Path(), *submitted.absolute().parents) if (place / COURSE).is_file()), Path())
     course = checked(lambda: open_course(folder or above))
-    graded = checked(lambda: grades.grade(course, submitted, workers, lambda lab: click.echo(f"{lab:<15} graded", err=True)))
+    finished = 0
+
+    def tell(done: int, _total: int, lab: str) -> None:
+        nonlocal finished
+        if done > finished:
+            finished = done
+            click.echo(f"{lab:<15} graded", err=True)
+
+    graded = checked(lambda: grades.grade(course, submitted, workers, tell))
     place = checked(lambda: grades.write(graded, pages.files))
     for problem in graded.problems:
         click.echo(problem, err=True)

@@ -9,6 +9,7 @@ from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from ctlabs.course import copies, keeping, submissions
@@ -16,6 +17,7 @@ from ctlabs.course.copies import Likeness
 from ctlabs.course.folder import Course
 from ctlabs.course.grading import LabResult, Total, lab_result, total
 from ctlabs.course.submissions import Noted, Submission
+from ctlabs.course.telling import Tell, nobody
 from ctlabs.reporting.render import swap
 
 #: Folder of the grades in that of the course.
@@ -33,8 +35,9 @@ class Graded:
     problems: Sequence[str]
 
 
-def grade(course: Course, folder: Path, workers: int = 1, progress: Callable[[str], object] = str) -> Graded:
-    """The grades of a course from what was handed in; ``progress`` is called with each lab that is done. Workers change nothing.
+def grade(course: Course, folder: Path, workers: int = 1, tell: Tell = nobody) -> Graded:
+    """The grades of a course from what was handed in; ``tell`` is called with the labs that are done, how many there are, and the name
+    of the one in hand, or of the last. Workers change nothing.
 
     Raises
     ------
@@ -50,7 +53,7 @@ def grade(course: Course, folder: Path, workers: int = 1, progress: Callable[[st
     results: dict[str, dict[str, LabResult]] = {each.id: {} for each in course.students}
     met: list[Likeness] = []
     jobs = [(course, lab, by_lab[lab], noted) for lab in labs]
-    for lab, own, theirs, wrong in _done(jobs, workers, progress):
+    for lab, own, theirs, wrong in _done(jobs, workers, tell):
         for student, result in own.items():
             results[student][lab] = result
         met += theirs
@@ -65,31 +68,37 @@ Job = tuple[Course, str, list[Submission], Mapping[tuple[str, str], Noted]]
 Done = tuple[str, dict[str, LabResult], list[Likeness], list[str]]
 
 
-def _done(jobs: Sequence[Job], workers: int, progress: Callable[[str], object]) -> list[Done]:
+def _done(jobs: Sequence[Job], workers: int, tell: Tell) -> list[Done]:
     """The labs' results in their order."""
     found: dict[str, Done] = {}
     if workers == 1 or len(jobs) < 2:
         for job in jobs:
-            found[job[1]] = graded_lab(job)
-            progress(job[1])
+            found[job[1]] = graded_lab(job, partial(_tell_of, tell, len(found), len(jobs), job[1]))
+            tell(len(found), len(jobs), job[1])
         return list(found.values())
     # Not forked: a fork would copy locks that this process's threads hold.
     with ProcessPoolExecutor(min(workers, len(jobs)), mp_context=multiprocessing.get_context("spawn")) as pool:
         for future in as_completed([pool.submit(graded_lab, job) for job in jobs]):
             found[future.result()[0]] = future.result()
-            progress(future.result()[0])
+            tell(len(found), len(jobs), future.result()[0])
     return [found[job[1]] for job in jobs]
 
 
-def graded_lab(job: Job) -> Done:
-    """All results of a lab, the copies in it, and why it could not be graded where it could not."""
+def _tell_of(tell: Tell, done: int, total: int, lab: str, _number: int) -> None:
+    """A lab is in hand."""
+    tell(done, total, lab)
+
+
+def graded_lab(job: Job, told: Callable[[int], object] = int) -> Done:
+    """All results of a lab, the copies in it, and why it could not be graded where it could not; ``told`` of each student before."""
     course, lab, found, noted = job
     try:
-        keys = keeping.answers(course, lab)
+        keys = keeping.answers(course, lab, told)
     except ValueError as error:
         return lab, {}, [], [f"{lab}: not graded: {error}"]
     results: dict[str, LabResult] = {}
-    for student in course.takers(lab):
+    for number, student in enumerate(course.takers(lab)):
+        told(number)
         own = [each for each in found if each.student == student.id]
         said = noted.get((student.id, lab), Noted())
         if own:

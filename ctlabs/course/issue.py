@@ -12,8 +12,10 @@ from typing import Any, TypeVar
 from ctlabs.course import keeping, statement
 from ctlabs.course.folder import Course, LabPlace
 from ctlabs.course.roster import Student
+from ctlabs.course.telling import Tell, nobody
 from ctlabs.course.variants import drawn
 from ctlabs.labs import printing
+from ctlabs.labs.catalogue import catalogue
 from ctlabs.reporting.crossrefs import anchor
 from ctlabs.reporting.render import page, swap
 
@@ -22,17 +24,41 @@ Job = TypeVar("Job")
 Done = TypeVar("Done")
 
 
-def issue(course: Course, lab: str, students: frozenset[str] | None = None) -> dict[str, Any]:
+def issue_all(course: Course, tell: Tell = nobody) -> int:
+    """Write the hand-outs of all labs, one after the other; how many there are. Those that are written when ``tell`` raises are whole."""
+    labs, done = course.all_labs(), 0
+    total = sum(len(course.labs(each)) for each in course.students)
+    for lab in labs:
+
+        def step(count: int, _takers: int, words: str, lab: str = lab, before: int = done) -> None:
+            tell(before + count, total, f"Lab {catalogue()[lab].short}, {labs.index(lab) + 1} of {len(labs)}: {words}")
+
+        done += issue(course, lab, tell=step)["count"]
+    tell(done, total, "")
+    return done
+
+
+def issued(course: Course) -> dict[str, tuple[str, ...]]:
+    """The labs of which each student's hand-out is there, by the names of the students' folders."""
+    return {
+        each.id: tuple(place.lab for place in course.labs(each) if (course.handout(each, place.lab) / statement.FORM).is_file())
+        for each in course.students
+    }
+
+
+def issue(course: Course, lab: str, students: frozenset[str] | None = None, tell: Tell = nobody) -> dict[str, Any]:
     """Write the hand-outs of a lab; returns its name, how many there are, and what was drawn anew.
 
     ``students`` : folders of those who get theirs; of all if it is None. What a student gets depends on those before in the roster,
     so that all are drawn.
     """
-    found, count = drawn(course, lab), 0
+    takers, count = course.takers(lab), 0
+    found = drawn(course, lab, lambda number: tell(0, len(takers), f"numbers of {number} of {len(takers)} students"))
     keeping.keep(course, lab, {name: each.answers for name, each in found.items()})
-    for student in course.takers(lab):
+    for student in takers:
         if students is not None and student.id not in students:
             continue
+        tell(count, len(takers), "hand-outs")
         place = next(each for each in course.labs(student) if each.lab == lab)
         mine = found[student.id]
         write(course, student, place, statement.statement(course, student, place, mine.parameters, mine.answers),

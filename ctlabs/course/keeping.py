@@ -11,7 +11,7 @@ import hashlib
 import json
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -29,8 +29,8 @@ KEYS = "key"
 _SOURCES = ("course/asked.py", "course/key.py", "course/variants.py", "reporting/draws.py", "reporting/params.py")
 
 
-def answers(course: Course, lab: str) -> Mapping[str, tuple[AskedValue, ...]]:
-    """The keys of all students who have a lab, by the names of their folders, in the roster's order.
+def answers(course: Course, lab: str, told: Callable[[int], object] = int) -> Mapping[str, tuple[AskedValue, ...]]:
+    """The keys of all students who have a lab, by the names of their folders, in the roster's order; ``told`` as of the draws.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def answers(course: Course, lab: str) -> Mapping[str, tuple[AskedValue, ...]]:
         found = json.loads(path.read_text(encoding="utf-8"))
         if found["digest"] == digest:
             return {student: tuple(map(_asked, rows)) for student, rows in found["answers"].items()}
-    keys = {student: each.answers for student, each in drawn(course, lab).items()}
+    keys = {student: each.answers for student, each in drawn(course, lab, told).items()}
     keep(course, lab, keys)
     return keys
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ctlabs.course import reading, submissions
 from ctlabs.course.folder import ROSTER, Course
-from ctlabs.course.grades import Graded
+from ctlabs.course.grades import GRADES, Graded
 from ctlabs.course.grading import LabResult
 from ctlabs.course.marking import Kind, ValueMark
 from ctlabs.course.roster import Student
@@ -28,6 +28,8 @@ MOODLE = {
     "id_number": "ID number", "idnumber": "ID number", "username": "Username", "login": "Username",
     "email": "Email address", "e_mail": "Email address", "email_address": "Email address",
 }  # fmt: skip
+#: The table of the grades, and its columns behind those of the labs.
+TABLE, PLAIN = "grades.csv", ("labs done", "control parts failed", "mark", "grade", "like another's", "remarks")
 #: How many items are called the hardest.
 HARDEST = 12
 _LOOKS = {Kind.RIGHT: "good", Kind.WRONG: "bad", Kind.UNREADABLE: "bad", Kind.NONE: "note"}
@@ -37,7 +39,7 @@ def files(graded: Graded) -> dict[str, str]:
     """Every file of a grading run by its name in the folder of the grades."""
     course = graded.course
     found = {
-        "grades.csv": "\ufeff" + _table(_grades(graded)),
+        TABLE: "\ufeff" + _table(_grades(graded)),
         "moodle.csv": _table(_moodle(graded)),
         "copies.csv": "\ufeff" + _table(_copies(graded)),
         "problems.txt": "".join(f"{each}\n" for each in graded.problems),
@@ -74,7 +76,7 @@ def _labs(graded: Graded) -> tuple[str, ...]:
 def _grades(graded: Graded) -> Iterable[Sequence[object]]:
     """A row for each student: the share of each lab, what is done, the mark."""
     labs, course = _labs(graded), graded.course
-    yield ["name", "group", "variant", *labs, "labs done", "control parts failed", "mark", "grade", "like another's", "remarks"]
+    yield ["name", "group", "variant", *labs, *PLAIN]
     like = Counter(each.student for each in graded.copies)
     for student in course.students:
         own, total = graded.results[student.id], graded.totals[student.id]
@@ -94,7 +96,7 @@ def _moodle(graded: Graded) -> Iterable[Sequence[object]]:
     labs, known = _labs(graded), contacts(graded.course)
     keys = sorted({key for row in known.values() for key in row})
     titles = _titles()
-    yield ["Full name", *keys, *(f"Lab {_short(lab)}. {titles[lab]}" for lab in labs), "Labs done", "ValueMark"]
+    yield ["Full name", *keys, *(f"Lab {_short(lab)}. {titles[lab]}" for lab in labs), "Labs done", "Mark"]
     for student in graded.course.students:
         own, total = graded.results[student.id], graded.totals[student.id]
         shares = [_share(own.get(lab)) for lab in labs]
@@ -121,6 +123,27 @@ def _copies(graded: Graded) -> Iterable[Sequence[object]]:
     yield ["lab", "student", "like", "values", "chance", "what"]
     for each in graded.copies:
         yield [each.lab, names[each.student], names[each.other], len(each.values), each.chance, each.why]
+
+
+def kept_grades(course: Course) -> list[dict[str, str]]:
+    """The rows of ``grades.csv`` as the last grading run left it, by the heads of their columns; none where there was no run.
+
+    Raises
+    ------
+    ValueError
+        The table is another than a grading run writes.
+    """
+    path = course.folder / GRADES / TABLE
+    try:
+        rows = list(csv.DictReader(io.StringIO(path.read_text(encoding="utf-8-sig"))))
+    except FileNotFoundError:
+        return []
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(f"{TABLE}: expected the table of a grading run, received: {error}") from None
+    wanted = {"name", "group", *PLAIN}
+    if not all(wanted <= {key for key, cell in row.items() if isinstance(cell, str)} for row in rows):
+        raise ValueError(f"{TABLE}: expected the columns {', '.join(sorted(wanted))} with commas between, received others: grade again")
+    return rows
 
 
 # Pages -------------------------------------------------------------------------------------------------------------------

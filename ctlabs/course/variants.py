@@ -8,7 +8,7 @@ in the roster that most answers would be the same.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, lru_cache, partial
 from itertools import combinations
 from pathlib import Path
@@ -46,8 +46,22 @@ def parameters(course: Course, student: Student, lab: str) -> LabParameters:
     return drawn(course, lab)[student.id].parameters
 
 
-def drawn(course: Course, lab: str) -> Mapping[str, Drawn]:
+@dataclass(frozen=True, slots=True)
+class Takers:
+    """All that the draws of a lab depend on: who has it and the attempts that come first, secret and term; and who is told of each draw."""
+
+    lab: str
+    students: tuple[str, ...]
+    first: tuple[int, ...]
+    secret: str
+    term: str
+    told: Callable[[int], object] = field(default=int, compare=False)
+
+
+def drawn(course: Course, lab: str, told: Callable[[int], object] = int) -> Mapping[str, Drawn]:
     """The draws of all students who have a lab, by the name of the folder.
+
+    ``told`` is called with how many there are, before each that is drawn now; what it raises ends the drawing.
 
     Raises
     ------
@@ -56,16 +70,17 @@ def drawn(course: Course, lab: str) -> Mapping[str, Drawn]:
     """
     takers = tuple(each.id for each in course.takers(lab))
     first = tuple(course.redrawn.get((each, lab), 0) for each in takers)
-    return of_class(lab, takers, first, course.secret, course.term)
+    return of_class(Takers(lab, takers, first, course.secret, course.term, told))
 
 
 @lru_cache(maxsize=64)
-def of_class(lab: str, takers: tuple[str, ...], first: tuple[int, ...], secret: str, term: str) -> Mapping[str, Drawn]:
+def of_class(takers: Takers) -> Mapping[str, Drawn]:
     """The same from all that it depends on, kept for the next call."""
-    course = Course(Path(), "", term, secret, "", (), {})
+    course = Course(Path(), "", takers.term, takers.secret, "", (), {})
     found: dict[str, Drawn] = {}
-    for student, start in zip(takers, first, strict=True):
-        found[student] = _one(course, student, lab, start, tuple(found.values()))
+    for student, start in zip(takers.students, takers.first, strict=True):
+        takers.told(len(found))
+        found[student] = _one(course, student, takers.lab, start, tuple(found.values()))
     return found
 
 

@@ -10,7 +10,8 @@ How the pieces fit, from the inside out:
     tabs with the same draft share it. It knows no page and is tested without a browser. ``commands`` (with ``blocks`` and ``kinds``)
     are what a person can do to a model, each a class that does it; ``sheet`` shows a file as grids, constants and equations;
     ``store`` keeps drafts with all revisions, and experiments with settings, seed and results, in one SQLite file (``packing``);
-    ``desk`` knows the open sessions by draft and the tabs that look at them; ``tour`` leads through the pages.
+    ``desk`` knows the open sessions by draft and the tabs that look at them; ``courses`` is a teacher's folder of this machine; ``tour``
+    leads through the pages.
 ``runs``
     ``outcomes`` holds what is asked of an experiment and what comes out, ``experiments`` computes it by the studies
     (:mod:`ctlabs.studies`), ``figures`` says what its pictures show, ``comparing`` sets two side by side, ``exports`` (with

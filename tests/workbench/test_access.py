@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("nicegui", reason="the workbench is not installed: pip install 'ctlabs[workbench]'")
 
 from ctlabs.files.modelfile import ready
-from tests.workbench_browser import Tab, Visit, needed, opened, visit, workbench
+from tests.workbench_browser import ROOT, Tab, Visit, needed, opened, visit, workbench
 
 __all__ = ["opened", "visit", "workbench"]
 pytestmark = pytest.mark.slow
@@ -123,6 +123,21 @@ def labs(seen: Seen) -> None:
     seen.look("a lab")
 
 
+def course(seen: Seen) -> None:
+    """The page Course: without one, a folder to be chosen, a course."""
+    seen.tab.go("course")
+    seen.look("course")
+    seen.tab.get("course-path-choose").click()
+    seen.tab.get("folder-take").wait_for()
+    seen.look("folders")
+    seen.tab.press("Escape")
+    seen.tab.get("folder-take").wait_for(state="detached")
+    seen.tab.field("course-path").fill(str(ROOT / "docs" / "sample-course"))
+    seen.tab.get("course-open").click()
+    seen.tab.get("course-roster").wait_for()
+    seen.look("a course")
+
+
 def help_page(seen: Seen) -> None:
     """The page Help."""
     seen.tab.go("help")
@@ -134,7 +149,7 @@ def test_axe_finds_nothing_on_any_page(visit: Visits, axe: str, theme: Any) -> N
     """WCAG 2.2 A and AA and best practice, with models, results and dialogs there."""
     tab = visit(color_scheme=theme, viewport={"width": 1440, "height": 900}).tab()
     seen = Seen(tab, axe)
-    for look in (model, understand, experiment, keep, labs, help_page):
+    for look in (model, understand, experiment, keep, labs, course, help_page):
         look(seen)
     assert tab.dark() is (theme == "dark")
     assert not seen.found, "\n".join(seen.found)

@@ -39,6 +39,7 @@ FIELDS = {
     "fit": "constants starts trace estimates sides profiles correlation",
     "keep": "list compare rerun export",
     "labs": "parameter runs seed checks variant",
+    "course": "folder roster labs issue grade handed handout",
 }
 
 # What there is --------------------------------------------------------------------------------------------------------

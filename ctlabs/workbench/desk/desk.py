@@ -51,12 +51,13 @@ class Desk:
     folder : where the data are
     shared : whether the drafts and experiments of all browsers are one person's (a server that only this machine reaches)
     session : "module:class" of a session, made as ``Session(draft, store=store, runner=runner)``
+    private : whether nobody but the person whose machine this is gets in, so that pages may open folders of it
 
     :attr:`store` and :attr:`runner` are made when they are first needed.
     """
 
-    def __init__(self, folder: Path | None, *, shared: bool, session: str) -> None:
-        self.folder, self.shared, self._path = folder, shared, session
+    def __init__(self, folder: Path | None, *, shared: bool, session: str, private: bool = False) -> None:
+        self.folder, self.shared, self._path, self.private = folder, shared, session, private
         self._loading = threading.RLock()  # while something is loaded or a session is made
         self._lock = threading.Lock()  # for the tables below: never held for long, the event loop waits for it
         self._store: Store | None = None
@@ -161,6 +162,11 @@ class Desk:
             self._tabs = {draft: tabs for draft, tabs in self._tabs.items() if tabs}
         for session in done:
             _close(session)
+
+    def session(self, draft: str) -> Any:
+        """The session of a draft that is open; None where it is not."""
+        with self._lock:
+            return self._open.get(draft)
 
     def others(self, shell: Tab) -> list[Tab]:
         """The other tabs with the same draft."""

@@ -40,7 +40,7 @@ def listed(package: str = __name__) -> tuple[Page, ...]:
     """The pages of a package in their order; none is imported, since they need numpy and the frame does not.
 
     >>> [page.name for page in listed()]
-    ['model', 'understand', 'experiment', 'data', 'fit', 'keep', 'labs', 'help']
+    ['model', 'understand', 'experiment', 'data', 'fit', 'keep', 'labs', 'course', 'help']
     """
     spec, found = importlib.util.find_spec(package), []
     for path in Path(spec.origin).parent.glob("*.py") if spec is not None and spec.origin else ():

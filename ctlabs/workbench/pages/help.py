@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ctlabs.workbench.desk.session import Session
     from ctlabs.workbench.pages.shell import Shell
 
-PAGE = {"place": 9, "title": "Help", "icon": "help_outline"}
+PAGE = {"place": 10, "title": "Help", "icon": "help_outline"}
 
 #: How often the tour looks at what has been done, in seconds.
 LOOK = 0.7

@@ -50,6 +50,8 @@ KEPT = 12
 SECONDS = 3600.0
 _COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
+#: Style sheets for the dark, of all media or of one.
+_DARK = re.compile(r"@media (?:(\w+) and )?\(prefers-color-scheme: dark\)")
 _DRAFT = re.compile(r"[0-9a-f]{16}")
 
 
@@ -603,11 +605,16 @@ def tables(folder: Path) -> bytes:
 
 def page(folder: Path, theme: str = "auto") -> str:
     """The report's HTML in the page's colours: "light", "dark", or the browser's own ("auto")."""
-    text = (folder / "report.html").read_text(encoding="utf-8")
-    condition = {"light": "not all", "dark": "all"}.get(theme, "(prefers-color-scheme: dark)")
+    return themed((folder / "report.html").read_text(encoding="utf-8"), theme)
+
+
+def themed(text: str, theme: str = "auto") -> str:
+    """A page of ours in the workbench's colours: its style sheets, which follow the browser's own, follow these."""
+    head, end, body = text.partition("</head>")
+    if theme in ("light", "dark"):
+        head = _DARK.sub(lambda found: f"@media {found[1] or 'all' if theme == 'dark' else 'not all'}", head)
     scheme = {"light": "light", "dark": "dark"}.get(theme, "light dark")
-    text = text.replace("@media (prefers-color-scheme: dark)", f"@media {condition}", 1)
-    return text.replace("color-scheme: light dark", f"color-scheme: {scheme}", 1)
+    return head.replace("color-scheme: light dark", f"color-scheme: {scheme}", 1) + end + body
 
 
 def tidy(data: Path, known: Callable[[str], bool]) -> None:

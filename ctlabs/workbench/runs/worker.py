@@ -45,6 +45,8 @@ FUNCTIONS: Mapping[str, str] = {
     "diagnosis": "ctlabs.workbench.runs.records:diagnosed",
     "files": "ctlabs.workbench.runs.records:files",
     "fit": "ctlabs.workbench.runs.fits:fitted",
+    "course_issue": "ctlabs.workbench.runs.courses:issue_course",
+    "course_grade": "ctlabs.workbench.runs.courses:grade_course",
 }
 #: Loaded by a process before its first run.
 WARM: Sequence[str] = ("ctlabs.workbench.runs.warm",)

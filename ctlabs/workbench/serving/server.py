@@ -143,7 +143,7 @@ def serve(
         print(f"ctlabs workbench: nothing is kept after the end: {why}", flush=True)  # noqa: T201
     if show:
         threading.Thread(target=_browse, args=(address, folder), daemon=True).start()
-    desk = Desk(data, shared=safety.is_loopback(host), session=session)
+    desk = Desk(data, shared=local, session=session, private=local and not open_to_all)
     try:
         _run(desk, listening, host, token, names, pages)
     except KeyboardInterrupt:  # while it is loaded; later uvicorn repeats the signal when it has ended in order
