@@ -91,7 +91,9 @@ def part_a(r, p, bad, good, experiment):
         schedule = covariances(system, p.steps)
         K, P_minus = schedule.K[1:, :, 0], schedule.P_minus[1:]
         r.value(f"gain_{name}", K, at=at)
-        r.check(text("covariances, dt = {dt} s", dt=system.dt), schedule.P_plus[1:], by_hand.posterior(p.P0, p.R, system.dt, p.steps), ("recursion", "all measurements at once"))
+        whole = by_hand.posterior(p.P0, p.R, system.dt, p.steps)
+        sd = np.sqrt(np.maximum(np.diagonal(whole, axis1=1, axis2=2), 1e-300))
+        r.check(text("covariances, dt = {dt} s", dt=system.dt), schedule.P_plus[1:], whole, ("recursion", "all measurements at once"), scale=sd[:, :, None] * sd[:, None, :])
         r.check(text("P⁺ = (I − KH)P⁻, dt = {dt} s", dt=system.dt), schedule.P_plus[1:], P_minus - K[:, :, None] * P_minus[:, :1], ("Joseph form", "short form"), scale=max(np.abs(P_minus).max(), 1e-300))
         if p.R:
             r.check(text("gains, dt = {dt} s", dt=system.dt), K, by_hand.gains(p.P0, p.R, system.dt, p.steps), ("recursion", "all measurements at once"), SOLVER, scale=known)
