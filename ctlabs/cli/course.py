@@ -176,7 +176,7 @@ def _jobs(found: Course, labs: list[str], students: frozenset[str] | None) -> li
 
 def _progress(work: Callable[[Any], Any], jobs: list[Any], workers: int, unit: str) -> Iterable[Any]:
     """Results as they are ready, with a bar on a terminal; what is refused ends the command in one line."""
-    from ctlabs.course.issue import several
+    from ctlabs.labs.together import several
 
     results = several(work, jobs, workers)
     if sys.stderr.isatty():

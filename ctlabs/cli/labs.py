@@ -244,21 +244,15 @@ def _verdict(done: dict[str, Any]) -> str:
 
 def run_all(jobs: list[tuple[Lab, Any, Experiment, Path, tuple[str, ...]]], together: int) -> Iterator[dict[str, Any]]:
     """Run the labs, ``together`` of them at a time in processes of their own; results in the order given."""
+    from ctlabs.labs.together import several
+
+    yield from several(_written, jobs, together, ordered=True)
+
+
+def _written(job: tuple[Lab, Any, Experiment, Path, tuple[str, ...]]) -> dict[str, Any]:
     from ctlabs.labs import catalogue as labs
 
-    if together == 1:
-        for job in jobs:
-            yield labs.run_and_write(*job)
-        return
-    import multiprocessing
-    from concurrent.futures import ProcessPoolExecutor
-
-    with ProcessPoolExecutor(together, mp_context=multiprocessing.get_context("spawn")) as pool:
-        try:
-            yield from pool.map(labs.run_and_write, *zip(*jobs, strict=True))
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
+    return labs.run_and_write(*job)
 
 
 def progressing(items: Iterable[dict[str, Any]], total: int) -> Iterable[dict[str, Any]]:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import shutil
 import tempfile
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,6 +16,7 @@ from ctlabs.course.folder import Course
 from ctlabs.course.grading import LabResult, Total, lab_result, total
 from ctlabs.course.submissions import Noted, Submission
 from ctlabs.course.telling import Tell, nobody
+from ctlabs.labs.together import several
 from ctlabs.reporting.render import swap
 
 #: Folder of the grades in that of the course.
@@ -76,11 +75,9 @@ def _done(jobs: Sequence[Job], workers: int, tell: Tell) -> list[Done]:
             found[job[1]] = graded_lab(job, partial(_tell_of, tell, len(found), len(jobs), job[1]))
             tell(len(found), len(jobs), job[1])
         return list(found.values())
-    # Not forked: a fork would copy locks that this process's threads hold.
-    with ProcessPoolExecutor(min(workers, len(jobs)), mp_context=multiprocessing.get_context("spawn")) as pool:
-        for future in as_completed([pool.submit(graded_lab, job) for job in jobs]):
-            found[future.result()[0]] = future.result()
-            tell(len(found), len(jobs), future.result()[0])
+    for done in several(graded_lab, jobs, workers):
+        found[done[0]] = done
+        tell(len(found), len(jobs), done[0])
     return [found[job[1]] for job in jobs]
 
 
@@ -102,7 +99,8 @@ def graded_lab(job: Job, told: Callable[[int], object] = int) -> Done:
         own = [each for each in found if each.student == student.id]
         said = noted.get((student.id, lab), Noted())
         if own:
-            place = next(place for place in course.labs(student) if place.lab == lab)
+            place = course.place(student, lab)
+            assert place is not None  # for a taker has it
             results[student.id] = lab_result(course, student, place, keys[student.id], own, said)
     return lab, results, copies.copies(lab, keys, results, len(course.all_labs())), []
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from ctlabs.course import keeping, statement
 from ctlabs.course.folder import Course, LabPlace
@@ -20,8 +20,6 @@ from ctlabs.reporting.crossrefs import anchor
 from ctlabs.reporting.render import page, swap
 
 _HEADING = re.compile(r"^## (.+)$", re.MULTILINE)
-Job = TypeVar("Job")
-Done = TypeVar("Done")
 
 
 def issue_all(course: Course, tell: Tell = nobody) -> int:
@@ -59,8 +57,8 @@ def issue(course: Course, lab: str, students: frozenset[str] | None = None, tell
         if students is not None and student.id not in students:
             continue
         tell(count, len(takers), "hand-outs")
-        place = next(each for each in course.labs(student) if each.lab == lab)
-        mine = found[student.id]
+        place, mine = course.place(student, lab), found[student.id]
+        assert place is not None  # for a taker has it
         write(course, student, place, statement.statement(course, student, place, mine.parameters, mine.answers),
               statement.form(course, student, lab, mine.answers))  # fmt: skip
         count += 1
@@ -128,21 +126,3 @@ def papers(folder: Path) -> dict[str, Any]:
     if not made.is_file() or made.stat().st_mtime < text.stat().st_mtime:
         paper(folder)
     return {"lab": str(folder), "count": 1}
-
-
-def several(work: Callable[[Job], Done], jobs: Sequence[Job], together: int) -> Iterator[Done]:
-    """Results of ``work``, ``together`` of them at a time in processes of their own, as they are ready."""
-    if together == 1 or len(jobs) < 2:
-        yield from map(work, jobs)
-        return
-    import multiprocessing
-    from concurrent.futures import ProcessPoolExecutor, as_completed
-
-    with ProcessPoolExecutor(min(together, len(jobs)), mp_context=multiprocessing.get_context("spawn")) as pool:
-        waiting = [pool.submit(work, job) for job in jobs]
-        try:
-            for each in as_completed(waiting):
-                yield each.result()
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
