@@ -107,6 +107,12 @@ class Fit:
         return tuple(self.estimates)
 
     @property
+    def correlation(self) -> Array | None:
+        """Of the estimates, (p, p); None for one constant, and where one has no standard error."""
+        sd = np.sqrt(np.diag(self.covariance))
+        return self.covariance / np.outer(sd, sd) if len(sd) > 1 and np.isfinite(sd).all() and (sd > 0).all() else None
+
+    @property
     def aic(self) -> float:
         """Akaike's criterion 2p − 2ℓ: smaller is better."""
         return 2 * len(self.estimates) - 2 * self.log_likelihood_diffuse

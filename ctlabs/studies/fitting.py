@@ -207,9 +207,7 @@ def _profiles(report: Report, model: ModelFile, found: Fit) -> None:
                 "Profile log-likelihood: the greatest ℓ for each value of one constant, the others at their best. Values above the dotted line make the 95 % interval."
             ),
         )
-    sd = np.sqrt(np.diag(found.covariance))
-    if len(sd) > 1 and np.isfinite(sd).all() and (sd > 0).all():
-        correlation = found.covariance / np.outer(sd, sd)
+    if (correlation := found.correlation) is not None:
         report.table(
             "correlation",
             ["", *found.names],

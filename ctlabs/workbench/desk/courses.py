@@ -10,14 +10,12 @@ Folders are this machine's: only where nobody else gets in (:attr:`~ctlabs.workb
 
 from __future__ import annotations
 
-import asyncio
-import importlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from ctlabs.workbench.runs.running import Running
-from ctlabs.workbench.runs.worker import FUNCTIONS
+from ctlabs.workbench.runs.worker import here
 
 if TYPE_CHECKING:
     from ctlabs.course.folder import Course
@@ -131,8 +129,7 @@ class CourseDesk:
             return await self.session.runner.run(
                 name, arguments, session=self.session.draft.id, progress=progress, cancel=cancel, seconds=LONGEST, patience=PATIENCE
             )
-        module, _, function = FUNCTIONS[name].partition(":")
-        return await asyncio.to_thread(lambda: getattr(importlib.import_module(module), function)(**arguments))
+        return await here(name, arguments)
 
     def file(self, path: str) -> Path:
         """A file of the open course that a page leads to: ``handout/STUDENT/LAB/NAME``, ``grades/NAME``, ``grades/feedback/STUDENT.html``.

@@ -10,7 +10,6 @@ await desk.fit(["q", "r"], 0, progress, cancel)   # desk.fitted; session.do(Take
 from __future__ import annotations
 
 import asyncio
-import importlib
 from collections.abc import Callable, Sequence
 from collections.abc import Mapping as Table
 from dataclasses import asdict, fields, replace
@@ -22,7 +21,7 @@ from ctlabs.workbench.desk.telling import TellData
 from ctlabs.workbench.runs.outcomes import Upload
 from ctlabs.workbench.runs.running import Running
 from ctlabs.workbench.runs.wanted import Wanted
-from ctlabs.workbench.runs.worker import FUNCTIONS
+from ctlabs.workbench.runs.worker import here
 
 if TYPE_CHECKING:
     from ctlabs.files.modelfile import ModelFile
@@ -123,7 +122,7 @@ class RecordDesk:
             return None
         if self.shown != (text, data) or self.table is None:
             arguments = {"model": text, "text": data.text, "name": data.name}
-            self.table = await (self._here if len(data.text) < SMALL else self._run)("table", arguments)
+            self.table = await (here if len(data.text) < SMALL else self._run)("table", arguments)
             self.shown = (text, data)
         return self.table
 
@@ -227,10 +226,5 @@ class RecordDesk:
     ) -> Any:
         runner = self.session.runner
         if runner is None:
-            return await self._here(name, arguments)
+            return await here(name, arguments)
         return await runner.run(name, arguments, session=self.session.draft.id, progress=progress, cancel=cancel, **more)
-
-    async def _here(self, name: str, arguments: dict[str, Any]) -> Any:
-        """The same in a thread, which needs no process that may still be loading."""
-        module, _, function = FUNCTIONS[name].partition(":")
-        return await asyncio.to_thread(lambda: getattr(importlib.import_module(module), function)(**arguments))

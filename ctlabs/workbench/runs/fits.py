@@ -119,7 +119,7 @@ def fitted(
     return FitResult(
         names=found.names, units=tuple(units[name] for name in found.names), start=tuple(found.start.values()),
         values=tuple(found.estimates.values()), errors=errors, intervals=tuple(found.intervals.get(name) for name in found.names),
-        reasons=dict(found.reasons), correlation=_correlation(found.covariance),
+        reasons=dict(found.reasons), correlation=found.correlation,
         profiles=tuple(
             _profile(labelled(name, units[name]), found.estimates[name], found.standard_errors[name], *found.profiles[name],
                      top=found.log_likelihood_diffuse)
@@ -143,12 +143,6 @@ def _side(file: ModelFile, records: Sequence[Any], names: Sequence[str]) -> Side
         nis=nis / instants if instants else math.nan, expected=dof / instants if instants else math.nan,
         judgement=next((each for each in told if not each.ok), told[0]),
     )  # fmt: skip
-
-
-def _correlation(covariance: Array) -> Array | None:
-    """How the estimates move together; None where one has no standard error."""
-    sd = np.sqrt(np.diag(covariance))
-    return covariance / np.outer(sd, sd) if len(sd) > 1 and np.isfinite(sd).all() and (sd > 0).all() else None
 
 
 def _profile(label: str, estimate: float, error: float | None, values: Array, likelihood: Array, *, top: float) -> Drawing:

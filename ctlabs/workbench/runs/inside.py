@@ -101,9 +101,15 @@ def _answer(
         connection.send(("failed", kind, f"the result cannot be sent: {line(why)}", traceback.format_exc()))
 
 
-def _computed(connection: Connection, path: str, arguments: dict[str, Any], threads: int) -> tuple[Any, ...]:
+def named(path: str) -> Callable[..., Any]:
+    """The function of "module:function"."""
     module, _, attribute = path.partition(":")
-    function = getattr(importlib.import_module(module), attribute)
+    found: Callable[..., Any] = getattr(importlib.import_module(module), attribute)
+    return found
+
+
+def _computed(connection: Connection, path: str, arguments: dict[str, Any], threads: int) -> tuple[Any, ...]:
+    function = named(path)
     offered = {"workers": threads, **arguments, "progress": _teller(connection)}
     taken = inspect.signature(function).parameters
     return "done", function(**{key: value for key, value in offered.items() if key in taken or key in arguments})

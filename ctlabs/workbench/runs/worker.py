@@ -30,7 +30,7 @@ from concurrent.futures import Future
 from multiprocessing.connection import wait
 from typing import Any, NamedTuple, Protocol
 
-from ctlabs.workbench.runs.inside import TELL, Kind, cores, line, work
+from ctlabs.workbench.runs.inside import TELL, Kind, cores, line, named, work
 
 log = logging.getLogger("ctlabs.workbench")
 
@@ -54,6 +54,11 @@ WARM: Sequence[str] = ("ctlabs.workbench.runs.warm",)
 MEMORY, SECONDS = 2 * 1024**3, 600.0
 #: How long a cancelled run may take to stop by itself, and how long a process may load, in seconds.
 PATIENCE, LOADING = 0.5, 600.0
+
+
+async def here(name: str, arguments: Mapping[str, Any]) -> Any:
+    """What a run gives, in a thread of this process: it needs no process that may still be loading, and cannot be cancelled."""
+    return await asyncio.to_thread(lambda: named(FUNCTIONS[name])(**arguments))
 
 
 class RunFailed(RuntimeError):
