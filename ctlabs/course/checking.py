@@ -21,6 +21,7 @@ from ctlabs.course.pages import received
 from ctlabs.course.submissions import HEAD
 from ctlabs.course.units import coherent
 from ctlabs.course.values import AnswerError, Received, answer
+from ctlabs.files import whole
 from ctlabs.labs.catalogue import catalogue, find, load
 
 #: Folder of the counts in that of the course.
@@ -61,7 +62,10 @@ def check(path: Path) -> CheckedForm:
     ValueError
         The file cannot be read, or is no form.
     """
-    lab, answers = _form(path)
+    return _checked(*_form(path))
+
+
+def _checked(lab: str, answers: reading.Answers) -> CheckedForm:
     lines = tuple(_line(each, answers) for each in usual(lab))
     return CheckedForm(lab, lines, answers.problems, sum(not line.read and not line.wrong for line in lines))
 
@@ -110,11 +114,10 @@ def attempt(course: Course, path: Path, allowed: int) -> CheckedForm:
     ValueError
         The file is no form of this course.
     """
-    plain = check(path)
-    forms = {course.form(each, place.lab): (each, place.lab) for each in course.students for place in course.labs(each)}
+    own, answers = _form(path)
+    plain = _checked(own, answers)
     head = reading.parsed(reading.content(path, path.name), HEAD, path.name, [each.name for each in course.students])
-    student, lab, _ = submissions.owner(course, forms, head, path.name)
-    _, answers = _form(path)
+    student, lab, _ = submissions.owner(course, course.forms(), head, path.name)
     asked = keeping.answers(course, lab)[student.id]
     digest = hashlib.sha256(json.dumps([answers.text(each.name) for each in asked]).encode()).hexdigest()
     place = course.folder / ATTEMPTS / student.id / f"{lab}.json"
@@ -125,9 +128,7 @@ def attempt(course: Course, path: Path, allowed: int) -> CheckedForm:
             return CheckedForm(lab, plain.lines, (*plain.problems, over), plain.empty, 0)
         looked = [*looked, digest]
         place.parent.mkdir(parents=True, exist_ok=True)
-        temporary = place.with_suffix(".tmp")
-        temporary.write_text(json.dumps(looked), encoding="utf-8")
-        temporary.replace(place)
+        whole.write(place, json.dumps(looked).encode())
     pairs = zip(plain.lines, asked, strict=True)
     lines = tuple(FormLine(line.name, line.read, line.wrong, _verdict(each, answers)) for line, each in pairs)
     return CheckedForm(lab, lines, plain.problems, plain.empty, allowed - len(looked))

@@ -14,6 +14,7 @@ from ctlabs.course.asked import AskedValue
 from ctlabs.course.folder import Course
 from ctlabs.course.roster import Student
 from ctlabs.course.variants import drawn
+from ctlabs.files import whole
 from ctlabs.labs.catalogue import catalogue, run_and_write
 from ctlabs.labs.experiment import Experiment
 from ctlabs.reporting.cells import grid
@@ -32,8 +33,8 @@ def edition(course: Course, lab: str) -> dict[str, Any]:
         asked, place = keys[student.id], course.folder / keeping.KEYS / student.id
         place.mkdir(parents=True, exist_ok=True)
         text = _page(course, student, lab, statement.numbers(found[student.id].parameters), asked)
-        _write(place / f"{lab}.html", page(f"{statement.title(lab)}: {student.name}", text))
-        _write(place / f"{lab}.toml", "\n".join(_entries(asked)) + "\n")
+        whole.write(place / f"{lab}.html", page(f"{statement.title(lab)}: {student.name}", text).encode())
+        whole.write(place / f"{lab}.toml", ("\n".join(_entries(asked)) + "\n").encode())
         rows += [
             [student.id, lab, a.item, a.name, a.symbol, a.unit, json.dumps(a.value.tolist()), a.relative, a.absolute] for a in asked
         ]
@@ -48,7 +49,7 @@ def table(course: Course, rows: Iterable[list[Any]]) -> Path:
     writer.writerows([COLUMNS, *ordered])
     path = course.folder / keeping.KEYS / "key.csv"
     path.parent.mkdir(parents=True, exist_ok=True)
-    _write(path, file.getvalue())
+    whole.write(path, file.getvalue().encode())
     return path
 
 
@@ -90,10 +91,3 @@ def _entries(asked: tuple[AskedValue, ...]) -> Iterable[str]:
         yield f"[{a.name}]"
         yield f'item = "{a.item}"\nunit = "{a.unit}"\nvalue = {json.dumps(a.value.tolist())}'
         yield f"relative = {a.relative!r}\nabsolute = {a.absolute!r}\n"
-
-
-def _write(path: Path, text: str) -> None:
-    """A file as a whole or not at all."""
-    new = path.with_name(f".{path.name}")
-    new.write_bytes(text.encode())
-    new.replace(path)

@@ -23,6 +23,7 @@ from ctlabs.course.convention import confused
 from ctlabs.course.folder import Course, LabPlace
 from ctlabs.course.roster import Student
 from ctlabs.course.variants import Drawn, drawn
+from ctlabs.files import whole
 from ctlabs.labs.catalogue import catalogue
 from ctlabs.labs.sheets import sheet
 from ctlabs.reporting.params import LabParameters
@@ -191,6 +192,4 @@ def table(course: Course, labs: Sequence[str], variants: int) -> str:
 
 def write(path: Path, text: str) -> None:
     """A file, whole or not at all."""
-    temporary = path.with_name(f".{path.name}.tmp")
-    temporary.write_text(text, encoding="utf-8", newline="")
-    temporary.replace(path)
+    whole.write(path, text.encode())

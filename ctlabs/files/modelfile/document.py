@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Callable, Sequence
 from collections.abc import Mapping as Table
@@ -14,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ctlabs.files import whole
 from ctlabs.files.mapping import Mapping
 from ctlabs.files.modelfile import build, checks, edits, schema
 from ctlabs.files.modelfile.errors import ModelFileError, Path, Problem, meant, place, shown
@@ -450,12 +450,9 @@ class ModelFile:
         target = FilePath(path)
         if target.exists() and not overwrite:
             raise ModelFileError(Problem("", f"expected a file that does not exist yet, received {target}"))
-        temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
         try:
-            temporary.write_bytes(self.dumps().encode())
-            temporary.replace(target)
+            whole.write(target, self.dumps().encode())
         except OSError as error:
-            temporary.unlink(missing_ok=True)
             raise ModelFileError(
                 Problem("", f"expected a file that can be written, received: {error.strerror}"), target.name
             ) from None
