@@ -110,9 +110,17 @@ class Course:
         told = "\x1f".join(map(str, (self.term, *words)))
         return hmac.digest(self.secret.encode(), told.encode(), hashlib.sha256)
 
+    def place(self, student: Student, lab: str) -> LabPlace | None:
+        """A lab in a student's variant; none where it is not in it."""
+        return next((each for each in self.labs(student) if each.lab == lab), None)
+
     def form(self, student: Student, lab: str) -> str:
         """The number of a form, by which a submitted one is known."""
         return self.digest("form", student.id, lab).hex()[:8]
+
+    def forms(self) -> dict[str, tuple[Student, str]]:
+        """Whose form a number is, and of which lab."""
+        return {self.form(each, place.lab): (each, place.lab) for each in self.students for place in self.labs(each)}
 
 
 def open_course(folder: Path) -> Course:

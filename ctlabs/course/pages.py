@@ -69,13 +69,9 @@ def _cell(value: object) -> object:
     return "" if value is None else f"{value:.6g}" if isinstance(value, float) else value
 
 
-def _labs(graded: Graded) -> tuple[str, ...]:
-    return graded.course.all_labs()
-
-
 def _grades(graded: Graded) -> Iterable[Sequence[object]]:
     """A row for each student: the share of each lab, what is done, the mark."""
-    labs, course = _labs(graded), graded.course
+    labs, course = graded.course.all_labs(), graded.course
     yield ["name", "group", "variant", *labs, *PLAIN]
     like = Counter(each.student for each in graded.copies)
     for student in course.students:
@@ -93,7 +89,7 @@ def _share(result: LabResult | None) -> float | None:
 
 def _moodle(graded: Graded) -> Iterable[Sequence[object]]:
     """The columns that Moodle's import of grades takes: by which it knows a person, then the points of each lab, 0 to 100."""
-    labs, known = _labs(graded), contacts(graded.course)
+    labs, known = graded.course.all_labs(), contacts(graded.course)
     keys = sorted({key for row in known.values() for key in row})
     titles = _titles()
     yield ["Full name", *keys, *(f"Lab {_short(lab)}. {titles[lab]}" for lab in labs), "Labs done", "Mark"]
@@ -151,7 +147,7 @@ def kept_grades(course: Course) -> list[dict[str, str]]:
 
 def _overview(graded: Graded) -> dict[str, Any]:
     """What the teacher's page shows."""
-    course, labs = graded.course, _labs(graded)
+    course, labs = graded.course, graded.course.all_labs()
     results = [result for own in graded.results.values() for result in own.values()]
     counted = [each for each in results if each.source]
     cells = {each.id: {lab: _matrix_cell(course, each, lab, graded.results[each.id].get(lab)) for lab in labs} for each in course.students}
@@ -168,7 +164,7 @@ def _overview(graded: Graded) -> dict[str, Any]:
 
 
 def _matrix_cell(course: Course, student: Student, lab: str, result: LabResult | None) -> tuple[str, str]:
-    place = next((place for place in course.labs(student) if place.lab == lab), None)
+    place = course.place(student, lab)
     if place is None:
         return "none", ""
     star = "*" if place.control else ""

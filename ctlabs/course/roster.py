@@ -72,6 +72,10 @@ def students(text: str, source: str) -> tuple[Student, ...]:
         rows = rows[1:]
     elif len(rows[0][1]) <= 3:
         columns = {"name": 0, "group": 1, "variant": 2}
+    letters = {row[1][columns["variant"]].strip().lower() for row in rows if "variant" in columns and columns["variant"] < len(row[1])}
+    if {"б", "в"} <= letters:
+        msg = f"{source}: variant в beside б is the third of the alphabet, or the Latin b: expected Latin letters a, b, c, received both"
+        raise ValueError(msg)
     found = tuple(_student(cells, columns, f"{source}: line {line}", line) for line, cells in rows)
     if not 0 < len(found) <= MOST:
         msg = f"{source}: expected 1 to {MOST} students, received {len(found) or 'none'}"

@@ -71,7 +71,7 @@ def collect(course: Course, folder: Path) -> tuple[list[Submission], list[str]]:
     """
     if not folder.is_dir():
         raise ValueError(f"{folder}: expected a folder with what students handed in, received none")
-    forms = {course.form(each, place.lab): (each, place.lab) for each in course.students for place in course.labs(each)}
+    forms = course.forms()
     found: list[Submission] = []
     problems: list[str] = []
     for path in files(folder, problems):
@@ -140,12 +140,17 @@ def owner(course: Course, forms: Mapping[str, tuple[Student, str]], head: Answer
     owner = names.get(reading.folded(told))
     if owner is None:
         raise ValueError(f"{source}: line {head.entries['student'].line}: expected a student of the roster, received {shown(told)}")
-    labs = {place.lab for place in course.labs(owner)}
-    word = reading.folded(head.text("lab"))
-    lab = next((each for each in labs if word in (each, each.removeprefix("task"), each.removeprefix("task0"))), "")
+    lab = _lab(course, owner, head.text("lab"))
     if not lab:
         raise ValueError(f"{source}: line {head.entries['lab'].line}: expected a lab of {owner.name}, received {shown(head.text('lab'))}")
     return owner, lab, f"the form's number is {'missing' if not form else 'that of nobody'}"
+
+
+def _lab(course: Course, student: Student, text: str) -> str:
+    """The lab of a student that is meant by task07, 07 or 7; empty where it is none."""
+    word = reading.folded(text)
+    labs = (place.lab for place in course.labs(student))
+    return next((each for each in labs if word in (each, each.removeprefix("task"), each.removeprefix("task0"))), "")
 
 
 def day(text: str, source: str) -> dt.date | None:
@@ -187,9 +192,7 @@ def noted(course: Course) -> dict[tuple[str, str], Noted]:
             student = course.student(row.get("student", ""))
         except ValueError:
             raise ValueError(f"{where}: expected a student of the roster, received {shown(row.get('student', ''))}") from None
-        word = reading.folded(row.get("lab", ""))
-        labs = [place.lab for place in course.labs(student)]
-        lab = next((each for each in labs if word in (each, each.removeprefix("task"), each.removeprefix("task0"))), "")
+        lab = _lab(course, student, row.get("lab", ""))
         if not lab:
             raise ValueError(f"{where}: expected a lab of {student.name}, received {shown(row.get('lab', ''))}")
         defence = row.get("defence", "").strip().lower()

@@ -233,6 +233,7 @@ class TestRoster:
             ("name;group\nAnna;<b>\n", "line 2: expected a group of letters"),
             ("name;group;variant\nAnna;G;a b\n", "line 2: expected a variant of one word"),
             ("name;group\n;G1\n", "line 2: expected a name of letters"),
+            ("name;group;variant\nAnna;G;а\nIvan;G;б\nMaria;G;в\n", "variant в beside б is the third of the alphabet, or the Latin b"),
         ],
     )
     def test_bad_lines_are_named(self, text, message):
