@@ -9,7 +9,6 @@ type of the model that the cost meets chooses between them.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
@@ -201,15 +200,6 @@ class Cost:
 
         shown = {"Q_x": self.Qx, "N": self.N, "Q_u": self.Qu, "Q_f": self.Qf}
         return "$$" + r" \qquad ".join(f"{k} = {latex_matrix(v)}" for k, v in shown.items() if v is not None and v.ndim == 2) + "$$"
-
-
-def rate(cost: Cost, *, continuous: bool) -> float:
-    """ρ of a continuous discount :math:`e^{-\\rho t}`, 1/s, or √β of a discrete one.
-
-    >>> rate(Cost([[1]], [[1]], discount=0.81), continuous=False)
-    0.9
-    """
-    return -math.log(cost.discount) if continuous else math.sqrt(cost.discount)
 
 
 def _alike(Qx: Array, Qu: Array, N: Array) -> tuple[Array, Array, Array]:

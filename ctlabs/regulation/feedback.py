@@ -5,8 +5,8 @@ r"""The linear quadratic regulator: what to do with a state that is known.
 .. math:: S = \Phi^TS\Phi + Q_x - (\Phi^TSB + N)\tilde Q^{-1}(\Phi^TSB + N)^T
 
 (in continuous time :math:`L = Q_u^{-1}(B^TS + N^T)`). This is the filter's equation of the transposed system, Φ → Φᵀ, H → Bᵀ,
-Q_d → Q_x, R → Q_u, and it is solved by the filter's solver (:mod:`ctlabs.linalg.riccati`), with its bound of the error. L_w is for those who
-know something of the disturbance when they act: a measurement whose noise correlates with it.
+Q_d → Q_x, R → Q_u, and it is solved by the filter's solver (:mod:`ctlabs.linalg.riccati`), with its bound of the error. L_w is for
+those who know something of the disturbance when they act: a measurement whose noise correlates with it.
 """
 
 from __future__ import annotations
@@ -86,7 +86,9 @@ def lqr(
         raise ValueError(msg)
     if isinstance(model, DiscreteModel):
         if cost.horizon is not None:
-            return _finite(model, weights, checks.count("horizon", _whole(cost.horizon)), math.sqrt(cost.discount))
+            steps = whole_steps(cost)
+            assert steps is not None
+            return _finite(model, weights, steps, math.sqrt(cost.discount))
         return _steady(model, weights, math.sqrt(cost.discount), stabilise)
     _positive(weights.Qu)
     if cost.horizon is not None:
@@ -94,8 +96,15 @@ def lqr(
     return _steady(model, weights, 0.5 * math.log(cost.discount), stabilise)
 
 
-def _whole(horizon: float) -> object:
-    return int(horizon) if horizon == int(horizon) else horizon
+def whole_steps(cost: Cost) -> int | None:
+    """The horizon of a discrete cost, a whole number of steps; ``None``: for ever.
+
+    >>> whole_steps(Cost([[1]], [[1]], horizon=3))
+    3
+    """
+    if cost.horizon is None:
+        return None
+    return checks.count("horizon", int(cost.horizon) if cost.horizon == int(cost.horizon) else cost.horizon)
 
 
 def _positive(Qu: Array) -> None:

@@ -14,7 +14,6 @@ The cross term :math:`N^d` is not zero where N is. What the noise adds between t
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any, NamedTuple
 
