@@ -28,11 +28,12 @@ test: .venv/.test ## run the tests that take seconds, with branch coverage
 slow: .venv/.test ## run the tests that take minutes: every lab against its committed numbers, the wheel, all random examples
 	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "slow or property" --examples=1000 -q
 
-check: .venv/.test ## lint, check spelling and types, and run the examples in README.md and docs/
+check: .venv/.test ## lint, check spelling and types, run the examples in README.md and docs/, and the numerical tests under other kernels
 	$(BIN)/python -m ruff check .
 	$(BIN)/codespell README.md CONTRIBUTING.md CHANGELOG.md docs tasks ctlabs
 	$(BIN)/python -m mypy
 	$(BIN)/python -m pytest -q tests/test_docs.py
+	$(BIN)/python tests/kernels.py --brief
 
 kernels: .venv/.test ## run the numerical tests under every kernel of OpenBLAS that the processor can run
 	$(BIN)/python tests/kernels.py

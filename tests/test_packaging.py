@@ -41,6 +41,14 @@ def source_files() -> dict[Path, str]:
     return found
 
 
+@pytest.mark.xdist_group("a group")
+def test_a_group_of_tests_is_one(request):
+    """pytest-xdist writes a group behind a test's name; where it silently does not, as with pytest 9.2, both workers run every lab."""
+    if not request.config.getoption("loadgroup", default=False):
+        pytest.skip("run without groups")
+    assert request.node.nodeid.endswith("@a group")
+
+
 def test_every_folder_with_code_is_a_listed_package():
     """A new subpackage that is not listed in pyproject.toml would be missing from the wheel."""
     modules = [Path(inside) for inside in source_files().values() if inside.endswith(".py")]
