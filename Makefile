@@ -30,15 +30,16 @@ slow: .venv/.test ## run the tests that take minutes: every lab against its comm
 
 check: .venv/.test ## lint, check spelling and types, and run the examples in README.md and docs/
 	$(BIN)/python -m ruff check .
-	$(BIN)/codespell README.md CONTRIBUTING.md CHANGELOG.md docs tasks ctlabs
+	$(BIN)/codespell *.md docs tasks ctlabs
 	$(BIN)/python -m mypy
 	$(BIN)/python -m pytest -q tests/test_docs.py
 
 kernels: .venv/.test ## run the numerical tests under every kernel of OpenBLAS that the processor can run
 	$(BIN)/python tests/kernels.py
 
-docs: .venv/.docs ## build the documentation into build/docs
-	$(BIN)/python -m mkdocs build --strict --quiet
+docs: .venv/.docs ## build the site into build/docs, with every example of the gallery
+	rm -rf build/docs
+	$(BIN)/python -m sphinx -W -n -q --keep-going docs build/docs
 	@echo "build/docs/index.html"
 
 pictures: .venv/.test ## take the documentation's pictures of the workbench again

@@ -108,8 +108,10 @@ OPTIONAL = {"pandas", "jax", "pypandoc"}
         ("tasks", []),
         ("tests", ["cluster", "test", "workbench"]),
         ("benchmarks", ["cluster", "test", "workbench"]),
+        ("docs/extensions", ["docs"]),
+        ("docs/gallery", []),
     ],
-    ids=["ctlabs", "tasks", "tests", "benchmarks"],
+    ids=["ctlabs", "tasks", "tests", "benchmarks", "extensions", "gallery"],
 )
 def test_every_import_is_a_declared_dependency(folder: str, extras: list[str]):
     """What the code imports is what pyproject.toml asks for, with a lower bound."""
