@@ -66,7 +66,7 @@ def test_one_version_everywhere():
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert re.search(r"^version: (.*)$", citation, re.MULTILINE)[1] == ctlabs.__version__
-    assert re.search(r"^## (\S+)", changelog, re.MULTILINE)[1] == ctlabs.__version__
+    assert re.search(r"^## \[(\S+)\]", changelog, re.MULTILINE)[1] == ctlabs.__version__
     assert PROJECT["tool"]["setuptools"]["dynamic"]["version"]["attr"] == "ctlabs.__version__"
 
 
