@@ -2,7 +2,7 @@
 PYTHON ?= python3
 OUT ?= reports
 .DEFAULT_GOAL := help
-.PHONY: help labs test slow check kernels docs pictures bench clean FORCE
+.PHONY: help labs test slow check kernels docs matrix dist pictures bench clean FORCE
 .NOTPARALLEL:
 
 # Bytecode is kept even where the environment says otherwise: the tests start many processes, which would compile it anew.
@@ -41,6 +41,12 @@ docs: .venv/.docs ## build the site into build/docs, with every example of the g
 	rm -rf build/docs
 	$(BIN)/python -m sphinx -W -n -q --keep-going docs build/docs
 	@echo "build/docs/index.html"
+
+matrix: ## run the tests on every Python that is found, with the lowest dependencies, and without numba; TESTS=tests/linalg tries a part
+	$(PYTHON) .ci/matrix.py $(TESTS)
+
+dist: .venv/.test ## build the wheel and the source distribution into dist, the same bytes from the same commit
+	$(BIN)/python .ci/dist.py
 
 pictures: .venv/.test ## take the documentation's pictures of the workbench again
 	$(BIN)/python docs/images/take.py

@@ -96,9 +96,9 @@ def homes() -> dict[str, list[str]]:
     return dict(importlib.metadata.packages_distributions())
 
 
-#: Used where they are installed, asked for by no one: tables for those who have pandas, a peer of the benchmarks; and pandoc's
+#: Used where they are installed, asked for by no one: tables for those who have pandas, peers of the benchmarks; and pandoc's
 #: interface, which has a distribution with pandoc and one without.
-OPTIONAL = {"pandas", "jax", "pypandoc"}
+OPTIONAL = {"pandas", "jax", "dynamax", "pykalman", "pypandoc"}
 
 
 @pytest.mark.parametrize(
@@ -173,7 +173,7 @@ def test_make_alone_lists_the_targets():
     done = run("make", cwd=ROOT)
     assert done.returncode == 0
     shown = set(re.findall(r"^ {2}make (\w+)", done.stdout, re.MULTILINE))
-    assert shown == {"help", "labs", "test", "slow", "check", "kernels", "docs", "pictures", "bench", "clean"}
+    assert shown == {"help", "labs", "test", "slow", "check", "kernels", "docs", "matrix", "dist", "pictures", "bench", "clean"}
 
 
 @needs_make
