@@ -222,9 +222,9 @@ def installed(wheel: Path, venv: Path) -> Path:
     assert done.returncode == 0, done.stderr
     where = "import sysconfig; print(sysconfig.get_paths()['purelib'])"
     site = Path(run(python, "-c", where, cwd=venv.parent).stdout.strip())
-    libraries = run(sys.executable, "-c", where, cwd=venv.parent).stdout.strip()
-    # A plain path in a .pth file: the libraries are found there, an editable ctlabs is not.
-    (site / "libraries.pth").write_text(libraries + "\n", encoding="utf-8")
+    libraries = [path for path in sys.path if Path(path).name == "site-packages"]
+    # Plain paths in a .pth file: the libraries are found there, an editable ctlabs is not.
+    (site / "libraries.pth").write_text("\n".join(libraries) + "\n", encoding="utf-8")
     return python
 
 
