@@ -600,7 +600,7 @@ class TestCommon:
 
 def test_the_page_on_own_data_shows_files_that_are_read():
     """Its model is the Nile's, its table a record with a missing year; the receiver's is refused, and read, as the page says."""
-    page = (Path(__file__).parents[2] / "docs" / "own-data.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "tutorials" / "own-data.md").read_text(encoding="utf-8")
     found = re.findall(r"^```(toml|text|ini|console)\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
     (text,) = (each for kind, each in found if kind == "toml")
     flow, track = (each for kind, each in found if kind == "text")
