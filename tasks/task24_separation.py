@@ -20,7 +20,7 @@ from ctlabs.filtering import steady
 from ctlabs.labs.experiment import Experiment, covariances
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import Cost, DiscreteModel
-from ctlabs.regulation import lqr, regulator
+from ctlabs.regulation import lqr, regulator, tradeoff
 from ctlabs.regulation.closed import closed
 from ctlabs.reporting.drawing import Curve, Drawing, Mark, Panel
 from ctlabs.reporting.draws import one_of, span
@@ -124,7 +124,7 @@ def with_gain(found, L):
     return closed(plant, replace(found.machine, A=move @ (1 - K), B=move @ K, C=-gain @ (1 - K), D=-gain @ K))
 
 
-def part_c(r, p, answer, both):
+def part_c(r, p, answer, system, both):
     """Each half for itself."""
     r.section("c", "Each half is designed for itself")
     r.says("**The feedback.** With a constant gain $L_*$ on the optimal estimate, $\\hat x_{k+1} = (\\Phi - bL_*)\\hat x_k + K\\nu_{k+1}$, and the innovations are white with $K^2E\\nu^2 = P^- - P^+$. The error of the estimate does not correlate with it, so that")
@@ -145,7 +145,7 @@ def part_c(r, p, answer, both):
         r.says("The gain $L_* = {gain}$ gives the pole {pole:3}, which is not inside the unit circle: it does not hold the plant.", gain=p.L_star, pole=p.Phi - p.b * p.L_star)
     else:
         r.says("The gain $L_* = {gain}$ costs {cost:4} m², the best one {best:4} m²: {percent:2} % more.", gain=p.L_star, cost=value, best=answer["cost_current"], percent=100 * (value / answer["cost_current"] - 1))
-    trade_off(r, p, answer)
+    trade_off(r, p, answer, system)
 
 
 def halves(r, p, answer, both):
@@ -175,7 +175,7 @@ def halves(r, p, answer, both):
     r.says("In {fig:gains} the measurement noise rises from the lowest curve to the highest, in {fig:estimators} the weight of the input does. The position of the minimum does not move.")
 
 
-def trade_off(r, p, answer):
+def trade_off(r, p, answer, system):
     """σ of x and u that can be had."""
     weights = (p.Qu or p.Qx) * np.geomspace(1e-3, 1e3, 121)
     found = np.array([by_hand.trade(p, w) for w in weights])
@@ -187,6 +187,10 @@ def trade_off(r, p, answer):
     r.says("Every $Q_u$ gives a point of {fig:tradeoff}. A cheaper input moves it to the right, where the state is held better; better information moves the whole curve down and to the left.",
            " The unstable plant needs an input: no curve reaches the left edge." if p.Phi > 1 else "")
     r.check("standard deviations of the trade-off", own[1], [answer["state_variance"] ** 0.5, answer["input_variance"] ** 0.5], ("formula of the trade-off", "formulas of (b)"), EXACT)
+    if p.Qu:
+        factors = [0.1, 10.0]
+        members = tradeoff(system, Cost([[p.Qx]], [[p.Qu]]), factors)
+        r.check("trade-off for two other weights", np.hstack([members.x_rms, members.u_rms]), [by_hand.trade(p, p.Qu * each)[1] for each in factors], ("covariances of the closed loop", "closed form"))
 
 
 def part_d(r, p, answer, system):
