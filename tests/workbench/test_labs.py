@@ -46,7 +46,7 @@ def test_the_catalogue_has_all_labs_and_imports_none() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout.splitlines() == [str(len(labs.catalogue())), "[]"]
-    assert len(labs.catalogue()) == 26
+    assert len(labs.catalogue()) == 29
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -57,6 +57,7 @@ def test_a_sheet_tells_what_the_lab_is(name: str) -> None:
     assert len(" ".join(sheet.statement)) > 60
     assert not any(part.startswith("Expected answer") for part in sheet.statement)
     assert len(sheet.answer) > 20
+    assert sheet.extension == lab.extension
     for letter in labs.VARIANTS:
         starred = dict(labs.variant(letter)).get(name)
         assert (f"{letter}*" in sheet.variants, letter in sheet.variants) == (starred is True, starred is False)
