@@ -129,7 +129,7 @@ class ClosedLoop:
         if self.model.horizon is not None:
             return ""
         n, q, _, _ = self.sizes
-        A = _inner(self.truth, self.machine)
+        A = inner_loop(self.truth, self.machine)
         return unstable(A, self.model.states[: n + q], continuous=False)
 
     def _signals(self, t: Array, mean: Array, P: Array) -> LoopCovariances:
@@ -165,12 +165,19 @@ def unstable(A: Array, states: tuple[str, ...], *, continuous: bool) -> str:
     return f"the mode {observability.Mode(value, np.abs(vectors[:, i])).name(states)}"
 
 
-def _inner(truth: DiscreteModel, M: Machine) -> Array:
-    """What moves (x, ξ), with z in its place."""
+def inner_loop(truth: DiscreteModel, M: Machine) -> Array:
+    """What moves (x, ξ), with z in its place, where nothing varies."""
     assert truth.B is not None
     D = _through(truth)
     Hx, Hxi = truth.H, D @ M.C
     return np.block([[truth.Phi + truth.B @ M.D @ Hx, truth.B @ (M.C + M.D @ Hxi)], [M.B @ Hx, M.A + M.B @ Hxi]])
+
+
+def weighed_rows(truth: DiscreteModel, M: Machine, q: int) -> Array:
+    """What of (x, ξ) is weighed, without the noise of z: x, the last q elements of ξ, u; (n+q+r, n+size)."""
+    n, size = truth.n, len(M.xi0)
+    u = np.hstack([M.D @ truth.H, M.C + M.D @ _through(truth) @ M.C])
+    return np.vstack([np.eye(n, n + size), np.eye(q, n + size, n + size - q), u])
 
 
 def _through(truth: DiscreteModel) -> Array:
@@ -210,7 +217,7 @@ def closed(truth: DiscreteModel, machine: Machine, set_point: Array | None = Non
         X, W, outputs, np.zeros((m + r, m + r)), P0=P0, x0=x0, dt=truth.dt, offset=c, measurement_offset=rest, first=0, states=states,
         measurements=(*truth.measurements, *inputs),
     )  # fmt: skip
-    poles = np.sort_complex(np.linalg.eigvals(_inner(truth, machine))) if steps is None else np.zeros(0, dtype=complex)
+    poles = np.sort_complex(np.linalg.eigvals(inner_loop(truth, machine))) if steps is None else np.zeros(0, dtype=complex)
     return ClosedLoop(model, truth, machine, poles)
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -167,6 +168,7 @@ class ContinuousRegulator:
     machine: ContinuousMachine
     filter_poles: Array
     cost: LoopCost
+    loads: tuple[int, ...] = ()
 
     @property
     def L(self) -> Array:
@@ -199,6 +201,12 @@ class ContinuousRegulator:
 
         M = self.machine
         return control.ss(M.A, M.B, -M.C, -M.D, 0)
+
+    def export(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """The controller's matrices for NumPy (.npz), MATLAB (.mat) or C (.h): :func:`ctlabs.regulation.export.write`."""
+        from ctlabs.regulation import export
+
+        return export.write(self.machine, Path(path), overwrite=overwrite)
 
 
 class _Estimator(NamedTuple):
@@ -273,7 +281,7 @@ def continuous_regulator(
     whole = _about(loop, weights, places, goal) if goal is not None else _cost_of(loop, weights, len(chosen))
     between = cost.constant
     found = LoopCost(regulation, estimation, 0.0, between, whole + between, innovations + between, "s")
-    return ContinuousRegulator(model, design, weights, feedback, e.K, e.P, machine, e.poles, found)
+    return ContinuousRegulator(model, design, weights, feedback, e.K, e.P, machine, e.poles, found, tuple(places))
 
 
 def _machine(
@@ -307,10 +315,15 @@ def _machine(
     return ContinuousMachine(A, K, -f.L, np.zeros((r, model.m)), F, G, np.array(design.x0), design.states, names)
 
 
+def rows_weighed(loop: ContinuousLoop, q: int) -> Array:
+    """What of (x, ξ) is weighed: x, the last q elements of ξ, u."""
+    n, size = loop.truth.n, loop.model.n
+    return np.vstack([np.eye(n, size), np.eye(q, size, size - q), loop.U])
+
+
 def _cost_of(loop: ContinuousLoop, weights: Weights, q: int) -> float:
     """The cost per second from the covariances of a loop."""
-    n, size = loop.truth.n, loop.model.n
-    rows = np.vstack([np.eye(n, size), np.eye(q, size, size - q), loop.U])
+    size, rows = loop.model.n, rows_weighed(loop, q)
     joint = loop.steady().joint
     P, mean = joint.P[:size, :size], joint.mean[:size]
     return float((weights.joint * (rows @ (P + np.outer(mean, mean)) @ rows.T)).sum())

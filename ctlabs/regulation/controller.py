@@ -9,7 +9,7 @@ missing is replaced by what is expected of it, :math:`\hat z = \hat H\xi + \hat 
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -98,11 +98,9 @@ class Controller:
         r = np.zeros(p) if set_point is None else checks.shaped("set_point", np.atleast_1d(np.asarray(set_point, dtype=np.float64)), (p,))
         M, xi = machine.at(self.k), self.xi
         missing = np.isnan(data)
-        expected = M["H_hat"] @ xi + M["d_hat"]
-        if M["D_hat"].any():  # then u does not depend on z
-            expected = expected + M["D_hat"] @ (M["C"] @ xi + M["F"] @ r + M["f"])
-        data = np.where(missing, expected, data)
-        u = M["C"] @ xi + M["D"] @ data + M["F"] @ r + M["f"]
+        u = M["C"] @ xi + M["F"] @ r + M["f"]  # the measurement's share comes below; where D_hat counts it has none
+        data = np.where(missing, M["H_hat"] @ xi + M["d_hat"] + M["D_hat"] @ u, data)
+        u = u + M["D"] @ data
         self.xi = M["A"] @ xi + M["B"] @ data + M["G"] @ r + M["g"]
         self.k += 1
         return np.asarray(u)
@@ -134,7 +132,3 @@ class Controller:
 
         return files.read(Path(path), restore)
 
-
-def arrays(machine: Machine) -> dict[str, Array]:
-    """The matrices by name, for a file."""
-    return {field.name: np.asarray(getattr(machine, field.name)) for field in fields(Machine) if field.name in (*AXES, "xi0")}

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import ArrayLike
 
 from ctlabs.linalg import checks, riccati
@@ -111,7 +112,7 @@ class Regulator:
         set_point : (p,), constant values of the tracked outputs
         """
         point = None if set_point is None else np.atleast_1d(np.asarray(set_point, dtype=np.float64))
-        return closed(self._sampled(truth)[0], self.machine, point)
+        return closed(self.at_samples(truth)[0], self.machine, point)
 
     def actual_cost(self, truth: ContinuousModel | DiscreteModel | None = None) -> float:
         """What this regulator costs where the plant is ``truth``, in the unit of ``cost``.
@@ -121,12 +122,12 @@ class Regulator:
         ValueError
             The loop is not stable: the mode is named; a truth of another order beside weights of states.
         """
-        model, weights, between = self._sampled(truth)
+        model, weights, between = self.at_samples(truth)
         loop = closed(model, self.machine)
         unit = 1.0 if self.sampling is None or self.steps is not None else 1 / self.sampling.dt
         return unit * loop_cost(loop, weights, self.design.n - self.plant.n, self.steps, between)
 
-    def _sampled(self, truth: ContinuousModel | DiscreteModel | None) -> tuple[DiscreteModel, Weights, float]:
+    def at_samples(self, truth: ContinuousModel | DiscreteModel | None) -> tuple[DiscreteModel, Weights, float]:
         """A truth at the samples, with the weights there and what noise adds between them."""
         if truth is None:
             return self.plant, self.weights, self.between
@@ -195,10 +196,7 @@ def loop_cost(
 ) -> float:
     """The cost of a loop from its covariances: per step in the limit (``about`` a state and input of rest), the whole over a horizon."""
     n, size, _, r = loop.sizes
-    pick = np.zeros((n + q + r, n + size + r))
-    pick[:n, :n] = np.eye(n)
-    pick[n : n + q, n + size - q : n + size] = np.eye(q)
-    pick[n + q :, n + size :] = np.eye(r)
+    pick = scipy.linalg.block_diag(picked(n, size, q), np.eye(r))
     if steps is None:
         joint = loop.steady().joint
         if about is not None:
@@ -212,6 +210,11 @@ def loop_cost(
     last = np.zeros((n + q + r,) * 2)
     last[: n + q, : n + q] = weights.Qf
     return total + costs.weighed_square(pick.T @ last @ pick, Signals(joint.mean[steps], joint.P[steps]))
+
+
+def picked(n: int, size: int, q: int) -> Array:
+    """What of (x, ξ) is weighed: x, and the integrals, the last q elements of ξ; (n+q, n+size)."""
+    return np.vstack([np.eye(n, n + size), np.eye(q, n + size, n + size - q)])
 
 
 def with_integral_weights(weights: Weights, own: Array) -> Weights:
