@@ -27,6 +27,7 @@ ROOMS: dict[str, set[str]] = {
     "analysis": {"text", "_front", "linalg", "models", "filtering"},
     "montecarlo": {"text", "linalg", "models", "filtering"},
     "files": {"text", "_front", "linalg", "models", "filtering"},
+    "regulation": {"_front", "linalg", "models", "filtering", "analysis", "montecarlo", "files"},
     "reporting": {"text", "_front", "linalg", "filtering", "montecarlo"},
     "labs": {"text", "models", "filtering", "analysis", "montecarlo", "reporting"},
     "studies": {"text", "linalg", "models", "filtering", "analysis", "montecarlo", "files", "reporting", "labs"},

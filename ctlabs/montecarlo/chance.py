@@ -186,6 +186,25 @@ def pooled_variance(stats: Statistics, P: ArrayLike, correlation: ArrayLike) -> 
     return _verdict(scores, np.ones(len(scores)), _critical(max(len(scores), 1)))
 
 
+def total_square(sample: ArrayLike, covariance: ArrayLike) -> Verdict:
+    r"""The sum of all squares of zero-mean Gaussian vectors, one for each run, :math:`\sum\sum y_i^2 \sim \sum_j\lambda_j(C)\chi^2_j(\text{runs})`.
+
+    ``sample`` (d, runs) : of one run all that is counted, such as a signal at all instants · ``covariance`` C (d, d)
+
+    >>> walk = np.random.default_rng(1).standard_normal((20, 1000)).cumsum(axis=0)
+    >>> C = np.minimum(np.arange(1, 21)[:, None], np.arange(1, 21))
+    >>> bool(total_square(walk, C)), bool(total_square(1.2 * walk, C))
+    (True, False)
+    """
+    y = checks.array("sample", sample)
+    weights = np.linalg.eigvalsh(checks.shaped("covariance", covariance, (len(y), len(y)))).clip(0)
+    weights = weights[weights > np.finfo(float).eps * len(y) * weights.max(initial=0.0)]
+    if not weights.size:
+        return Verdict(0.0, _critical(1), not y.any(), (0,), 0)
+    score = weighted_chi2_quantile(float((y**2).sum()), weights, y.shape[1])
+    return _verdict(np.atleast_1d(score), np.ones(1), _critical(1))
+
+
 def error_correlation(model: DiscreteModel, plan: Covariances, rows: ArrayLike | None = None) -> Array:
     r"""Correlation in time of the filtering errors of the optimal filter, (n, steps+1, steps+1), or of those at some ``rows`` only.
 

@@ -112,7 +112,7 @@ class Regulator:
         set_point : (p,), constant values of the tracked outputs
         """
         point = None if set_point is None else np.atleast_1d(np.asarray(set_point, dtype=np.float64))
-        return closed(self.at_samples(truth)[0], self.machine, point)
+        return closed(self._sampled(truth), self.machine, point)
 
     def actual_cost(self, truth: ContinuousModel | DiscreteModel | None = None) -> float:
         """What this regulator costs where the plant is ``truth``, in the unit of ``cost``.
@@ -129,23 +129,30 @@ class Regulator:
 
     def at_samples(self, truth: ContinuousModel | DiscreteModel | None) -> tuple[DiscreteModel, Weights, float]:
         """A truth at the samples, with the weights there and what noise adds between them."""
-        if truth is None:
-            return self.plant, self.weights, self.between
-        if isinstance(truth, DiscreteModel):
-            if truth.n != self.plant.n:
-                msg = f"truth: expected {self.plant.n} states, which the cost weighs, received {truth.n}"
+        model = self._sampled(truth)
+        if truth is None or self.sampling is None or isinstance(truth, DiscreteModel):
+            if model.n != self.plant.n:
+                msg = f"truth: expected {self.plant.n} states, which the cost weighs, received {model.n}"
                 raise ValueError(msg)
-            return truth, self.weights, self.between
+            return model, self.weights, self.between
+        s = self.sampling
+        _, cost = sample(truth, s.cost, s.dt, R=s.R, average=s.average, delay=s.delay)
+        q = self.design.n - self.plant.n
+        of_q = np.diag(self.weights.Qx)[self.plant.n :] if self.weights.Qx.ndim == 2 else np.zeros(q)
+        return model, with_integral_weights(cost.weights(model), of_q), cost.constant
+
+    def _sampled(self, truth: ContinuousModel | DiscreteModel | None) -> DiscreteModel:
+        """A truth at the samples."""
+        if truth is None:
+            return self.plant
+        if isinstance(truth, DiscreteModel):
+            return truth
         checks.instance("truth", truth, ContinuousModel)
         if self.sampling is None:
             msg = "truth: expected a discrete model as the design's, received a continuous one"
             raise ValueError(msg)
-        s = self.sampling
-        model, cost = sample(truth, s.cost, s.dt, R=s.R, average=s.average, delay=s.delay)
-        own = cost.weights(model)
-        q = self.design.n - self.plant.n
-        of_q = np.diag(self.weights.Qx)[self.plant.n :] if self.weights.Qx.ndim == 2 else np.zeros(q)
-        return model, with_integral_weights(own, of_q), cost.constant
+        s, free = self.sampling, Cost(np.zeros((truth.n, truth.n)), np.zeros((truth.r, truth.r)))
+        return sample(truth, free, s.dt, R=s.R, average=s.average, delay=s.delay).model
 
     @cached_property
     def _controller(self) -> Controller:

@@ -168,6 +168,7 @@ def _least(f: Callable[[Array], Array], omega: Array) -> float:
     """The least value of f over the frequencies, refined between the points of the grid."""
     from scipy.optimize import minimize_scalar
 
+    omega = np.concatenate([[1e-4 * omega[0]], omega])  # the least value may be that at 0, which it approaches with ω²
     values = f(omega)
     i = int(values.argmin())
     low, high = np.log(omega[max(i - 1, 0)]), np.log(omega[min(i + 1, len(omega) - 1)])
