@@ -20,8 +20,8 @@ from ctlabs.filtering.algorithms.catalogue import FORMS
 from ctlabs.filtering.online import Filter
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel, observability
-from ctlabs.models.discretisation import discretise
 from ctlabs.models.cost import Cost
+from ctlabs.models.discretisation import discretise
 from ctlabs.models.shaping import stationary_covariance
 from ctlabs.regulation import lqr, regulator, sample
 from tests.strategies import covariance, seeds
@@ -96,6 +96,9 @@ PLANNED = {"P_minus": "xx", "P_plus": "xx", "K": "xZ", "S": "zz"}
 #: What kalman_filter goes by.
 ALGORITHMS = ["auto", "filterpy", *(name for name in FORMS if name != "steady")]
 
+#: What a loop's answers are made of: its inputs have units of their own.
+LOOP = {"L": "X", "u": "", "cost": ""}
+
 #: The verbs of discrete models. A new one is one line.
 DISCRETE = [
     Verb("steady.solve", lambda m, z: steady.solve(m), {"P_minus": "xx", "P_plus": "xx", "K": "xZ", "K_pred": "xZ", "S": "zz"}),
@@ -127,10 +130,6 @@ CONTINUOUS = [
 ]
 
 
-#: What a loop's answers are made of: its inputs have units of their own.
-LOOP = {"L": "X", "u": "", "cost": ""}
-
-
 def _driven(model: Any) -> Any:
     """The model with inputs that move it in directions of its own."""
     A = model.F if isinstance(model, ContinuousModel) else model.Phi
@@ -141,7 +140,7 @@ def _cost(model: Any) -> Cost:
     """Weights that belong to the model."""
     noise = model.Rc if isinstance(model, ContinuousModel) else model.R
     time = rate(model) if isinstance(model, ContinuousModel) else 1.0
-    return Cost(np.linalg.inv(model.P0) + time * model.H.T @ np.linalg.solve(noise, model.H), [[0.7]])
+    return Cost(time * model.H.T @ np.linalg.solve(noise, model.H), [[0.7]])
 
 
 def _regulated(found: Any) -> Any:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from ctlabs.regulation.design import Regulator
     from ctlabs.regulation.feedback import Feedback, lqr
     from ctlabs.regulation.runs import LoopEnsemble, ensemble
-    from ctlabs.regulation.sampling import Sampled, sample
+    from ctlabs.regulation.sampling import SampledProblem, sample
     from ctlabs.regulation.stability import Margin, Margins, margins
     from ctlabs.regulation.synthesis import regulator
 
@@ -29,7 +29,7 @@ _HOME = {
     "Margin": "stability",
     "Margins": "stability",
     "Regulator": "design",
-    "Sampled": "sampling",
+    "SampledProblem": "sampling",
     "Tradeoff": "curves",
     "cost_budget": "budget",
     "ensemble": "runs",
@@ -51,7 +51,7 @@ __all__ = [
     "Margin",
     "Margins",
     "Regulator",
-    "Sampled",
+    "SampledProblem",
     "Tradeoff",
     "cost_budget",
     "ensemble",

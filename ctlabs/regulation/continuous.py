@@ -25,10 +25,12 @@ from ctlabs.linalg.covariance import symmetric
 from ctlabs.linalg.exponential import interval
 from ctlabs.linalg.factors import ldl
 from ctlabs.models.cost import Cost, Weights
+from ctlabs.models.interop import state_space
 from ctlabs.models.linear import ContinuousModel
-from ctlabs.regulation import targets
+from ctlabs.regulation import export, targets
 from ctlabs.regulation.augmented import integrating
 from ctlabs.regulation.closed import LoopCovariances, Signals, unstable
+from ctlabs.regulation.controller import ContinuousMachine
 from ctlabs.regulation.costs import LoopCost, trace
 from ctlabs.regulation.design import with_integral_weights
 from ctlabs.regulation.feedback import Feedback, lqr
@@ -36,20 +38,6 @@ from ctlabs.regulation.loads import forward, loaded
 
 if TYPE_CHECKING:
     import control
-
-
-class ContinuousMachine(NamedTuple):
-    r"""The controller: :math:`u = C\xi + Dz + F_rr,\ \dot\xi = A\xi + Bz + G_rr`; D acts on measurements without noise only."""
-
-    A: Array
-    B: Array
-    C: Array
-    D: Array
-    F: Array
-    G: Array
-    xi0: Array
-    states: tuple[str, ...]
-    set_points: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -197,15 +185,11 @@ class ContinuousRegulator:
     @cached_property
     def compensator(self) -> control.StateSpace:
         """From z to −u, as python-control's negative feedback has it: ``control.feedback(plant, compensator)`` is the loop."""
-        import control  # costs 1 s to import
-
         M = self.machine
-        return control.ss(M.A, M.B, -M.C, -M.D, 0)
+        return state_space(M.A, M.B, -M.C, -M.D, 0.0)
 
     def export(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """The controller's matrices for NumPy (.npz), MATLAB (.mat) or C (.h): :func:`ctlabs.regulation.export.write`."""
-        from ctlabs.regulation import export
-
         return export.write(self.machine, Path(path), overwrite=overwrite)
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,6 +55,20 @@ class Machine:
     def at(self, k: int) -> dict[str, Array]:
         """The matrices of one instant."""
         return {name: at(getattr(self, name), k, axes) for name, axes in AXES.items()}
+
+
+class ContinuousMachine(NamedTuple):
+    r"""The controller: :math:`u = C\xi + Dz + F_rr,\ \dot\xi = A\xi + Bz + G_rr`; D acts on measurements without noise only."""
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    F: Array
+    G: Array
+    xi0: Array
+    states: tuple[str, ...]
+    set_points: tuple[str, ...]
 
 
 class Controller:

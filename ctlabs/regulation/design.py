@@ -20,8 +20,9 @@ from ctlabs.linalg import checks, riccati
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import symmetric
 from ctlabs.models.cost import Cost, Weights
+from ctlabs.models.interop import state_space
 from ctlabs.models.linear import ContinuousModel, DiscreteModel
-from ctlabs.regulation import costs
+from ctlabs.regulation import costs, export
 from ctlabs.regulation.augmented import weighed
 from ctlabs.regulation.closed import ClosedLoop, Signals, closed
 from ctlabs.regulation.controller import Controller, Machine
@@ -183,18 +184,14 @@ class Regulator:
         ValueError
             Scheduled gains.
         """
-        import control  # costs 1 s to import
-
         if self.steps is not None:
             msg = "compensator: expected constant gains, received some scheduled over a horizon"
             raise ValueError(msg)
         M = self.machine
-        return control.ss(M.A, M.B, -M.C, -M.D, M.dt)
+        return state_space(M.A, M.B, -M.C, -M.D, M.dt)
 
     def export(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """The controller for NumPy (.npz), MATLAB (.mat) or C (.h): :func:`ctlabs.regulation.export.write`."""
-        from ctlabs.regulation import export
-
         return export.write(self.machine, Path(path), overwrite=overwrite)
 
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from ctlabs.files.export import Exported, put
 from ctlabs.linalg.checks import Array
-from ctlabs.regulation.continuous import ContinuousMachine
-from ctlabs.regulation.controller import AXES, Machine
+from ctlabs.regulation.controller import AXES, ContinuousMachine, Machine
 
 _TITLE = (
     "A regulator, written by ctlabs.",

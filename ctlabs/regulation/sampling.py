@@ -34,7 +34,7 @@ INSTANT = 1e-12
 LONGEST = 100
 
 
-class Sampled(NamedTuple):
+class SampledProblem(NamedTuple):
     """A model and its cost at the sampling instants; ``cost`` is per step: divide by ``model.dt`` for the mean per second.
 
     With a delay the states of ``model`` are those of the plant and then the inputs that are still on their way, the latest first.
@@ -52,7 +52,7 @@ def sample(
     R: ArrayLike | None = None,
     average: bool = False,
     delay: float = 0.0,
-) -> Sampled:
+) -> SampledProblem:
     r"""The discrete model and cost that are equal to a continuous model and its cost under an input held for a period.
 
     Parameters
@@ -66,7 +66,7 @@ def sample(
 
     Returns
     -------
-    Sampled ``(model, cost)``: the cost has the exact cross term N, and what the noise adds between the samples as ``cost.constant``
+    SampledProblem ``(model, cost)``: the cost has the exact cross term N, and what the noise adds between the samples as ``cost.constant``
 
     Raises
     ------
@@ -94,7 +94,7 @@ def sample(
     if not late:
         Qx, N, Qu = _split(_weights(model, weights.joint, h), model.n)
         Qf = None if steps is None else weights.Qf
-        return Sampled(plain, Cost(Qx, Qu, N, Qf, steps, constant=constant))
+        return SampledProblem(plain, Cost(Qx, Qu, N, Qf, steps, constant=constant))
     return _delayed(model, weights, plain, late, constant, steps)
 
 
@@ -161,7 +161,7 @@ def _moved(model: ContinuousModel, h: float) -> tuple[Array, Array]:
 
 def _delayed(
     model: ContinuousModel, weights: Weights, plain: DiscreteModel, late: float, constant: float, steps: int | None
-) -> Sampled:
+) -> SampledProblem:
     """The sampled model with the inputs on their way among its states."""
     h, n, r = plain.dt, model.n, model.r
     whole, part = divmod(late / h, 1.0)
@@ -209,7 +209,7 @@ def _delayed(
     }
     Qx, N, Qu = _split(symmetric(total), size)
     Qf = None if steps is None else _enlarged(weights.Qf, size)
-    return Sampled(replace(plain, **wide), Cost(Qx, Qu, N, Qf, steps, constant=constant))
+    return SampledProblem(replace(plain, **wide), Cost(Qx, Qu, N, Qf, steps, constant=constant))
 
 
 def _enlarged(M: Array, size: int) -> Array:

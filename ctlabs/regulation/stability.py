@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ctlabs.linalg.checks import Array
+from ctlabs.models.interop import state_space
 from ctlabs.models.linear import ContinuousModel, DiscreteModel
 from ctlabs.regulation.continuous import ContinuousRegulator
 from ctlabs.regulation.design import Regulator
@@ -110,13 +111,11 @@ class _Loop(NamedTuple):
 
 def _open(plant: ContinuousModel | DiscreteModel, A: Array, B: Array, C: Array, D: Array) -> _Loop:
     """Plant and compensator in series, by python-control."""
-    import control  # costs 1 s to import
-
     assert plant.B is not None
     through = np.zeros((plant.m, plant.r)) if plant.D is None else plant.D
     dt = plant.dt if isinstance(plant, DiscreteModel) else 0.0
     moves = plant.Phi if isinstance(plant, DiscreteModel) else plant.F
-    whole = control.ss(A, B, C, D, dt) * control.ss(moves, plant.B, plant.H, through, dt)
+    whole = state_space(A, B, C, D, dt) * state_space(moves, plant.B, plant.H, through, dt)
     return _Loop(np.asarray(whole.A), np.asarray(whole.B), np.asarray(whole.C), np.asarray(whole.D), dt)
 
 

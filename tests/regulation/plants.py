@@ -11,7 +11,8 @@ from tests.strategies import covariance
 
 #: The DC motor of the acceptance values: position measured, voltage in.
 MOTOR = ContinuousModel(
-    [[0, 1], [0, -1]], [[0], [1]], [[1]], [[1, 0]], Rc=[[0.01]], B=[[0], [1]], P0=np.eye(2), states=["place", "speed"], measurements=["place"]
+    [[0, 1], [0, -1]], [[0], [1]], [[1]], [[1, 0]], Rc=[[0.01]], B=[[0], [1]], P0=np.eye(2), states=["place", "speed"],
+    measurements=["place"],
 )  # fmt: skip
 MOTOR_COST = Cost(np.diag([1.1, 0.3]), [[0.7]])
 #: ẋ = u + w, the state measured exactly.

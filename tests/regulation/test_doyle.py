@@ -9,7 +9,7 @@ from ctlabs.regulation import margins
 
 @pytest.mark.parametrize(("q", "sigma"), [(60.0, 60.0), (1.0, 5.0), (1e4, 1e2), (0.01, 1e3)])
 def test_the_margins_of_doyles_plant(q, sigma):
-    """J. C. Doyle, IEEE Trans. AC-23 (1978), 756: gains f, d; with p = df the loop bears less than 1/p, and at rest −1 is 1/(1 + p) away."""
+    """J. C. Doyle, IEEE Trans. AC-23 (1978), 756: gains f, d; with p = df the loop bears less than 1/p; at rest −1 is 1/(1 + p) away."""
     plant = ContinuousModel([[1, 1], [0, 1]], [[1], [1]], [[sigma]], [[1, 0]], B=[[0], [1]], Rc=[[1]], P0=np.zeros((2, 2)))
     found = regulator(plant, Cost(q * np.ones((2, 2)), [[1]]))
     f, d = 2 + np.sqrt(4 + q), 2 + np.sqrt(4 + sigma)

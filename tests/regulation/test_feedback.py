@@ -28,7 +28,7 @@ def test_the_discrete_regulator_is_the_filter_of_the_transposed_system(seed):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_discrete_regulator_is_that_of_python_control(seed):
     model, cost = discrete(seed)
-    L, S, poles = control.dlqr(model.Phi, model.B, cost.Qx, cost.Qu, cost.N)
+    L, _, poles = control.dlqr(model.Phi, model.B, cost.Qx, cost.Qu, cost.N)
     found = lqr(model, cost)
     assert np.allclose(found.L, L, rtol=0, atol=1e-9 * np.abs(L).max())
     assert np.allclose(np.sort_complex(poles), found.poles, atol=1e-6)

@@ -17,7 +17,13 @@ from ctlabs.regulation import Controller, cost_budget, ensemble, lqr, margins, p
 from tests.regulation.plants import INTEGRATOR, MOTOR, MOTOR_COST, continuous, discrete
 
 SEEDS = range(6)
-MANY = {"plain": {}, "delayed": {"kind": "delayed"}, "late": {"delay": 0.13}, "averages": {"average": True}, "integral": {"integral": {"place": 0.5}}}
+MANY = {
+    "plain": {},
+    "delayed": {"kind": "delayed"},
+    "late": {"delay": 0.13},
+    "averages": {"average": True},
+    "integral": {"integral": {"place": 0.5}},
+}
 
 
 # Over time --------------------------------------------------------------------------------------------------------------
@@ -81,7 +87,7 @@ def test_continuous_loops_over_time_are_finely_sampled_ones():
 
 def test_an_unstable_loop_overflows_with_its_mode():
     loop = regulator(MOTOR, MOTOR_COST, dt=0.1).loop(replace(MOTOR, B=-MOTOR.B))
-    with pytest.raises(FloatingPointError, match="overflow at step .* eigenvalue"):
+    with pytest.raises(FloatingPointError, match=r"overflow at step .* eigenvalue"):
         loop.covariances(100_000)
 
 
@@ -161,7 +167,8 @@ def test_the_exported_arrays_are_the_machine(tmp_path):
 def test_the_shares_of_a_cost_add_up_to_it(seed):
     model, cost = discrete(seed)
     plain, price = continuous(seed)
-    for found in (regulator(model, cost), regulator(model, cost, kind="delayed"), regulator(plain, price), regulator(replace(plain, N=None), price, dt=0.2)):
+    sampled = regulator(replace(plain, N=None), price, dt=0.2)
+    for found in (regulator(model, cost), regulator(model, cost, kind="delayed"), regulator(plain, price), sampled):
         budget = cost_budget(found)
         assert sum(budget.sources.values()) + budget.between == pytest.approx(budget.total, rel=1e-10)
         assert sum(budget.weights.values()) + budget.between == pytest.approx(budget.total, rel=1e-10)
@@ -180,7 +187,7 @@ def test_a_source_that_is_taken_away_takes_its_share():
 
 @pytest.mark.parametrize(("q", "s"), [(1.0, 1.0), (100.0, 100.0), (1e4, 1e4)])
 def test_doyles_plant_is_optimal_and_fragile(q, s):
-    """The loop with a gain m has the polynomial whose last coefficient is 1 + (1 − m)df and whose last but one is d + f − 4 + 2(m − 1)df."""
+    """The loop with a gain m: the last coefficients of its polynomial are 1 + (1 − m)df and d + f − 4 + 2(m − 1)df."""
     plant = ContinuousModel([[1, 1], [0, 1]], [[1], [1]], [[s]], [[1, 0]], Rc=[[1]], B=[[0], [1]], P0=np.eye(2))
     found = regulator(plant, Cost(q * np.ones((2, 2)), [[1]]))
     f, d = 2 + np.sqrt(4 + q), 2 + np.sqrt(4 + s)
@@ -231,7 +238,7 @@ def test_margins_are_python_controls(dt, options):
 
 
 def test_a_loop_of_two_inputs_is_opened_one_by_one_and_together():
-    model, cost = discrete(3)
+    model, _ = discrete(3)
     rng = np.random.default_rng(1)
     plant = replace(model, B=rng.normal(size=(model.n, 2)), N=None)
     found = regulator(plant, Cost(np.eye(model.n), np.eye(2)))

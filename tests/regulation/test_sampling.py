@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -53,7 +54,7 @@ def test_a_sampled_cost_is_the_integral_of_the_cost(seed, late):
     acts = [(late + k * h, u) for k, u in enumerate(inputs)]
     marks = sorted({0.0, steps * h, *(t for t, _ in acts if t < steps * h)})
     pieces = []
-    for a, b in zip(marks, marks[1:], strict=False):
+    for a, b in pairwise(marks):
         present = [u for t, u in acts if t <= a + 1e-12]
         pieces.append((b - a, present[-1] if present else np.zeros(model.r)))
     total, end = integral(model, cost, x0, pieces)
