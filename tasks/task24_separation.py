@@ -85,7 +85,7 @@ def part_a(r, p, answer, system):
 def part_b(r, answer, system, both):
     """The state estimated."""
     r.section("b", "The state is estimated: the separation theorem")
-    r.says("Sum {eq:square} over the steps of a long task, with $w$: the terms $Sx^2$ cancel in pairs, and for **any** input that depends on the past")
+    r.says("Sum {eq:square} over the steps of a long task, with $w$: the terms $Sx^2$ cancel in pairs, and for **any** input that depends on the past and keeps the mean square of the state bounded")
     r.math(r"J = SQ + W\,E(u_k + Lx_k)^2", "whole")
     r.says("Only the second term can be influenced. What is known of $x_k$ has the conditional mean $\\hat x_k$ and the error variance $P$, and the input moves the mean in a known way without changing the error. So $E(u_k + Lx_k)^2 = E(u_k + L\\hat x_k)^2 + L^2P$; the best input makes the first term zero ({ref:astrom, chapter 8}):")
     r.math(r"u_k = -L\hat x_k, \qquad J = SQ + L^2W\,P, \qquad P = \begin{cases}P^+ & \text{current}\\ P^- & \text{delayed}\end{cases}", "separation")
@@ -200,7 +200,7 @@ def part_d(r, p, answer, system):
     r.items([
         "**A perfect sensor**, $R \\to 0$: $P^+ \\to 0$ and $P^- \\to Q$. The current regulator costs $SQ$, no more than with the state known; the delayed one $(S + L^2W)Q$.",
         "**No sensor**, $R \\to \\infty$: for $\\Phi < 1$ the variance tends to $Q/(1 - \\Phi^2)$, that of the free plant, and so does the cost to $Q_xQ/(1 - \\Phi^2)$, as $L^2W = Q_x - (1 - \\Phi^2)S$. For $\\Phi = 1$ it grows like $\\sqrt{QR}$, for $\\Phi > 1$ like $P^- \\to (\\Phi^2 - 1)R$, and the cost in proportion to it: an unstable plant must be seen.",
-        "**A free input**, $Q_u \\to 0$: $S \\to Q_x$, $L \\to \\Phi/b$, the pole tends to 0. The input cancels the prediction of the next state, and the current regulator leaves $J = Q_xP^-$: the state is as uncertain as its prediction. This is minimum variance.",
+        "**A free input**, $Q_u \\to 0$: $S \\to Q_x$, $L \\to \\Phi/b$, the pole tends to 0. The input cancels the prediction of the next state, and the current regulator leaves $J = Q_xP^-$: the state is as uncertain as its prediction. This is minimum variance ({ref:astrom, chapter 6}).",
         "**An expensive input**, $Q_u \\to \\infty$: for $\\Phi \\le 1$ it is best to do nothing in the limit, $L \\to 0$. For $\\Phi > 1$ something must be done: $S/Q_u \\to (\\Phi^2 - 1)/b^2$, $L \\to (\\Phi^2 - 1)/(\\Phi b)$, and the pole tends to $1/\\Phi$, the mirror image of the plant's, not to 1. The input has then the least mean square with which the plant can be held,",
     ])
     r.math(r"\min E u^2 = \frac{\Phi^2 - 1}{b^2}\,(P^- - P^+) \qquad (\Phi > 1)", "least")
