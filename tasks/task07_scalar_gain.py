@@ -19,7 +19,7 @@ from ctlabs.tasks.answers.task07 import TABLE3
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import settling, steady
 from ctlabs.labs.experiment import Experiment, covariances
-from ctlabs.labs.portrait import agreement, mean_error, portrait, rms
+from ctlabs.labs.portrait import agreement, lasting, mean_error, portrait, rms
 from ctlabs.labs.skeleton import Skeleton
 from ctlabs.models import DiscreteModel
 from ctlabs.reporting import plots
@@ -36,6 +36,8 @@ META = {
 }
 
 STEP = "measurement number i"
+#: Measurements of a simulated system, fewer of one that grows fast.
+STEPS = 40
 
 
 class Parameters(LabParameters):
@@ -191,7 +193,7 @@ def part_e(r, p, answer):
 
 def plan(r, p, experiment):
     """Every number chosen."""
-    steps = length(model(p.Phi, p.Q, p.R, p.P0))
+    steps = lasting(model(p.Phi, p.Q, p.R, p.P0), STEPS)
     r.says("{tab:plan} lists what was chosen. Part (f) needs no random numbers. Part (g) simulates the given parameters and the six variants of table 3, and compares the ensemble with the variances of (f) and, for the constant gain $K_*$, of (b).")
     r.table("plan", ["quantity", "value", "why"], [
         ["measurements, part (f)", p.steps, "the sheet's four or five"],
@@ -201,12 +203,6 @@ def plan(r, p, experiment):
         ["initial mean", 0, "the sheet's"],
     ], "Plan of the experiment.")
     return {"steps": steps}
-
-
-def length(system):
-    """Measurements simulated: 40, or fewer where x would outgrow the rounding of its error, 10⁸ times."""
-    growth = math.log10(max(abs(system.Phi[0, 0]), 1.0))
-    return 40 if growth * 40 <= 8 else max(1, int(8 / growth))
 
 
 def part_f(r, p, answer, system):
@@ -249,7 +245,7 @@ def part_g(r, p, system, experiment, steps):
     rows = []
     for i, row in enumerate(TABLE3, start=1):
         variant = model(*row)
-        stats, theory = experiment.statistics(variant, steps=length(variant), stream=i), covariances(variant, length(variant))
+        stats, theory = experiment.statistics(variant, steps=lasting(variant, STEPS), stream=i), covariances(variant, lasting(variant, STEPS))
         agreement(r, text("variant {n}", n=i), stats, theory.P_plus)
         rows.append((i, theory.sd_plus[-1, 0], rms(stats), mean_error(stats), spread(stats.nees[-1], experiment), spread(stats.nis[-1], experiment)))
     r.table("ensemble", ["variant", "σ of theory, m", "RMS, m", "mean error, m", "NEES", "NIS"], rows,

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 SHOWN = 15
 #: Instants that are tested together, and how far the random numbers of that ensemble are from the others'.
 TOGETHER, APART = 150, 1000
+#: Powers of ten by which a state may outgrow its error in a simulation: half of the digits of a double are left.
+GROWTH = 8.0
 
 
 #: The figures of a portrait, and what each shows.
@@ -155,10 +157,12 @@ def together(
 ) -> float:
     """Test a second ensemble of a constant filter over many instants, all of them together; returns the largest deviation.
 
-    It is long enough for a variance that is wrong by a few per cent at every instant to be found.
+    It is long enough for a variance that is wrong by a few per cent at every instant to be found; shorter where the state of an unstable
+    system would outgrow the rounding of its error.
     """
     if model.horizon is not None:
         return 0.0
+    steps = lasting(model, steps)
     stats = experiment.statistics(model, steps=steps, stream=stream + APART, first=first)
     tests: dict[str, Chance] = {text("NIS of {steps} instants together", steps=steps): chance.pooled_nis(stats)}
     if model.N is None:
@@ -167,6 +171,17 @@ def together(
         what = text("error variances of {steps} instants together", steps=steps)
         tests[what] = chance.pooled_variance(stats, plan.P_plus, correlation)
     return tested(report, name, tests)
+
+
+def lasting(model: DiscreteModel, steps: int) -> int:
+    """So many steps, or fewer: until an unstable state has grown 10⁸ times, beyond which its rounding would be seen in the errors.
+
+    >>> from ctlabs import DiscreteModel
+    >>> lasting(DiscreteModel([[1.3]], [[0]], [[1]], [[1]], P0=[[1]]), 150)
+    70
+    """
+    growth = float(np.log10(max(float(np.abs(np.linalg.eigvals(model.Phi)).max()), 1.0)))
+    return steps if growth * steps <= GROWTH else max(1, int(GROWTH / growth))
 
 
 def largest(report: Report) -> str:

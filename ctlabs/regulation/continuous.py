@@ -214,6 +214,12 @@ def _estimator(model: ContinuousModel) -> _Estimator:
     if model.D is not None and model.D.any():
         msg = "D: expected none beside a measurement without noise, received one"
         raise ValueError(msg)
+    if (Rc is None or not Rc.any()) and model.m == model.n and np.linalg.matrix_rank(model.H) == model.n:
+        # All of x is measured without noise: there is nothing to estimate, and what moves x is the only innovation.
+        none, W = np.zeros((model.n, 0)), symmetric(model.G @ model.Q @ model.G.T)
+        inverse = np.linalg.inv(model.H)
+        direct = reduced.Realisation(np.zeros((0, 0)), np.zeros((0, model.n)), none, inverse)
+        return _Estimator(np.eye(model.n), W, np.zeros_like(W), np.zeros(0, dtype=complex), direct)
     small = reduced.continuous(replace(model, B=None, D=None))
     limit_small = reduced.steady(small)
     b = small.basis

@@ -190,6 +190,16 @@ def test_perfect_measurements_take_the_reduced_filter():
     assert 0 < noisy[1] < 0.2 * noisy[0]  # the error falls like the root of the noise
 
 
+def test_a_state_that_is_measured_exactly_needs_no_filter():
+    exact = ContinuousModel([[0, 1], [0, -1]], np.eye(2), np.diag([0.1, 1.0]), [[1, 1], [0, 2]], B=[[0], [1]], P0=np.eye(2))
+    found, known = regulator(exact, MOTOR_COST), lqr(exact, MOTOR_COST)
+    assert found.cost.spread < 1e-12
+    assert found.cost.value == pytest.approx(float(np.trace(known.S @ exact.G @ exact.Q @ exact.G.T)), rel=1e-12)
+    assert found.machine.A.shape == (0, 0)
+    assert np.allclose(found.machine.D, -known.L @ np.linalg.inv(exact.H))
+    assert found.compensator.nstates == 0
+
+
 def test_coloured_measurement_noise_takes_the_reduced_filter():
     """z = x + n with n an AR(1): no white noise is left; the discrete filter with R = 0."""
     model = DiscreteModel([[0.9, 0], [0, 0.6]], np.diag([1.0, 0.3]), [[1, 1]], [[0]], B=[[1], [0]], P0=np.eye(2))
