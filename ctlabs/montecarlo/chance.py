@@ -124,6 +124,23 @@ def means(sample: ArrayLike, expected: ArrayLike, sd: ArrayLike) -> Verdict:
     return _verdict(scores, np.ones(scores.shape), _critical(scores.size))
 
 
+def average_of_squares(value: float, expected: float, sd: float, runs: int) -> Verdict:
+    r"""An average over the runs of a positive quadratic form of Gaussian quantities, whose mean and standard deviation are known.
+
+    Of all such forms with one variance a single :math:`\chi^2` has the longest upper tail (its cumulants of every order are the
+    largest), and the normal distribution the longest lower one: they bound the probability for any number of runs.
+
+    >>> x = np.random.default_rng(1).standard_normal((500, 3))
+    >>> cost = float((x**2 @ [5, 1, 0.1]).mean())
+    >>> sd = (2 * (25 + 1 + 0.01) / 500) ** 0.5
+    >>> average_of_squares(cost, 6.1, sd, 500).passed, average_of_squares(cost + 7 * sd, 6.1, sd, 500).passed
+    (True, False)
+    """
+    apart = (value - expected) / sd
+    above = float(chi2_quantile(runs + apart * np.sqrt(2 * runs), runs)) if apart > 0 else apart
+    return _verdict(np.array([above]), np.ones(1), _critical(1))
+
+
 def nees(stats: Statistics) -> Verdict:
     """The normalised estimation error squared against χ²(dof·runs) at every step (a matched, linear design)."""
     return _consistency(stats.nees, stats.nees_dof, stats.runs)
