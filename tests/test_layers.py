@@ -30,7 +30,7 @@ ROOMS: dict[str, set[str]] = {
     "regulation": {"_front", "linalg", "models", "filtering", "analysis", "montecarlo", "files"},
     "reporting": {"text", "_front", "linalg", "filtering", "montecarlo"},
     "labs": {"text", "models", "filtering", "analysis", "montecarlo", "reporting"},
-    "studies": {"text", "linalg", "models", "filtering", "analysis", "montecarlo", "files", "reporting", "labs"},
+    "studies": {"text", "linalg", "models", "filtering", "analysis", "montecarlo", "files", "regulation", "reporting", "labs"},
     "course": {"text", "linalg", "montecarlo", "files", "reporting", "labs"},
     "workbench": {
         "text",

@@ -128,7 +128,8 @@ def average_of_squares(value: float, expected: float, sd: float, runs: int) -> V
     r"""An average over the runs of a positive quadratic form of Gaussian quantities, whose mean and standard deviation are known.
 
     Of all such forms with one variance a single :math:`\chi^2` has the longest upper tail (its cumulants of every order are the
-    largest), and the normal distribution the longest lower one: they bound the probability for any number of runs.
+    largest, and with them Chernoff's bound), and the normal distribution the longest lower one: far out, where a test fails, they
+    bound the probability for any number of runs.
 
     >>> x = np.random.default_rng(1).standard_normal((500, 3))
     >>> cost = float((x**2 @ [5, 1, 0.1]).mean())

@@ -42,6 +42,9 @@ class LoopCost(NamedTuple):
         """The cost by the separation theorem: the sum of the first four."""
         return self.regulation + self.estimation + self.offset + self.between
 
+    def __float__(self) -> float:
+        return self.value
+
     @property
     def routes(self) -> dict[str, float]:
         """The cost on its three routes."""

@@ -55,7 +55,7 @@ def deviations(found: Regulated, states: Sequence[int], inputs: Sequence[int] = 
 
 
 def _sd(t: Array, sd: Array, name: str, unit: str, levels: tuple[Mark, ...]) -> Panel:
-    curve = Curve(fill("σ({name})", name=name), t, sd, "blue", "line", unit, quiet=True)
+    curve = Curve(_("standard deviation"), t, sd, "blue", "line", unit)
     return Panel(labelled(fill("σ({name})", name=name), unit), (curve,), kind="size", levels=levels)
 
 
@@ -84,7 +84,7 @@ def _inputs(found: Regulated, response: Response) -> list[Panel]:
 
 
 def _signal(t: Array, values: Array, name: str, unit: str, levels: tuple[Mark, ...] = (), colour: str = "blue") -> Panel:
-    curve = Curve(name, t, values, colour, "line", unit, quiet=True)
+    curve = Curve(_("input") if colour == "green" else _("response"), t, values, colour, "line", unit)
     return Panel(labelled(name, unit), (curve,), levels=levels or (Mark("", 0.0, "grey", "line", 0.8),))
 
 
@@ -107,7 +107,7 @@ def kicked(found: Regulated, shown: Sequence[int]) -> Drawing:
 def shares(parts: Mapping[str, float], label: str) -> Drawing:
     """Shares of a cost as bars; ``label`` says what it is counted by."""
     places = np.arange(len(parts))
-    bars = Curve(_("share of the cost"), places, list(parts.values()), "blue", "bars", quiet=True)
+    bars = Curve(_("share of the cost"), places, list(parts.values()), "blue", "bars")
     panel = Panel(label, (bars,), kind="count")
     return Drawing(_("Where the cost comes from"), "", (panel,), ticks=tuple(parts), verbatim=True)
 
