@@ -16,7 +16,7 @@ from ctlabs.workbench.pages.control_weights import Settings, Weights
 from ctlabs.workbench.pages.editing import Editor
 from ctlabs.workbench.pages.model_constants import Constants
 from ctlabs.workbench.pages.showing import Show
-from ctlabs.workbench.runs.loops import regulated, steps
+from ctlabs.workbench.runs.loops import regulated, steps, warm
 from ctlabs.workbench.runs.worker import RunFailed
 
 if TYPE_CHECKING:
@@ -151,6 +151,7 @@ class _Control:
                 if self.wanted is None and not self.left:
                     with self.box:
                         self._show(found, refused)
+                    await asyncio.to_thread(warm)
                     await self._curves(text)
         finally:
             self.computing = False

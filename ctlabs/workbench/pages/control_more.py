@@ -14,7 +14,7 @@ from ctlabs.studies import loops as pictures
 from ctlabs.studies.understanding import Part
 from ctlabs.text import number
 from ctlabs.workbench.pages.showing import table
-from ctlabs.workbench.runs.loops import elsewhere, exported
+from ctlabs.workbench.runs.loops import elsewhere, exported, one_run
 from ctlabs.workbench.runs.running import said
 
 if TYPE_CHECKING:
@@ -61,7 +61,8 @@ class Many:
     """An ensemble of the loop, beside its theory."""
 
     def __init__(self, show: Show, session: Session, shell: Shell) -> None:
-        self.session, self.desk, self.running = session, session.loops, session.loops.running
+        self.session, self.shell = session, shell
+        self.desk, self.running = session.loops, session.loops.running
         self.found: Regulated | None = None
         self.seen = -1
         with show.card("Many runs of the loop", "control.ensemble", wide=True, test="control-ensemble") as card:
@@ -75,6 +76,8 @@ class Many:
                 self.button = ui.button("Run", icon="play_arrow", on_click=self.run).props("no-caps data-test=control-run")
                 self.cancel = ui.button("Cancel", icon="stop", on_click=self.running.cancel)
                 self.cancel.props("no-caps outline data-test=control-cancel")
+                self.single = ui.button("One run (.csv)", icon="download", on_click=self._single)
+                self.single.props("no-caps flat data-test=control-csv")
             self.bar = ui.linear_progress(value=0.0, show_value=False, size="8px").props('aria-label="Progress" data-test=control-bar')
             self.told = ui.label("").classes("ctl-show-hint").props("role=status aria-live=polite data-test=control-told")
             self.wrong = ui.label("").classes("ctl-show-error").props("role=alert data-test=control-run-error")
@@ -96,6 +99,17 @@ class Many:
         if len(values) == len(self.fields) and not self.running.running:
             self.running.start(lambda progress, cancel: self.desk.run(values["runs"], values["seed"], progress, cancel))
 
+    async def _single(self) -> None:
+        """One run with the seed that stands there, as a table."""
+        text, seed = self.session.text, str(self.fields["seed"].value or "").strip()
+        name = self.session.filename.removesuffix(".toml")
+        try:
+            content = await asyncio.to_thread(one_run, text, int(seed) if seed.isdecimal() else self.desk.seed)
+        except (ValueError, ArithmeticError) as why:
+            self.shell.complain(f"There is no run: {' '.join(str(why).split())}")
+            return
+        ui.download.content(content.encode(), f"{name}_run.csv")
+
     def show(self, found: Regulated | None) -> None:
         """The regulator that is shown beside it."""
         self.found = found
@@ -106,6 +120,7 @@ class Many:
         now = self.running
         with self.card:
             self.button.set_enabled(not now.running and self.found is not None)
+            self.single.set_enabled(self.found is not None)
             self.cancel.set_visibility(now.running)
             self.bar.set_visibility(now.running)
             if now.running:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import dataclasses
+import importlib
+import io
 import math
 import tempfile
 from collections.abc import Callable
@@ -15,10 +18,12 @@ import numpy as np
 
 from ctlabs.files.modelfile import ModelFile, loads
 from ctlabs.linalg.checks import Array
+from ctlabs.linalg.manyfold import Manyfold
+from ctlabs.montecarlo import simulate
 from ctlabs.regulation import ensemble, periods, tradeoff
 from ctlabs.regulation.curves import Tradeoff
 from ctlabs.regulation.runs import LoopEnsemble
-from ctlabs.studies import regulating
+from ctlabs.studies import designing, regulating
 from ctlabs.studies.regulating import Regulated
 from ctlabs.studies.understanding import part
 
@@ -112,7 +117,7 @@ class LoopCurves:
 def curves(model: str, progress: Callable[[int, int], object] | None = None) -> LoopCurves:
     """The curves of trade-offs of a model file, regulator by regulator."""
     file = loads(model, "")
-    found = regulating.designed(file)
+    found = designing.designed(file)
     continuous = found.file.kind == "continuous"
     dt: dict[str, Any] = {"dt": file.dt} if continuous else {}
     done, total = 0, len(FACTORS) + (len(PERIODS) if continuous else 0)
@@ -160,7 +165,7 @@ def many(
         What the file, the library or :func:`ctlabs.monte_carlo` refuses; a loop that is not stable.
     """
     file = loads(model, "")
-    found = regulating.designed(file)
+    found = designing.designed(file)
     given = {"workers": workers, "progress": progress or False}
     count = found.regulator.steps or steps(file)
     return ensemble(found.regulator, runs=runs, seed=seed, steps=count, truth=found.model, **given)
@@ -179,6 +184,35 @@ def exported(model: str, kind: str, name: str = "regulator") -> bytes:
         raise ValueError(msg)
     with tempfile.TemporaryDirectory() as folder:
         return regulated(model).regulator.export(Path(folder) / f"{name}.{kind}").read_bytes()
+
+
+def one_run(model: str, seed: int) -> str:
+    """One run of a model file's loop as a table (CSV): t, the states, what was measured, the inputs, each number to its last digit.
+
+    Raises
+    ------
+    ValueError
+        What the file or the library refuses.
+    """
+    found = regulated(model)
+    made = simulate(found.loop.model, found.steps, 1, seed, first=0)
+    n, m = found.truth.n, found.truth.m
+    z = made.z[:, :, 0]
+    heads = ["t", *found.truth.states, *(f"{name} (measured)" for name in found.truth.measurements), *found.inputs]
+    told = io.StringIO()
+    writer = csv.writer(told, lineterminator="\n")
+    writer.writerow(heads)
+    columns = np.column_stack([made.t, made.x[:, :n, 0], z[:, : m + found.truth.r]])
+    writer.writerows([repr(float(value)) for value in row] for row in columns)
+    return told.getvalue()
+
+
+@lru_cache(maxsize=1)
+def warm() -> None:
+    """Load the compiled products that a regulator in some dozens needs, which takes a second or two once."""
+    importlib.import_module("ctlabs.linalg.loops")
+    whole = Manyfold((np.eye(2), np.zeros((2, 2))))
+    _ = whole @ whole
 
 
 def budget(found: Regulated) -> list[list[str | float]]:
