@@ -80,7 +80,8 @@ def test_an_input_and_weights_make_a_regulator_and_all_can_be_undone(session: Se
 def test_a_setting_that_says_the_usual_is_left_out(session: Session) -> None:
     """What is turned on and off again leaves the file as it was read."""
     before = opened(session).file.data()
-    for key, value, usual in (("kind", "delayed", "current"), ("delay", "0.01", ""), ("stabilise", True, False), ("loads", ["s"], []), ("horizon", "3", "")):
+    told = ("kind", "delayed", "current"), ("delay", "0.01", ""), ("stabilise", True, False), ("loads", ["s"], []), ("horizon", "3", "")
+    for key, value, usual in told:
         session.do(SetRegulator(key, value))
         assert key in cost(session)
         session.do(SetRegulator(key, usual))
@@ -89,7 +90,8 @@ def test_a_setting_that_says_the_usual_is_left_out(session: Session) -> None:
 
 def test_weights_keep_expressions_and_a_weight_of_a_state_makes_the_matrix(session: Session) -> None:
     opened(session)
-    assert {each.name: each.cell.value for each in weights(session.sheet) if each.group == "Outputs"} == {"position": pytest.approx(25), "angle": pytest.approx(100)}
+    told = {each.name: each.cell.value for each in weights(session.sheet) if each.group == "Outputs"}
+    assert told == {"position": pytest.approx(25), "angle": pytest.approx(100)}
     session.do(Weigh(("outputs", "angle"), "2/theta_max^2"))
     assert cost(session)["outputs"] == {"position": "1/s_max^2", "angle": "2/theta_max^2"}
     assert "Qx" not in cost(session)
@@ -156,7 +158,8 @@ def test_a_new_name_is_the_regulators_name_too(session: Session) -> None:
     opened(session)
     session.do(Weigh(("integral", "position"), "0.1"))
     session.do(commands.Name("measurement", 0, "place", "m"))
-    assert (cost(session)["track"], list(cost(session)["outputs"]), list(cost(session)["integral"])) == (["place"], ["place", "angle"], ["place"])
+    told = [list(cost(session)[key]) for key in ("track", "outputs", "integral")]
+    assert told == [["place"], ["place", "angle"], ["place"]]
     assert not session.sheet.problems
 
 
@@ -181,7 +184,8 @@ def test_what_is_shown_is_the_librarys_regulator() -> None:
     assert file.cost is not None
     assert file.cost.Qx is not None
     R = file.matrix("R")
-    plant = ContinuousModel(file.matrix("F"), file.matrix("G"), file.matrix("Q"), file.matrix("H"), B=file.matrix("B"), P0=file.matrix("P0"))
+    F, G, Q, H, B, P0 = (file.matrix(name) for name in ("F", "G", "Q", "H", "B", "P0"))
+    plant = ContinuousModel(F, G, Q, H, B=B, P0=P0)
     by_hand = regulator(plant, Cost(file.cost.Qx, file.cost.Qu), dt=file.dt, R=R, track=["z1"])
     assert np.allclose(found.regulator.L, by_hand.L, rtol=1e-12, atol=0)
     assert np.allclose(found.regulator.K, by_hand.K, rtol=1e-12, atol=0)

@@ -40,7 +40,8 @@ class LoopDesk:
     async def draw(self, text: str, cancel: Cancel | None = None) -> None:
         """The curves of a model's text."""
         if self.curves is None or self.curves[0] != text:
-            self.curves = text, await self._run("loop_curves", {"model": text}, None, cancel)
+            found = await self._run("loop_curves", {"model": text}, None, cancel)
+            self.curves = text, found
 
     async def _run(self, name: str, arguments: dict[str, Any], progress: Show | None, cancel: Cancel | None) -> Any:
         runner = self.session.runner

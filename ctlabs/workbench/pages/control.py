@@ -12,7 +12,7 @@ from ctlabs.text import number
 from ctlabs.workbench.desk.costing import AddInput, BeginCost, EndCost
 from ctlabs.workbench.pages.control_more import Elsewhere, Export, Many
 from ctlabs.workbench.pages.control_results import LoopResults, signals, verdict
-from ctlabs.workbench.pages.control_weights import Settings, Weights
+from ctlabs.workbench.pages.control_weights import RegulatorForm, WeightList
 from ctlabs.workbench.pages.editing import Editor
 from ctlabs.workbench.pages.model_constants import Constants
 from ctlabs.workbench.pages.showing import Show
@@ -103,8 +103,8 @@ class _Control:
     def _draw(self) -> None:
         with ui.element("div").classes("ctl-control"):
             with ui.element("div").classes("ctl-control-side"):
-                self.weights = Weights(self.editor)
-                self.settings = Settings(self.editor)
+                self.weights = WeightList(self.editor)
+                self.settings = RegulatorForm(self.editor)
                 self.constants = Constants(self.editor)
             with ui.element("div").classes("ctl-column"):
                 self._draw_summary()
@@ -143,7 +143,7 @@ class _Control:
             background_tasks.create(self._compute(), name="control")
 
     async def _compute(self) -> None:
-        """The regulator of the present model, in a thread; of several that are wanted meanwhile only the last one. Then the curves."""
+        """The regulator of the present model, in a thread; of several that are wanted meanwhile only the last one."""
         try:
             while self.wanted is not None and not self.left:
                 text, self.wanted = self.wanted, None
@@ -151,8 +151,7 @@ class _Control:
                 if self.wanted is None and not self.left:
                     with self.box:
                         self._show(found, refused)
-                    await asyncio.to_thread(warm)
-                    await self._curves(text)
+                    background_tasks.create(self._curves(text), name="curves")
         finally:
             self.computing = False
 
@@ -201,31 +200,37 @@ class _Control:
 
     async def _curves(self, text: str) -> None:
         """The curves, when nothing has been moved for a moment; they end when something is."""
-        desk, found = self.session.loops, self.found
-        if found is None or self.wrong.text:
+        desk = self.session.loops
+        if self.found is None or self.wrong.text:
             return
-        self.drawing = threading.Event()
+        moved = self.drawing = threading.Event()
+        await asyncio.to_thread(warm)
         if desk.curves is None or desk.curves[0] != text:
-            with self.box:
-                self.results.draw_curves(None, "Computing the curves…")
+            if not moved.is_set():
+                with self.box:
+                    self.results.draw_curves(None, "Computing the curves…")
             for _ in range(8):
                 await asyncio.sleep(CALM / 8)
-                if self.drawing.is_set():
+                if moved.is_set():
                     return
-            try:
-                await desk.draw(text, self.drawing)
-            except RunFailed as why:
-                if why.kind != "cancelled" and not self.left:
-                    with self.box:
-                        self.results.draw_curves(None, f"No curves: {why.line}")
-                return
-            except (ValueError, ArithmeticError) as why:
+            why = await self._draw_curves(text, moved)
+            if why and not moved.is_set():
                 with self.box:
-                    self.results.draw_curves(None, f"No curves: {' '.join(str(why).split())}")
+                    self.results.draw_curves(None, f"No curves: {why}")
                 return
-        if not self.left and not self.drawing.is_set() and desk.curves is not None:
+        if not moved.is_set() and desk.curves is not None and desk.curves[0] == text:
             with self.box:
                 self.results.draw_curves(desk.curves[1])
+
+    async def _draw_curves(self, text: str, moved: threading.Event) -> str:
+        """Have them computed; why there are none, or empty."""
+        try:
+            await self.session.loops.draw(text, moved)
+        except RunFailed as why:
+            return why.line
+        except (ValueError, ArithmeticError) as why:
+            return " ".join(str(why).split())
+        return ""
 
 
 def _found(text: str) -> tuple[Regulated | None, str]:

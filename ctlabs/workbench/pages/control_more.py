@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING
 
 from nicegui import ui
 
-from ctlabs.files.modelfile import loads
 from ctlabs.studies import loops as pictures
 from ctlabs.studies.understanding import Part
 from ctlabs.text import number
+from ctlabs.workbench.pages.model_parts import earlier
 from ctlabs.workbench.pages.showing import table
 from ctlabs.workbench.runs.loops import elsewhere, exported, one_run
 from ctlabs.workbench.runs.running import said
@@ -160,6 +160,7 @@ class Elsewhere:
 
     def __init__(self, show: Show, session: Session, shell: Shell) -> None:
         self.session, self.shell = session, shell
+        self.models = {f"draft:{each.address.partition('=')[2]}": f"model: {each.title}, {each.when}" for each in earlier(session)}
         with show.card("Where the plant is another one", "control.elsewhere", test="control-elsewhere"):
             with ui.row().classes("items-center gap-2"):
                 self.what = ui.select({}, label="What differs", on_change=self._chosen)
@@ -173,13 +174,8 @@ class Elsewhere:
 
     def show(self) -> None:
         """Offer what there is; what was said of another regulator is no more said."""
-        sheet = self.session.sheet
-        own = self.session.draft
-        options = {f"constant:{row.name}": f"constant {row.name}" for row in sheet.constants if row.cell.value is not None}
-        for each in self.session.store.drafts(own.owner):
-            if each.id != own.id and each.text:
-                title = loads(each.text, "", check=False).data().get("title") if len(options) < 60 else ""
-                options[f"draft:{each.id}"] = f"model: {title or 'Untitled model'}"
+        rows = self.session.sheet.constants
+        options = {f"constant:{row.name}": f"constant {row.name}" for row in rows if row.cell.value is not None} | self.models
         value = self.what.value if self.what.value in options else next(iter(options), None)
         if self.what.options != options or self.what.value != value:
             self.what.set_options(options, value=value)

@@ -70,7 +70,7 @@ def _cell(sheet: ModelSheet, path: Path) -> Cell:
     return Cell(found.path, "0", 0.0, found.problem)
 
 
-class Weights:
+class WeightList:
     """The list of weights; rows stay where they are, so that nothing is lost that is being typed."""
 
     def __init__(self, editor: Editor) -> None:
@@ -173,7 +173,7 @@ class Matrices:
         return self.editor.type("", commands.EditCells(tuple((("cost", name, i, j), cell) for (i, j), cell in cells)))
 
 
-class Settings:
+class RegulatorForm:
     """How the regulator is built."""
 
     def __init__(self, editor: Editor) -> None:
