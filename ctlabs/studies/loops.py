@@ -38,7 +38,7 @@ def poles(found: Regulated) -> Drawing:
         shown |= {_("closed loop"): found.loop.poles, _("closed loop as designed"): found.regulator.poles}
     dt = found.truth.dt
     rates = {name: np.log(z[np.abs(z) > DEAD].astype(complex)) / dt for name, z in shown.items()}
-    return frequency.poles(rates, plane="s")
+    return frequency.poles({name: each for name, each in rates.items() if len(each)}, plane="s")
 
 
 def deviations(found: Regulated, states: Sequence[int], inputs: Sequence[int] = ()) -> Drawing:

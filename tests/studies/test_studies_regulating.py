@@ -312,6 +312,41 @@ def test_a_discrete_plant_is_regulated() -> None:
     assert wrong.cost.value > wrong.best.regulator.cost.value
 
 
+def test_a_perfect_measurement_and_a_free_input() -> None:
+    """The integrator whose state is known at the samples: minimum variance, in closed form; a filter that forgets at once has no rate."""
+    text = """format = 1
+kind = "continuous"
+[model]
+F = [[0]]
+B = [[1]]
+G = [[1]]
+Q = [[1]]
+H = [[1]]
+R = [[0]]
+P0 = [[1]]
+dt = 0.5
+[cost]
+Qx = [[1]]
+Qu = [[0]]
+track = ["z1"]
+"""
+    found = compute(modelfile.loads(text), runs=50, steps=30)
+    assert found.regulator.L.item() * 0.5 == pytest.approx((3 + np.sqrt(3)) / (2 + np.sqrt(3)), rel=1e-12)
+    assert found.regulator.cost.value / 0.5 == pytest.approx((3 + np.sqrt(3)) / 6, rel=1e-12)
+    to_matplotlib(loops.poles(found))
+    assert regulated.report(found).passed
+
+
+def test_noises_that_correlate_are_answered() -> None:
+    """The measurement tells of the disturbance: L_w is in the report, and all checks hold with a known offset and a cross weight."""
+    noises = ("Qd = [[0.2]]", "Qd = [[0.2]]\nN = [[0.1]]\noffset = [0.3]")
+    file = discrete(noises, ("Qu = [[0.3]]", "Qu = [[0.3]]\nN = [[0.1]]"), ('track = ["gauge"]', ""))
+    made = regulated.study(file)
+    assert made.passed
+    assert made.values["L_w"].value
+    assert made.values["cost_offset"].value > 0
+
+
 def test_changes_are_refused_with_their_place() -> None:
     """Of the period of a discrete model; of what is no time; where there is no cost."""
     with pytest.raises(ValueError, match="dt: expected none with a discrete model, which has its own period, received 3"):
