@@ -50,7 +50,7 @@ def write(
     Parameters
     ----------
     model : discrete model
-    result : of :func:`ctlabs.filtering.steady.solve` or :func:`ctlabs.filtering.kalman.schedule`, for this model
+    result : of :func:`ctlabs.filtering.steady.solve` or :func:`ctlabs.filtering.covariances`, for this model
     path : a name that ends in one of the suffixes
     overwrite : whether a file that exists may be replaced
 

@@ -11,14 +11,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from ctlabs import montecarlo
 from ctlabs.labs.portrait import tested
-from ctlabs.linalg import checks
-from ctlabs.linalg.checks import Array
-from ctlabs.linalg.covariance import symmetric
-from ctlabs.linalg.factors import root
 from ctlabs.montecarlo import chance
 from ctlabs.text import Uncertain
 
@@ -26,6 +22,8 @@ if TYPE_CHECKING:
     from ctlabs.labs.experiment import Experiment
     from ctlabs.models import DiscreteModel
     from ctlabs.reporting.report import Report
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,8 +72,7 @@ def ensemble(
 
     ``rows`` (d, n) : signals y of the states x, whose mean at t0 is zero · ``weight`` (d, d) : of their cost, yᵀWy per instant
     """
-    C = checks.shaped("rows", rows, ("d", model.n))
-    W = checks.shaped("weight", weight, (len(C), len(C)))
+    C, W = np.asarray(rows, dtype=np.float64), np.asarray(weight, dtype=np.float64)
     found = montecarlo.simulate(model, steps, experiment.runs, experiment.seed_of(stream))
     P, joint = in_time(model, C, steps)
     return Ensemble(found.t, np.einsum("di,kir->kdr", C, found.x), P, joint, W)
@@ -97,7 +94,8 @@ def in_time(model: DiscreteModel, rows: Array, steps: int) -> tuple[Array, Array
     for k in range(steps + 1):
         if k:
             earlier = model.Phi @ earlier
-            P = symmetric(model.Phi @ P @ model.Phi.T + model.Qd)
+            P = model.Phi @ P @ model.Phi.T + model.Qd
+            P = 0.5 * (P + P.T)
         earlier = np.concatenate([earlier, (P @ rows.T)[None]])
         joint[k, :, : k + 1] = np.swapaxes(rows @ earlier, 0, 1)
         joint[: k + 1, :, k] = np.swapaxes(rows @ earlier, 1, 2)
@@ -106,8 +104,9 @@ def in_time(model: DiscreteModel, rows: Array, steps: int) -> tuple[Array, Array
 
 def agreement(report: Report, name: str, found: Ensemble) -> float:
     """Exact tests: mean squares at every instant, and the whole cost of the runs; returns the largest deviation, in sigmas."""
-    size, d, runs = found.y.shape
-    half = np.asarray(root(found.weight)).T
+    size, _, runs = found.y.shape
+    values, vectors = np.linalg.eigh(found.weight)
+    half = np.sqrt(values.clip(0))[:, None] * vectors.T
     counted = np.einsum("ij,kjr->kir", half, found.y).reshape(size * len(half), runs)
     spread = np.einsum("ai,kilj,bj->kalb", half, found.joint, half).reshape(len(counted), len(counted))
     return tested(report, name, {

@@ -188,7 +188,9 @@ def pooled_variance(stats: Statistics, P: ArrayLike, correlation: ArrayLike) -> 
 
 
 def total_square(sample: ArrayLike, covariance: ArrayLike) -> Verdict:
-    r"""The sum of all squares of zero-mean Gaussian vectors, one for each run, :math:`\sum\sum y_i^2 \sim \sum_j\lambda_j(C)\chi^2_j(\text{runs})`.
+    r"""The sum of all squares of zero-mean Gaussian vectors, one for each run.
+
+    .. math:: \sum_{\text{runs}}\sum_i y_i^2 \sim \sum_j\lambda_j(C)\,\chi^2_j(\text{runs})
 
     ``sample`` (d, runs) : of one run all that is counted, such as a signal at all instants · ``covariance`` C (d, d)
 

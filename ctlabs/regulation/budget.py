@@ -19,10 +19,11 @@ import scipy.sparse.csgraph
 from ctlabs.analysis.sensitivity import Source, noise_by_input, sources
 from ctlabs.linalg import checks, riccati
 from ctlabs.linalg.checks import Array
+from ctlabs.linalg.covariance import symmetric
 from ctlabs.models.linear import derived
 from ctlabs.regulation.closed import inner_loop, weighed_rows
 from ctlabs.regulation.continuous import ContinuousRegulator, rows_weighed
-from ctlabs.regulation.design import Regulator, picked
+from ctlabs.regulation.design import Regulator, about_loads, picked
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,7 +57,7 @@ def cost_budget(regulator: Regulator | ContinuousRegulator) -> CostBudget:
     Raises
     ------
     ValueError
-        Scheduled gains; loads, whose motion the cost does not count.
+        Scheduled gains; a continuous regulator with loads.
 
     Source: Åström, *Introduction to Stochastic Control Theory* (1970), section 8.6, for the two parts.
 
@@ -69,31 +70,35 @@ def cost_budget(regulator: Regulator | ContinuousRegulator) -> CostBudget:
     if isinstance(regulator, ContinuousRegulator):
         return _continuous(regulator)
     checks.instance("regulator", regulator, Regulator)
-    if regulator.steps is not None or regulator.loads:
-        what = "scheduled gains" if regulator.steps is not None else "loads"
-        msg = f"cost budget: expected a steady regulator without loads, received one with {what}"
+    if regulator.steps is not None:
+        msg = "cost budget: expected a steady regulator, received one with scheduled gains"
         raise ValueError(msg)
     truth, M = regulator.plant, regulator.machine
     unit = 1.0 if regulator.sampling is None else 1 / truth.dt
     q = regulator.design.n - truth.n
-    A, rows = inner_loop(truth, M), weighed_rows(truth, M, q)
-    joint = regulator.weights.joint
+    A, rows, n = inner_loop(truth, M), weighed_rows(truth, M, q), truth.n
+    to, kept = about_loads(n, len(M.xi0), regulator.loads, regulator.target)
+    back = np.linalg.inv(to)[:, kept]
+    to, rows = to[kept], rows @ back
+    A, joint = to @ A @ back, regulator.weights.joint
     Z = riccati.stationary(A.T, rows.T @ joint @ rows, continuous=False).P.high
     assert truth.B is not None
-    into = np.vstack([truth.B @ M.D, M.B])
+    # Disturbances move x, the measurement's noise moves x through the input, and ξ.
+    pushed, into = to[:, :n], to @ np.vstack([truth.B @ M.D, M.B])
     direct = M.D.T @ regulator.weights.Qu @ M.D
-    n = truth.n
-    found = {}
+    found, whole, noise = {}, np.zeros_like(Z), np.zeros((truth.m, truth.m))
     for name, s in _by_source(regulator).items():
-        R, N = np.where(np.isfinite(s.R), s.R, 0.0), s.N
-        W = into @ R @ into.T
-        W[:n, :n] += s.Qd
-        W[:n] += N @ into.T
-        W[:, :n] += into @ N.T
+        R = np.where(np.isfinite(s.R), s.R, 0.0)
+        cross = pushed @ s.N @ into.T
+        W = pushed @ s.Qd @ pushed.T + into @ R @ into.T + cross + cross.T
         found[name] = unit * (float((Z * W).sum()) + float((direct * R).sum()))
-    limit = regulator.closed.steady().joint
-    pick = scipy.linalg.block_diag(picked(n, len(M.xi0), q), np.eye(truth.r))
-    second = pick @ (limit.P + np.outer(limit.mean, limit.mean)) @ pick.T
+        whole, noise = whole + W, noise + R
+    P = riccati.stationary(A, symmetric(whole), continuous=False).P.high
+    second = rows @ P @ rows.T
+    second[n + q :, n + q :] += M.D @ noise @ M.D.T
+    if not regulator.loads:
+        y = scipy.linalg.block_diag(picked(n, len(M.xi0), q), np.eye(truth.r)) @ regulator.closed.steady().joint.mean
+        second += np.outer(y, y)
     if regulator.cost.offset:
         found["known offset"] = regulator.cost.offset
     names = (*regulator.design.states, *_inputs(truth.r))

@@ -7,6 +7,7 @@ By the separation theorem the two are designed apart: L as if the state were kno
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -109,7 +110,8 @@ class Regulator:
 
         Parameters
         ----------
-        truth : discrete, or continuous where the design's plant was: it is sampled in the same way. The design's own by default
+        truth : discrete, or continuous where the design's plant was: it is sampled with the period, the delay and the R that were given for
+            the design (to give it others, sample it: :func:`ctlabs.regulation.sample`). The design's own by default
         set_point : (p,), constant values of the tracked outputs
         """
         point = None if set_point is None else np.atleast_1d(np.asarray(set_point, dtype=np.float64))
@@ -231,6 +233,17 @@ def with_integral_weights(weights: Weights, own: Array) -> Weights:
     return Weights(weighed(weights.Qx, q, own), weights.Qu, N, weighed(weights.Qf, q))
 
 
+def about_loads(n: int, size: int, places: Sequence[int], target: Target | None) -> tuple[Array, list[int]]:
+    """(x − Xd, d, ξ − x) of (x, ξ), and which of them come to rest: all but the loads d. Without loads (x, ξ) itself."""
+    to = np.eye(n + size)
+    if target is None:
+        return to, list(range(n + size))
+    rest = [i for i in range(n) if i not in places]
+    to[np.ix_(rest, list(places))] = -target.X
+    to[n:, :n] = -np.eye(size, n)
+    return to, [i for i in range(n + size) if i not in places]
+
+
 def steady_cost_about(loop: ClosedLoop, weights: Weights, places: list[int], target: Target) -> float:
     """The cost of a loop with loads: of what differs from the motions that they ask for, which alone comes to rest.
 
@@ -238,9 +251,7 @@ def steady_cost_about(loop: ClosedLoop, weights: Weights, places: list[int], tar
     """
     n, q, m, r = loop.sizes
     rest = [i for i in range(n) if i not in places]
-    to = np.eye(n + q + m)
-    to[np.ix_(rest, places)] = -target.X
-    to[n : n + q, :n] = -np.eye(q, n)
+    to = scipy.linalg.block_diag(about_loads(n, q, places, target)[0], np.eye(m))
     H = loop.truth.H
     to[n + q :, places] = -(H[:, rest] @ target.X + H[:, places])
     back = np.linalg.inv(to)

@@ -15,6 +15,7 @@ import numpy as np
 from ctlabs.linalg.checks import Array
 from ctlabs.models.interop import state_space
 from ctlabs.models.linear import ContinuousModel, DiscreteModel
+from ctlabs.regulation.closed import unstable
 from ctlabs.regulation.continuous import ContinuousRegulator
 from ctlabs.regulation.design import Regulator
 
@@ -77,14 +78,18 @@ def margins(regulator: Regulator | ContinuousRegulator, truth: ContinuousModel |
     [0.0, 3.217]
     """
     loop = regulator.loop(truth)  # type: ignore[arg-type]  # each kind takes a truth of its own
-    loop.steady()  # refuses what is not stable
-    M, plant = loop.machine, loop.truth
-    r = plant.r
+    M, r = loop.machine, loop.truth.r
     names = ("u",) if r == 1 else tuple(f"u{i + 1}" for i in range(r))
-    whole = _open(plant, M.A, M.B, -M.C, -M.D)
-    omega = _frequencies(whole, loop.poles)
+    rest = [i for i in range(loop.truth.n) if truth is not None or i not in regulator.loads]  # a load stays as it is, whatever u does
+    whole = _open(loop.truth, rest, M.A, M.B, -M.C, -M.D)
+    closed = whole.closed(1.0)
+    states = (*(loop.truth.states[i] for i in rest), *(f"{name} (controller)" for name in M.states))
+    if reason := unstable(closed, (*states[len(rest) :], *states[: len(rest)]), continuous=not whole.dt):
+        msg = f"margins: expected a loop whose every mode decays, received {reason}"
+        raise ValueError(msg)
+    omega = _frequencies(whole, np.linalg.eigvals(closed))
     found = {name: _margin(_opened(whole, i), omega) for i, name in enumerate(names)}
-    return Margins(found, _least(lambda w: _disk(whole, w), omega))
+    return Margins(found, _least(lambda w: _together(whole, w), omega) if r > 1 else found["u"].disk)
 
 
 class _Loop(NamedTuple):
@@ -102,20 +107,23 @@ class _Loop(NamedTuple):
         resolvent = np.linalg.solve(s[:, None, None] * np.eye(len(self.A)) - self.A, np.broadcast_to(self.B, (len(s), *self.B.shape)))
         return np.asarray(self.C @ resolvent + self.D)
 
+    def closed(self, gain: float) -> Array:
+        """What moves the states of the loop with another gain."""
+        return np.asarray(self.A - self.B @ np.linalg.solve(np.eye(len(self.D)) + gain * self.D, gain * self.C))
+
     def stable(self, gain: float) -> float:
         """How far the loop with another gain is from the boundary of stability; negative: stable."""
-        inside = np.linalg.solve(np.eye(len(self.D)) + gain * self.D, gain * self.C)
-        values = np.linalg.eigvals(self.A - self.B @ inside)
+        values = np.linalg.eigvals(self.closed(gain))
         return float(np.abs(values).max(initial=0.0) - 1 if self.dt else values.real.max(initial=-np.inf))
 
 
-def _open(plant: ContinuousModel | DiscreteModel, A: Array, B: Array, C: Array, D: Array) -> _Loop:
-    """Plant and compensator in series, by python-control."""
+def _open(plant: ContinuousModel | DiscreteModel, rest: list[int], A: Array, B: Array, C: Array, D: Array) -> _Loop:
+    """Some states of a plant and the compensator in series, by python-control: its states come first."""
     assert plant.B is not None
     through = np.zeros((plant.m, plant.r)) if plant.D is None else plant.D
     dt = plant.dt if isinstance(plant, DiscreteModel) else 0.0
     moves = plant.Phi if isinstance(plant, DiscreteModel) else plant.F
-    whole = state_space(A, B, C, D, dt) * state_space(moves, plant.B, plant.H, through, dt)
+    whole = state_space(A, B, C, D, dt) * state_space(moves[np.ix_(rest, rest)], plant.B[rest], plant.H[:, rest], through, dt)
     return _Loop(np.asarray(whole.A), np.asarray(whole.B), np.asarray(whole.C), np.asarray(whole.D), dt)
 
 
@@ -163,6 +171,23 @@ def _disk(loop: _Loop, omega: Array) -> Array:
     return np.asarray(1 / np.maximum(np.linalg.norm(half, 2, axis=(1, 2)), np.finfo(float).tiny))
 
 
+def _together(loop: _Loop, omega: Array) -> Array:
+    """α for all inputs at once, a lower bound: the inputs in units that balance them, which are those of no user."""
+    response = loop.response(omega)
+    one = np.eye(len(loop.D))
+    half = 0.5 * np.linalg.solve(one + response, one - response)
+    size = np.abs(half) ** 2 * (1 - one)
+    d = np.ones(half.shape[:2])
+    for _ in range(20):  # Osborne's balancing of d_i m_ij / d_j, one input after the other
+        for i in range(len(one)):
+            row = (size[:, i] / d**2).sum(axis=1) * d[:, i] ** 2
+            column = (size[:, :, i] * d**2).sum(axis=1) / d[:, i] ** 2
+            known = (row > 0) & (column > 0)
+            d[:, i] *= np.where(known, np.where(known, column, 1.0) / np.where(known, row, 1.0), 1.0) ** 0.25
+    scaled = half * d[:, :, None] / d[:, None, :]
+    return np.asarray(1 / np.maximum(np.linalg.norm(scaled, 2, axis=(1, 2)), np.finfo(float).tiny))
+
+
 def _least(f: Callable[[Array], Array], omega: Array) -> float:
     """The least value of f over the frequencies, refined between the points of the grid."""
     from scipy.optimize import minimize_scalar
@@ -200,6 +225,7 @@ def _gain(loop: _Loop, omega: Array, response: Array) -> tuple[float, float]:
     ends = loop.response(np.array([1e-9 * omega[0], omega[-1]]))[:, 0, 0].real
     places = np.concatenate([0.5 * (response.real[crossed] + response.real[crossed + 1]), ends])
     about = -1 / places[places < 0]
+    about = about[(about > 1e-6) & (about < 1e6)]  # farther away is as good as never
     grid = np.unique(np.concatenate([np.geomspace(1e-6, 1e6, 241), *(about * factor for factor in (0.98, 1.02))]))
 
     def bound(gains: Array, none: float) -> float:

@@ -366,6 +366,7 @@ class TestHelp:
         assert ctlabs("list") == 0
         for lab in labs.catalogue().values():
             assert re.search(rf"^ *{lab.short}  {re.escape(lab.title)} ", ctlabs.out, re.MULTILINE)
+            assert lab.extension == bool(re.search(rf"^ *{lab.short}  .*\(extension\)$", ctlabs.out, re.MULTILINE))
         assert re.search(r"variant-a  1  2\*  5  7\*", ctlabs.out)
 
     @pytest.mark.parametrize("word", ["7", "task07"])

@@ -974,7 +974,7 @@ def test_well_formed_nonsense_does_no_harm(kind, model, constants, experiment):
 
 # --- the page -----------------------------------------------------------------------------------------------------------
 
-PAGE = Path(__file__).parents[2] / "docs" / "model-files.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "model-files.md"
 
 
 def test_the_pages_files_are_sound():

@@ -175,6 +175,40 @@ def test_the_shares_of_a_cost_add_up_to_it(seed):
         assert budget.known + budget.unknown + budget.between == pytest.approx(budget.total, rel=1e-12)
 
 
+TORQUE = ContinuousModel(
+    [[0, 1, 0], [0, -1, 1], [0, 0, 0]], [[0, 0], [1, 0], [0, 1]], np.diag([1.0, 0.1]), [[1, 0, 0]], Rc=[[0.01]], B=[[0], [1], [0]],
+    P0=np.eye(3), states=["place", "speed", "torque"], measurements=["place"],
+)  # fmt: skip
+
+
+def test_a_loop_with_a_load_has_its_budget_and_its_margins():
+    """What the load adds is its share; the loop's gain is that of the plant without it."""
+    found = regulator(TORQUE, Cost(np.diag([1.1, 0.3, 0]), [[0.7]]), dt=0.1, loads=["torque"], track=["place"])
+    budget = cost_budget(found)
+    assert sum(budget.sources.values()) + budget.between == pytest.approx(budget.total, rel=1e-10)
+    assert sum(budget.weights.values()) + budget.between == pytest.approx(budget.total, rel=1e-10)
+    assert "torque" not in budget.weights
+    bears = margins(found).inputs["u"]
+    for gain, stable in ((bears.gain[1] * 0.999, True), (bears.gain[1] * 1.001, False)):
+        poles = np.abs(found.loop(replace(TORQUE, B=gain * TORQUE.B)).poles)
+        assert (np.sort(poles)[-2] < 1) == stable  # one is the load itself, which nothing moves
+
+
+def test_the_margin_of_all_inputs_together_does_not_depend_on_their_units():
+    model, _ = discrete(3)
+    plant = replace(model, B=np.random.default_rng(1).normal(size=(model.n, 2)), N=None)
+    scales = np.array([1e-3, 40.0])
+    one = margins(regulator(plant, Cost(np.eye(model.n), np.eye(2))))
+    other = margins(regulator(replace(plant, B=plant.B * scales), Cost(np.eye(model.n), np.diag(scales**2))))
+    assert other.together == pytest.approx(one.together, rel=1e-6)
+    assert other.inputs["u2"].disk == pytest.approx(one.inputs["u2"].disk, rel=1e-6)
+
+
+def test_a_loop_that_any_small_gain_stabilises_has_no_lower_margin():
+    double = ContinuousModel([[0, 1], [0, 0]], [[0], [1]], [[1]], [[1, 0]], Rc=[[0.01]], B=[[0], [1]], P0=np.eye(2))
+    assert margins(regulator(double, Cost(np.diag([1.0, 0]), [[1]]), dt=0.1)).inputs["u"].gain[0] == 0.0
+
+
 def test_a_source_that_is_taken_away_takes_its_share():
     found = regulator(MOTOR, MOTOR_COST, dt=0.1)
     budget = cost_budget(found)
