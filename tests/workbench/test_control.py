@@ -123,6 +123,20 @@ def test_a_wrong_weight_stays_where_it_was_typed_and_is_told_there(session: Sess
     assert 'unknown name "unknown_thing"' in str({each.name: each.cell for each in weights(session.sheet)}["u"].problem)
 
 
+WRONG = ["3", '"x"', "{}", "{Qx = 3, Qu = 1, outputs = 3, integral = [1], track = 1, kind = [1]}", "{Qu = [[1], 2], Qx = []}"]
+
+
+@pytest.mark.parametrize("told", WRONG)
+def test_a_table_that_is_none_is_shown_as_far_as_it_goes(told: str) -> None:
+    """Whatever stands in [cost], there are rows, and what is wrong is told."""
+    text = ready(CART).dumps()
+    begin, end = text.index("[cost]"), text.index("[experiment]")
+    sheet = ModelSheet(loads(f"cost = {told}\n{text[:begin]}{text[end:]}", "", check=False))
+    assert {each.group for each in weights(sheet)} == {"States", "Outputs", "Inputs"}
+    assert any(where.startswith("cost") for where in sheet.problems)
+    assert set(sheet.weights) <= {"Qx", "Qu"}
+
+
 @pytest.mark.parametrize(
     ("command", "told"),
     [

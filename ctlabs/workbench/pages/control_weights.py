@@ -46,7 +46,7 @@ def weights(sheet: ModelSheet) -> Iterator[Weight]:
     cost = _cost(sheet)
     for i, name in enumerate(sheet.states):
         yield Weight(name, f"state {name}", ("Qx", i, i), _cell(sheet, ("Qx", i, i)), "States")
-    outputs, integral = (dict(cost.get(key) or {}) for key in ("outputs", "integral"))
+    outputs, integral = _table(cost, "outputs"), _table(cost, "integral")
     for name in dict.fromkeys((*sheet.measurements, *outputs)):
         inner = ("weight",) if isinstance(outputs.get(name), dict) else ()
         yield Weight(name, f"output {name}", ("outputs", name), _cell(sheet, ("outputs", name, *inner)), "Outputs")
@@ -59,6 +59,18 @@ def weights(sheet: ModelSheet) -> Iterator[Weight]:
 def _cost(sheet: ModelSheet) -> Mapping[str, Any]:
     found = sheet.data.get("cost")
     return found if isinstance(found, dict) else {}
+
+
+def _table(cost: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """A table of weights by name, as far as it is one."""
+    found = cost.get(key)
+    return dict(found) if isinstance(found, dict) else {}
+
+
+def _list(cost: Mapping[str, Any], key: str) -> list[str]:
+    """A list of names, as far as it is one."""
+    found = cost.get(key)
+    return [each for each in found if isinstance(each, str)] if isinstance(found, list) else []
 
 
 def _cell(sheet: ModelSheet, path: Path) -> Cell:
@@ -200,13 +212,13 @@ class RegulatorForm:
         """Show those of a model."""
         self.sheet, cost, self.showing = sheet, _cost(sheet), True
         try:
-            self.kind.value = cost.get("kind") if cost.get("kind") in KINDS else "current"
+            self.kind.value = "delayed" if cost.get("kind") == "delayed" else "current"
             self.dt.show(sheet.dt)
             self.delay.show(_cell(sheet, ("delay",)))
             self.horizon.show(sheet.shown(("cost", "horizon")))
             self.delay.set_visibility(sheet.kind == "continuous")
             self._show_boxes(sheet, cost)
-            chosen = [name for name in cost.get("loads") or () if name in sheet.states]
+            chosen = [name for name in _list(cost, "loads") if name in sheet.states]
             if self.loads.options != list(sheet.states) or self.loads.value != chosen:
                 self.loads.set_options(list(sheet.states), value=chosen)
             self.stabilise.value = cost.get("stabilise") is True
@@ -226,7 +238,7 @@ class RegulatorForm:
                             box.props["aria-label"] = words if key == "track" else f"integrate the error of {name}"
                             self.boxes[key, name] = box
         for (key, name), box in self.boxes.items():
-            box.value = name in (cost.get(key) or ())
+            box.value = name in (_list(cost, key) if key == "track" else _table(cost, key))
 
     def _box(self, key: str, name: str, event: Any) -> None:
         if self.showing:
