@@ -238,7 +238,7 @@ def _gains(found: Regulated) -> str:
 def _sigma(found: Regulated) -> str:
     if not found.limit:
         return f'<p class="ctl-show-why">There is no limit: {escape(found.limit.reason)}.</p>'
-    rows = [[name, sd, rms, unit or "1"] for name, sd, rms, unit in signals(found)]
+    rows = [[name, sd, rms, unit or ("" if name in found.inputs else "1")] for name, sd, rms, unit in signals(found)]
     return table(["Signal", "σ", "RMS", "Unit"], rows, "In the limit: states, measurements, inputs")
 
 
