@@ -41,6 +41,7 @@ ROOMS: dict[str, set[str]] = {
         "analysis",
         "montecarlo",
         "files",
+        "regulation",
         "reporting",
         "labs",
         "studies",

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Locator, Page
 
 ROOT = Path(__file__).parent.parent
-PAGES = ("model", "understand", "experiment", "data", "fit", "keep", "labs", "course", "help")
+PAGES = ("model", "understand", "experiment", "data", "fit", "control", "keep", "labs", "course", "help")
 ARGUMENTS = [
     "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync",

@@ -65,13 +65,18 @@ def walk(browser: Any, address: str, scheme: str) -> None:
     save(page, f"labs-{scheme}")
     go(page, "help")
     save(page, f"help-{scheme}")
+    page.goto(f"{address}/model?draft=new")
+    begin(page, "cart_pendulum")
+    go(page, "control")
+    page.wait_for_selector("[data-test=plot-control-poles] .js-plotly-plot .main-svg")
+    save(page, f"control-{scheme}")
     page.context.close()
 
 
-def begin(page: Any) -> None:
-    """Open the ready model of a target that manoeuvres."""
+def begin(page: Any, name: str = "singer") -> None:
+    """Open a ready model, by default that of a target that manoeuvres."""
     page.click("[data-test=begin-ready]")
-    page.locator("[data-test=ready-singer]").first.click()
+    page.locator(f"[data-test=ready-{name}]").first.click()
     page.wait_for_selector("[data-test^=cell-]")
 
 

@@ -108,6 +108,23 @@ def experiment(seen: Seen) -> None:
         seen.look(f"results, {parts.nth(i).text_content()}")
 
 
+def control(seen: Seen) -> None:
+    """The page Control: before there is a regulator, with one, with a weight that is wrong."""
+    tab = seen.tab
+    tab.go("control")
+    tab.get("control-add-input").wait_for()
+    seen.look("control, no input")
+    tab.get("control-add-input").click()
+    tab.page.wait_for_selector("[data-test=control-verdict]:has-text('stable')")
+    tab.page.wait_for_selector("[data-test=plot-tradeoff] .js-plotly-plot .main-svg")
+    tab.get("matrices").click()
+    tab.cell("cost-Qx", 0, 0).wait_for()
+    seen.look("control")
+    tab.cell("cost-Qu", 0, 0).fill("-1")
+    tab.page.wait_for_selector("[data-test=control-wrong]:has-text('expected weights')")
+    seen.look("control, wrong")
+
+
 def keep(seen: Seen) -> None:
     """The page Keep with an experiment."""
     seen.tab.go("keep")
@@ -149,7 +166,7 @@ def test_axe_finds_nothing_on_any_page(visit: Visits, axe: str, theme: Any) -> N
     """WCAG 2.2 A and AA and best practice, with models, results and dialogs there."""
     tab = visit(color_scheme=theme, viewport={"width": 1440, "height": 900}).tab()
     seen = Seen(tab, axe)
-    for look in (model, understand, experiment, keep, labs, course, help_page):
+    for look in (model, understand, experiment, control, keep, labs, course, help_page):
         look(seen)
     assert tab.dark() is (theme == "dark")
     assert not seen.found, "\n".join(seen.found)

@@ -37,6 +37,7 @@ FIELDS = {
     "python commands difference",
     "data": "table columns written rows filter gate steps verdict estimates tests",
     "fit": "constants starts trace estimates sides profiles correlation",
+    "control": "begin weights settings margins gains poles sigma responses cost curves ensemble export elsewhere",
     "keep": "list compare rerun export",
     "labs": "parameter runs seed checks variant",
     "course": "folder roster labs issue grade handed handout",

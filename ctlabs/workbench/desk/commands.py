@@ -175,12 +175,14 @@ class Name:
     unit: str = ""
 
     def apply(self, file: ModelFile) -> Done:
+        names = file.states if self.what == "state" else file.measurements
+        before = names[self.index] if 0 <= self.index < len(names) else ""
         for key, text in zip(LABELS[self.what], (self.name.strip(), self.unit.strip()), strict=True):
             path, known = ("model", key, self.index), _table(file, "model").get(key)
             same = isinstance(known, list) and known[self.index : self.index + 1] == [text]
             if not same and (text or known is not None):
                 file = _with_defaults(file, path).edit(path, text)
-        return file, f"{self.what} {self.index + 1}: {_short(self.name)}"
+        return _renamed(file, self.what, before, self.name.strip()), f"{self.what} {self.index + 1}: {_short(self.name)}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,6 +256,11 @@ class AddPart:
             msg = f"model.{name}: expected a part that the model does not have yet, received one that it has"
             raise ValueError(msg)
         if name == "u":
+            if "cost" in found:
+                msg = "model.u: expected a model without [cost], whose regulator makes the inputs, received one with it"
+                raise ValueError(msg)
+            if "B" in model and "u" not in model:
+                return file.edit(("model", "u"), [0] * file.inputs), "add the known inputs u"
             B = [[*row, 0] for row in model["B"]] if "u" in model else [[0]] * n
             label = "add a known input to u" if "u" in model else "add a known input u"
             return file.edit(("model", "B"), B).edit(("model", "u"), [*model.get("u", []), 0]), label
@@ -287,6 +294,20 @@ class RemovePart:
 # Within --------------------------------------------------------------------------------------------------------------
 
 
+def _renamed(file: ModelFile, what: str, old: str, new: str) -> ModelFile:
+    """The file whose [cost] calls a state or measurement by its new name, too."""
+    cost = _table(file, "cost")
+    if old in {"", new} or not new:
+        return file
+    for key in ("loads",) if what == "state" else ("track", "outputs", "integral"):
+        told = cost.get(key)
+        if isinstance(told, list) and old in told:
+            file = file.edit(("cost", key), [new if each == old else each for each in told])
+        elif isinstance(told, dict) and old in told and not isinstance(told[old], dict):
+            file = file.edit(("cost", key), {new if each == old else each: value for each, value in told.items()})
+    return file
+
+
 def _value(path: Path, text: str) -> Any:
     """What a text is in the file: a name as it is, a number or an expression elsewhere."""
     return text if any(part in WORDS for part in path[:2]) or path[-1:] in {("unit",), ("meaning",)} else typed(text)
@@ -306,7 +327,7 @@ def _with_defaults(file: ModelFile, *paths: Path) -> ModelFile:
 
 
 def _table(file: ModelFile, name: str) -> dict[str, Any]:
-    """[model] or [constants], as far as it is a table."""
+    """[model], [constants] or [cost], as far as it is a table."""
     found = file.data().get(name)
     return found if isinstance(found, dict) else {}
 

@@ -22,6 +22,9 @@ def converted(file: ModelFile, kind: str) -> ModelFile:
         raise ValueError(msg)
     if file.kind == kind:
         return file
+    if "cost" in file.data():
+        msg = "kind: expected a model without [cost], received one with it (a second's weights are not a step's)"
+        raise ValueError(msg)
     if file.varying:
         msg = f"kind: expected matrices that do not vary with time, received {', '.join(file.varying)}"
         raise ValueError(msg)

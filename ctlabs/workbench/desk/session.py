@@ -29,6 +29,7 @@ from ctlabs.studies.understanding import Understanding, compute
 from ctlabs.workbench.desk import commands
 from ctlabs.workbench.desk.commands import Command
 from ctlabs.workbench.desk.courses import CourseDesk
+from ctlabs.workbench.desk.loops import LoopDesk
 from ctlabs.workbench.desk.records import RecordDesk
 from ctlabs.workbench.desk.sheet import ModelSheet
 from ctlabs.workbench.desk.store import REVISIONS, Edited
@@ -94,6 +95,8 @@ class Session:
         self.experiment_run, self.lab_run = Running(), Running()
         #: The measured data: the table, its filtering, its fits.
         self.records = RecordDesk(self)
+        #: The regulator: its ensemble, its curves.
+        self.loops = LoopDesk(self)
         #: The course that is open on this machine.
         self.courses = CourseDesk(self)
         #: Which part of the results is looked at: it is shown again after the next run.

@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Any
 
 from ctlabs.files.modelfile import ModelFile
-from ctlabs.files.modelfile.checks import SHAPES, TEXTS
+from ctlabs.files.modelfile.checks import SHAPES, TEXTS, WEIGHTS
 from ctlabs.files.modelfile.errors import Path, place
 from ctlabs.files.modelfile.expressions import Expression, ExpressionError, parse, values
 from ctlabs.files.modelfile.values import VARYING
@@ -110,12 +110,12 @@ class ModelSheet:
 
     @cached_property
     def sizes(self) -> dict[str, int]:
-        """How many states n, measurements m, noises s, known inputs r, as far as the file says."""
+        """How many states n, measurements m, noises s, inputs r, as far as the file says."""
         return {
             "n": len(self._rows("P0") or self._rows("F") or self._rows("Phi")),
             "m": len(self._rows("H")),
             "s": len(self._rows("Q")) if self.kind == "continuous" else 0,
-            "r": len(self._rows("u")),
+            "r": len(self._rows("u")) or max((len(row) for row in self._rows("B") if isinstance(row, list)), default=0),
         }
 
     @property
@@ -181,15 +181,38 @@ class ModelSheet:
 
     @property
     def missing_parts(self) -> tuple[str, ...]:
-        """Parts that could be added (:class:`ctlabs.workbench.desk.commands.AddPart`); one more known input always can."""
+        """Parts that could be added (:class:`ctlabs.workbench.desk.commands.AddPart`); one more known input always can, unless a
+        regulator makes the inputs.
+        """
+        known = () if "cost" in self.data else ("u",)
         if self.kind == "continuous":
-            names = ("u", "N", "Rc") if "R" in self._model else ("u", "N", "R")
-            return tuple(
-                name
-                for name in names
-                if name == "u" or (name not in self._model and not (name == "N" and "Rc" not in self._model))
-            )
-        return tuple(name for name in ("u", "N", "offset") if name == "u" or name not in self._model)
+            names = ("N", "Rc") if "R" in self._model else ("N", "R")
+            rest = tuple(name for name in names if name not in self._model and not (name == "N" and "Rc" not in self._model))
+        else:
+            rest = tuple(name for name in ("N", "offset") if name not in self._model)
+        return known + rest
+
+    @cached_property
+    def weights(self) -> dict[str, Grid]:
+        """The matrices of weights in [cost], as far as they are there."""
+        told = self.data.get("cost")
+        told = told if isinstance(told, dict) else {}
+        names = {"n": self.states, "r": self.inputs, "m": self.measurements}
+        found = {}
+        for name, shape in WEIGHTS.items():
+            if isinstance(told.get(name), list):
+                found[name] = self._matrix_of(("cost", name), told[name], names[shape[0]], names[shape[1]])
+        return found
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        r = self.sizes["r"]
+        told = self.data.get("data")
+        named = told.get("inputs") if isinstance(told, dict) else None
+        if isinstance(named, list) and len(named) == r:
+            return tuple(map(self._text, named))
+        return ("u",) if r == 1 else _numbered("u", r)
 
     def shown(self, path: Path) -> Cell:
         """The cell at a path of the file; its text is empty where there is nothing."""
@@ -223,13 +246,13 @@ class ModelSheet:
             return self._matrix(name, inside)
 
         if self.kind == "continuous":
-            drive = (rf" + {part('B')}\,u" if has("B") and has("u") else "") + rf" + {part('G')}\,w"
+            drive = (rf" + {part('B')}\,u" if has("B") else "") + rf" + {part('G')}\,w"
             lines = [rf"\dot x = {part('F')}\,x{drive}"]
             if has("u"):
                 lines.append(rf"u = {part('u')}")
             lines.append(rf"E[w(t)w(\tau)^T] = {part('Q')}\,\delta(t-\tau)")
         elif self.kind == "discrete":
-            drive = (rf" + {part('B')}\,u_k" if has("B") and has("u") else "") + (
+            drive = (rf" + {part('B')}\,u_k" if has("B") else "") + (
                 f" + {part('offset')}" if has("offset") else ""
             )
             lines = [rf"x_{{k+1}} = {part('Phi')}\,x_k{drive} + w_k"]
@@ -336,18 +359,20 @@ class ModelSheet:
             "s": _numbered("w", self.sizes["s"]),
             "r": _numbered("u", self.sizes["r"]),
         }
-        given, vector = name in self._model, len(shape) == 1
-        rows: list[tuple[Cell, ...]] = []
-        for i, row in enumerate(self._rows(name) if given else [0] * self.sizes["n"]):
-            if vector:
-                rows.append((self._cell((*path, i), row),))
-            elif isinstance(row, list):
-                rows.append(tuple(self._cell((*path, i, j), item) for j, item in enumerate(row)))
-        problems = [self.problems.get(place(path))]
-        problems += [self.problems.get(place((*path, i))) for i in range(len(rows)) if not vector]
-        problem = "; ".join(found for found in problems if found) or None
-        columns = () if vector else names[shape[1]]
-        return Grid(name, tuple(rows), names[shape[0]], columns, problem, vector, given)
+        given = name in self._model
+        if len(shape) == 2:
+            return self._matrix_of(path, self._rows(name), names[shape[0]], names[shape[1]])
+        cells = enumerate(self._rows(name) if given else [0] * self.sizes["n"])
+        rows = tuple((self._cell((*path, i), item),) for i, item in cells)
+        return Grid(name, rows, names[shape[0]], (), self.problems.get(place(path)), vector=True, given=given)
+
+    def _matrix_of(self, path: Path, told: list[Any], row_names: tuple[str, ...], column_names: tuple[str, ...]) -> Grid:
+        """A matrix at a place of the file."""
+        rows = tuple(
+            tuple(self._cell((*path, i, j), item) for j, item in enumerate(row)) for i, row in enumerate(told) if isinstance(row, list)
+        )
+        problems = [self.problems.get(place(path)), *(self.problems.get(place((*path, i))) for i in range(len(rows)))]
+        return Grid(str(path[-1]), rows, row_names, column_names, "; ".join(found for found in problems if found) or None)
 
     def _names(self, key: str, letter: str, size: str) -> tuple[str, ...]:
         count, found = self.sizes[size], [self._text(item) for item in self._rows(key)]

@@ -1,8 +1,8 @@
 """The pages: thin views of a session. ``shell`` draws the frame.
 
-A page is a module of this folder with a literal ``PAGE = {"place": …, "title": …, "icon": …}`` and one function
-``page(session, shell)``; it is found by listing the folder, and imported when it is first shown. Its looks lie in ``static``, its
-help in ``ctlabs/workbench/help``.
+A page is a module of this folder with a literal ``PAGE = {"place": …, "title": …, "icon": …}`` (and the ``"letter"`` of its
+shortcut, where that is not its first) and one function ``page(session, shell)``; it is found by listing the folder, and imported when
+it is first shown. Its looks lie in ``static``, its help in ``ctlabs/workbench/help``.
 """
 
 from __future__ import annotations
@@ -28,11 +28,12 @@ class Page(NamedTuple):
     name: str
     title: str
     icon: str
+    letter: str = ""
 
     @property
     def keys(self) -> str:
-        """Its shortcut: Alt+Shift and its first letter."""
-        return f"alt+shift+{self.name[0]}"
+        """Its shortcut: Alt+Shift and its letter, the first of its name where it has none of its own."""
+        return f"alt+shift+{self.letter or self.name[0]}"
 
 
 @cache
@@ -40,14 +41,14 @@ def listed(package: str = __name__) -> tuple[Page, ...]:
     """The pages of a package in their order; none is imported, since they need numpy and the frame does not.
 
     >>> [page.name for page in listed()]
-    ['model', 'understand', 'experiment', 'data', 'fit', 'keep', 'labs', 'course', 'help']
+    ['model', 'understand', 'experiment', 'data', 'fit', 'control', 'keep', 'labs', 'course', 'help']
     """
     spec, found = importlib.util.find_spec(package), []
     for path in Path(spec.origin).parent.glob("*.py") if spec is not None and spec.origin else ():
         literal = re.search(r"^PAGE = (\{.*\})$", path.read_text(encoding="utf-8"), re.MULTILINE)
         if literal is not None:
             told = ast.literal_eval(literal[1])
-            found.append((told["place"], Page(path.stem, told["title"], told["icon"])))
+            found.append((told["place"], Page(path.stem, told["title"], told["icon"], told.get("letter", ""))))
     return tuple(page for _, page in sorted(found))
 
 

@@ -471,6 +471,9 @@ class ModelPage:
         if self._view == "text":
             self._text.run_method("line", line_of(self.session.text, where))
             return
+        if where.startswith("cost"):
+            self.shell.go("control")
+            return
         part = where.removeprefix("model.").partition("[")[0]
         element = self.grids.get(part)
         if isinstance(element, Entries):

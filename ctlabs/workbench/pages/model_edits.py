@@ -82,13 +82,13 @@ def sections(kind: str, given: Iterable[str]) -> tuple[Section, ...]:
     """
     has = set(given)
     if kind == "continuous":
-        driven = "B u + " if "u" in has else ""
+        driven = "B u + " if "B" in has else ""
         found = (
             Section("The system", rf"\dot x = F x + {driven}G w", ("F", "G", "Q", "B", "u")),
             Section("The measurement", "z = H x + v", ("H", "R", "Rc", "N")),
         )
     else:
-        driven = ("B u_k + " if "u" in has else "") + ("c + " if "offset" in has else "")
+        driven = ("B u_k + " if "B" in has else "") + ("c + " if "offset" in has else "")
         found = (
             Section("The system", rf"x_{{k+1}} = \Phi x_k + {driven}w_k", ("Phi", "Qd", "B", "u", "offset")),
             Section("The measurement", "z_k = H x_k + v_k", ("H", "R", "N")),

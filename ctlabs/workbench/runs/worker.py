@@ -45,6 +45,8 @@ FUNCTIONS: Mapping[str, str] = {
     "diagnosis": "ctlabs.workbench.runs.records:diagnosed",
     "files": "ctlabs.workbench.runs.records:files",
     "fit": "ctlabs.workbench.runs.fits:fitted",
+    "loop_curves": "ctlabs.workbench.runs.loops:curves",
+    "loop_ensemble": "ctlabs.workbench.runs.loops:many",
     "course_issue": "ctlabs.workbench.runs.courses:issue_course",
     "course_grade": "ctlabs.workbench.runs.courses:grade_course",
 }
