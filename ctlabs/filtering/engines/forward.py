@@ -13,12 +13,13 @@ import numpy as np
 from ctlabs.filtering.engines.common import (
     CANCELLED,
     EPS,
+    SETTLED,
     System,
     alike,
-    copied,
     crossed_out,
     entry,
     factor_inverse,
+    fades,
     helper,
     mirror,
     motion,
@@ -34,8 +35,6 @@ from ctlabs.linalg.compiled import kernel
 #: As in :mod:`ctlabs.linalg.rounding`.
 MARGIN = rounding.MARGIN
 LOG_2PI = float(np.log(2 * np.pi))
-#: P is at its fixed point when what is left of its way there is below this fraction of the standard deviations.
-SETTLED = 1e-13
 #: The longest wait, in steps, from one look at the fixed point to the next.
 PATIENCE = 4096
 
@@ -274,24 +273,10 @@ def near(P: Array, before: Array) -> bool:
 
 
 @helper
-def largest(A: Array) -> float:
-    """The largest absolute value of a matrix; NaN where one is NaN."""
-    most = 0.0
-    for i in range(A.shape[0]):
-        for j in range(A.shape[1]):
-            size = abs(A[i, j])
-            if size != size:
-                return size
-            most = max(most, size)
-    return most
-
-
-@helper
 def settled(P: Array, before: Array, Phi: Array, B: Array, A: Array, X: Array, Y: Array, work: Array) -> bool:
     r"""Whether P is as near to its fixed point as :data:`SETTLED` says, in units of its standard deviations.
 
-    A change Δ of P becomes AΔAᵀ in the next step, A = Φ(I−KH), up to terms in Δ². All that is still to come is the
-    sum of AʲΔAʲᵀ from j = 1, here by doubling: X ← X + AXAᵀ, A ← A². Near the fixed point a small Δ alone says little:
+    A change Δ of P becomes AΔAᵀ in the next step, A = Φ(I−KH), up to terms in Δ². Near the fixed point a small Δ alone says little:
     where A is near the unit circle the steps are many.
     """
     n = P.shape[0]
@@ -303,26 +288,7 @@ def settled(P: Array, before: Array, Phi: Array, B: Array, A: Array, X: Array, Y
             both = np.sqrt(P[i, i]) * np.sqrt(P[j, j])
             A[i, j] = s * (np.sqrt(P[j, j]) / np.sqrt(P[i, i])) if both > 0 else 0.0
             Y[i, j] = (P[i, j] - before[i, j]) / both if both > 0 else 0.0
-            X[i, j] = 0.0
-    similarity(A, Y, X, work)
-    mirror(X)
-    for _ in range(60):
-        size, left = largest(A), largest(X)
-        if not (size < 1e100 and left <= SETTLED):
-            return False
-        if left == 0.0 or size < 1e-4:
-            return True
-        copied(X, Y)
-        similarity(A, Y, X, work)
-        mirror(X)
-        for i in range(n):
-            for j in range(n):
-                s = 0.0
-                for h in range(n):
-                    s += A[i, h] * A[h, j]
-                Y[i, j] = s
-        copied(Y, A)
-    return False
+    return fades(A, Y, X, work)
 
 
 @kernel
