@@ -2,7 +2,7 @@
 PYTHON ?= python3
 OUT ?= reports
 .DEFAULT_GOAL := help
-.PHONY: help labs test slow check kernels docs pictures bench clean FORCE
+.PHONY: help labs test slow check kernels docs matrix dist pictures bench clean FORCE
 .NOTPARALLEL:
 
 # Bytecode is kept even where the environment says otherwise: the tests start many processes, which would compile it anew.
@@ -28,18 +28,26 @@ test: .venv/.test ## run the tests that take seconds, with branch coverage
 slow: .venv/.test ## run the tests that take minutes: every lab against its committed numbers, the wheel, all random examples
 	$(BIN)/python -m pytest -n 2 --dist loadgroup -m "slow or property" --examples=1000 -q
 
-check: .venv/.test ## lint, check spelling and types, and run the examples in README.md and docs/
+check: .venv/.test ## lint, check spelling and types, run the examples in README.md and docs/, and the numerical tests under other kernels
 	$(BIN)/python -m ruff check .
-	$(BIN)/codespell README.md CONTRIBUTING.md CHANGELOG.md docs tasks ctlabs
+	$(BIN)/codespell *.md docs tasks ctlabs
 	$(BIN)/python -m mypy
 	$(BIN)/python -m pytest -q tests/test_docs.py
+	$(BIN)/python tests/kernels.py --brief
 
 kernels: .venv/.test ## run the numerical tests under every kernel of OpenBLAS that the processor can run
 	$(BIN)/python tests/kernels.py
 
-docs: .venv/.docs ## build the documentation into build/docs
-	$(BIN)/python -m mkdocs build --strict --quiet
+docs: .venv/.docs ## build the site into build/docs, with every example of the gallery
+	rm -rf build/docs
+	$(BIN)/python -m sphinx -W -n -q --keep-going docs build/docs
 	@echo "build/docs/index.html"
+
+matrix: ## run the tests on every Python that is found, with the lowest dependencies, and without numba; TESTS=tests/linalg tries a part
+	$(PYTHON) .ci/matrix.py $(TESTS)
+
+dist: .venv/.test ## build the wheel and the source distribution into dist, the same bytes from the same commit
+	$(BIN)/python .ci/dist.py
 
 pictures: .venv/.test ## take the documentation's pictures of the workbench again
 	$(BIN)/python docs/images/take.py

@@ -8,7 +8,7 @@
 
 One verb per question; the type of the model chooses the equation. What is named here is loaded when it is first used, so that
 ``import ctlabs`` takes no time. Everything else is in the subpackages: :mod:`ctlabs.models`, :mod:`ctlabs.filtering`,
-:mod:`ctlabs.analysis`, :mod:`ctlabs.montecarlo`, :mod:`ctlabs.files`, :mod:`ctlabs.reporting`.
+:mod:`ctlabs.analysis`, :mod:`ctlabs.regulation`, :mod:`ctlabs.montecarlo`, :mod:`ctlabs.files`, :mod:`ctlabs.reporting`.
 """
 
 from __future__ import annotations
@@ -21,14 +21,16 @@ if TYPE_CHECKING:  # what type checkers and editors see; __getattr__ gives the s
     from ctlabs.analysis import actual_errors, diagnose, error_budget, fit, observability
     from ctlabs.files import read_model, read_record
     from ctlabs.filtering import Filter, covariances, forecast, kalman_filter, smooth, steady_state
-    from ctlabs.models import ContinuousModel, DiscreteModel, NonlinearModel, augment, discretise, from_control
+    from ctlabs.models import ContinuousModel, Cost, DiscreteModel, NonlinearModel, augment, discretise, from_control
     from ctlabs.montecarlo import monte_carlo, simulate
+    from ctlabs.regulation import regulator
 
 __version__ = "0.3.0"
 
 #: Where each name of the front door is at home.
 _HOME = {
     "ContinuousModel": "models",
+    "Cost": "models",
     "DiscreteModel": "models",
     "Filter": "filtering",
     "NonlinearModel": "models",
@@ -46,6 +48,7 @@ _HOME = {
     "observability": "analysis",
     "read_model": "files",
     "read_record": "files",
+    "regulator": "regulation",
     "simulate": "montecarlo",
     "smooth": "filtering",
     "steady_state": "filtering",
@@ -53,6 +56,7 @@ _HOME = {
 
 __all__ = [
     "ContinuousModel",
+    "Cost",
     "DiscreteModel",
     "Filter",
     "NonlinearModel",
@@ -70,6 +74,7 @@ __all__ = [
     "observability",
     "read_model",
     "read_record",
+    "regulator",
     "simulate",
     "smooth",
     "steady_state",

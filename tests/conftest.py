@@ -2,7 +2,9 @@
 
 import os
 import sys
+from collections.abc import Iterator
 from importlib import import_module
+from pkgutil import walk_packages
 
 os.environ["LANGUAGE"] = "en"  # read by gettext when ctlabs.text is imported
 for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -11,13 +13,16 @@ for threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 import pytest  # noqa: E402  # after the environment is set
 from hypothesis import is_hypothesis_test, settings  # noqa: E402
 
-from tests.untraced import untraced  # noqa: E402
+import ctlabs  # noqa: E402
+from tests.untraced import untraced, unwatched, watched  # noqa: E402
 
 # Derandomised: the same examples on every machine; the seeds of a failing run are those of the next one.
 settings.register_profile("ctlabs", deadline=None, derandomize=True, max_examples=50, print_blob=True)
 settings.load_profile("ctlabs")
 
 
+#: Modules of ctlabs that do something when they are loaded.
+PROGRAMS = ("ctlabs.__main__", "ctlabs.workbench.runs.warm")
 #: Libraries of others that the tests load in any case.
 HEAVY = ("control", "filterpy.kalman", "matplotlib.figure", "mpmath", "nicegui", "numba.core.dispatcher", "pandas", "scipy.stats", "sympy")
 
@@ -46,10 +51,33 @@ def _others() -> None:
             setattr(place, name, untraced(getattr(place, name)))
 
 
+def _looked_at(config: pytest.Config) -> bool:
+    """Whether coverage looks at this process; the one that hands out the tests runs none."""
+    return sys.gettrace() is not None and config.getoption("dist", "no") == "no"
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Coverage looks away from the code of others that takes long (the pieces of ctlabs that are called back there are tiny)."""
-    if sys.gettrace() is not None and config.getoption("dist", "no") == "no":  # the process that hands out the tests runs none
+    if _looked_at(config):
         _others()
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection(session: pytest.Session) -> Iterator[None]:
+    """Coverage sees how the modules of ctlabs are loaded, and need not see how pytest looks for tests."""
+    if _looked_at(session.config):
+        for module in walk_packages(ctlabs.__path__, "ctlabs."):
+            if module.name not in PROGRAMS:
+                import_module(module.name)
+    with unwatched():
+        return (yield)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
+    """Coverage looks at what is new (tests/untraced.py)."""
+    with watched(item.nodeid.partition("[")[0]):
+        return (yield)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -25,8 +25,8 @@ from pathlib import Path
 HERE = Path(__file__).parent
 KERNELS = ("Haswell", "SkylakeX", "Sandybridge", "Nehalem")
 EXAMPLES = 3
-#: Processes at a time.
-TOGETHER = 2
+#: Processes at a time: in brief there are three, and two of them on two processors would leave one idle for the third.
+TOGETHER = 3
 MARK = "pytestmark = pytest.mark.numerical"
 #: Uses products and factors of numpy's and scipy's OpenBLAS, and says which kernels these are.
 PROBE = """

@@ -20,8 +20,10 @@ from ctlabs.filtering.algorithms.catalogue import FORMS
 from ctlabs.filtering.online import Filter
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel, observability
+from ctlabs.models.cost import Cost
 from ctlabs.models.discretisation import discretise
 from ctlabs.models.shaping import stationary_covariance
+from ctlabs.regulation import lqr, regulator, sample
 from tests.strategies import covariance, seeds
 
 STEPS = 12
@@ -94,6 +96,9 @@ PLANNED = {"P_minus": "xx", "P_plus": "xx", "K": "xZ", "S": "zz"}
 #: What kalman_filter goes by.
 ALGORITHMS = ["auto", "filterpy", *(name for name in FORMS if name != "steady")]
 
+#: What a loop's answers are made of: its inputs have units of their own.
+LOOP = {"L": "X", "u": "", "cost": ""}
+
 #: The verbs of discrete models. A new one is one line.
 DISCRETE = [
     Verb("steady.solve", lambda m, z: steady.solve(m), {"P_minus": "xx", "P_plus": "xx", "K": "xZ", "K_pred": "xZ", "S": "zz"}),
@@ -107,6 +112,9 @@ DISCRETE = [
     Verb("observability.gramian", lambda m, z: {"W": observability.gramian(_unit(m), 5)}, {"W": "XX"}),
     Verb("observability.analyse", lambda m, z: {"rank": observability.analyse(m).rank}, {"rank": ""}),
     Verb("diagnosis.innovations", lambda m, z: _diagnosed(m, z), {"nis_p": ""}),
+    Verb("lqr", lambda m, z: lqr(_driven(m), _cost(m)), {"L": "X", "S": "XX", "L_w": "X"}),
+    Verb("regulator.current", lambda m, z: _regulated(regulator(_driven(m), _cost(m))), LOOP),
+    Verb("regulator.delayed", lambda m, z: _regulated(regulator(_driven(m), _cost(m), kind="delayed")), LOOP),
 ]
 
 #: The verbs of continuous models, which need no record.
@@ -114,8 +122,38 @@ CONTINUOUS = [
     Verb("bucy.steady", lambda m, z: bucy.steady(m), {"P": "xx", "K": "xZ/"}),
     Verb("bucy.transient", lambda m, z: bucy.transient(m, rate(m) * np.array([0.3, 1.0, 4.0])), {"P": "xx"}),
     Verb("discretise", lambda m, z: discretise(m, 0.5 * rate(m)), {"Qd": "xx"}),
+    Verb("lqr.continuous", lambda m, z: _per_time(lqr(_driven(m), _cost(m)), rate(m)), {"L": "X", "S": "XX"}),
+    Verb("regulator.continuous", lambda m, z: _regulated(regulator(_driven(m), _cost(m))), LOOP),
+    Verb("sample", lambda m, z: _sampled(sample(_driven(m), _cost(m), 0.5 * rate(m))), {"Qx": "XX", "N": "X", "Qu": "", "constant": ""}),
+    Verb("regulator.sampled", lambda m, z: _regulated(regulator(_driven(m), _cost(m), dt=0.5 * rate(m), delay=0.0)), LOOP),
     Verb("shaping.stationary_covariance", lambda m, z: {"P": stationary_covariance(m)}, {"P": "xx"}),
 ]
+
+
+def _driven(model: Any) -> Any:
+    """The model with inputs that move it in directions of its own."""
+    A = model.F if isinstance(model, ContinuousModel) else model.Phi
+    return replace(model, B=(A @ model.x0)[:, None])
+
+
+def _cost(model: Any) -> Cost:
+    """Weights that belong to the model."""
+    noise = model.Rc if isinstance(model, ContinuousModel) else model.R
+    time = rate(model) if isinstance(model, ContinuousModel) else 1.0
+    return Cost(time * model.H.T @ np.linalg.solve(noise, model.H), [[0.7]])
+
+
+def _regulated(found: Any) -> Any:
+    return {"L": found.L, "u": found.closed.steady().u.P, "cost": found.cost.value}
+
+
+def _per_time(found: Any, time: float) -> Any:
+    return {"L": found.L, "S": found.S / time}
+
+
+def _sampled(found: Any) -> Any:
+    cost, dt = found.cost, found.model.dt
+    return {"Qx": cost.Qx / dt, "N": cost.N.T / dt, "Qu": cost.Qu / dt, "constant": cost.constant / dt}
 
 
 def rate(model: ContinuousModel) -> float:

@@ -125,11 +125,16 @@ def record(model: Any, steps: int, rng: np.random.Generator, gaps: float = 0.0, 
     n, m = len(model.x0), model.H.shape[-2]
     x = model.x0 + root(model.P0) @ rng.normal(size=n)
     z = np.empty((steps + 1, m))
-    for k in range(steps + 1):
+
+    def factor(k: int) -> Array:
         R = np.where(np.isinf(at(model.R, k)), 0.0, at(model.R, k))
         N = cross_at(model, k)
-        Qd = at(model.Qd, min(k, steps - 1))
-        noise = root(np.block([[Qd, N], [N.T, R]])) @ rng.normal(size=n + m)
+        return root(np.block([[at(model.Qd, min(k, steps - 1)), N], [N.T, R]]))
+
+    varies = any(matrix is not None and matrix.ndim == 3 for matrix in (model.Qd, model.R, model.N))
+    once = None if varies else factor(0)
+    for k in range(steps + 1):
+        noise = (factor(k) if once is None else once) @ rng.normal(size=n + m)
         z[k] = at(model.H, k) @ x + noise[n:]
         if k < steps:
             x = at(model.Phi, k) @ x + offset_at(model, k) + noise[:n]

@@ -8,7 +8,13 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCS = ROOT / "docs"
+#: Written by hand: what the site makes of the reports and the commands, and the sample course, are tested where they are made.
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    *(path for path in sorted(DOCS.rglob("*.md")) if path.relative_to(DOCS).parts[0] not in {"generated", "sample-course"}),
+]
 IDS = [path.relative_to(ROOT).as_posix() for path in PAGES]
 every_page = pytest.mark.parametrize("page", PAGES, ids=IDS)
 
@@ -52,6 +58,10 @@ def test_links_lead_somewhere(page: Path):
         if "://" in target:
             continue
         path, _, anchor = target.partition("#")
+        if "generated/" in path:  # a page that the site makes; the build checks it
+            lab = re.fullmatch(r".*generated/labs/(\w+)\.md", path)
+            assert lab is None or (ROOT / "reports" / lab[1] / "report.md").exists() or lab[1] == "lab0", f"{page.name} links to {target}"
+            continue
         other = (page.parent / path) if path else page
         assert other.exists(), f"{page.name} links to {target}"
         if anchor:

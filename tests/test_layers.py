@@ -6,6 +6,7 @@ import ast
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import cache
 from graphlib import TopologicalSorter
 from importlib import import_module
 from pathlib import Path
@@ -27,9 +28,10 @@ ROOMS: dict[str, set[str]] = {
     "analysis": {"text", "_front", "linalg", "models", "filtering"},
     "montecarlo": {"text", "linalg", "models", "filtering"},
     "files": {"text", "_front", "linalg", "models", "filtering"},
+    "regulation": {"_front", "linalg", "models", "filtering", "analysis", "montecarlo", "files"},
     "reporting": {"text", "_front", "linalg", "filtering", "montecarlo"},
     "labs": {"text", "models", "filtering", "analysis", "montecarlo", "reporting"},
-    "studies": {"text", "linalg", "models", "filtering", "analysis", "montecarlo", "files", "reporting", "labs"},
+    "studies": {"text", "linalg", "models", "filtering", "analysis", "montecarlo", "files", "regulation", "reporting", "labs"},
     "course": {"text", "linalg", "montecarlo", "files", "reporting", "labs"},
     "workbench": {
         "text",
@@ -63,6 +65,12 @@ class Import(NamedTuple):
         return f"{self.file.relative_to(ROOT)}:{self.line} imports {self.target}"
 
 
+@cache
+def tree(path: Path) -> ast.Module:
+    """A file's syntax, read once."""
+    return ast.parse(path.read_text(encoding="utf-8"))
+
+
 def dotted(path: Path) -> str:
     """The module's full name."""
     parts = ["ctlabs", *path.relative_to(ROOT).with_suffix("").parts]
@@ -82,6 +90,16 @@ def is_type_checking(node: ast.AST) -> bool:
     return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
 
 
+def called(function: ast.expr) -> str:
+    """The name of what is called, "f" or "module.f"; empty for anything else."""
+    match function:
+        case ast.Name(name):
+            return name
+        case ast.Attribute(ast.Name(module), name):
+            return f"{module}.{name}"
+    return ""
+
+
 def targets(node: ast.AST, path: Path) -> list[str]:
     """Full names that a statement imports; "from ctlabs import models" is ctlabs.models."""
     if isinstance(node, ast.Import):
@@ -92,11 +110,7 @@ def targets(node: ast.AST, path: Path) -> list[str]:
             package = dotted(path).split(".") if path.name == "__init__.py" else dotted(path).split(".")[:-1]
             base = ".".join([*package[: len(package) - node.level + 1], *([base] if base else [])])
         return [f"{base}.{alias.name}" for alias in node.names]
-    if isinstance(node, ast.Call) and ast.unparse(node.func) in {
-        "import_module",
-        "importlib.import_module",
-        "__import__",
-    }:
+    if isinstance(node, ast.Call) and called(node.func) in {"import_module", "importlib.import_module", "__import__"}:
         first = node.args[0]
         return [first.value] if isinstance(first, ast.Constant) and isinstance(first.value, str) else []
     return []
@@ -112,7 +126,7 @@ def imports(path: Path) -> Iterator[Import]:
                 yield Import(path, child.lineno, target, inside)  # type: ignore[attr-defined]  # statements have lines
             yield from walk(child, inside)
 
-    yield from walk(ast.parse(path.read_text(encoding="utf-8")), typing_only=False)
+    yield from walk(tree(path), typing_only=False)
 
 
 ALL = [found for path in FILES for found in imports(path)]
@@ -123,7 +137,7 @@ DOORS = {
     f"{dotted(path)}.{name}": f"{dotted(path)}.{home}.{name}"
     for path in FILES
     if path.name == "__init__.py"
-    for node in ast.parse(path.read_text(encoding="utf-8")).body
+    for node in tree(path).body
     if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_HOME"
     for name, home in ast.literal_eval(node.value).items()
 }
@@ -253,7 +267,7 @@ bayes.potter._fields
     used = [
         f"{p.relative_to(ROOT.parent)}:{line}"
         for p in files
-        for line in private(ast.parse(p.read_text(encoding="utf-8")))
+        for line in private(tree(p))
     ]
     assert used == []
 
@@ -262,7 +276,7 @@ def test_a_class_has_its_name_alone() -> None:
     """One meaning for each public name, but for what a form of the filter carries, which each of them calls its State."""
     homes: dict[str, list[str]] = {}
     for path in FILES:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for node in ast.walk(tree(path)):
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 homes.setdefault(node.name, []).append(path.relative_to(ROOT).as_posix())
     several = {name: where for name, where in homes.items() if len(where) > 1}

@@ -2,12 +2,14 @@
 
 import ast
 import importlib.metadata
+import io
 import json
 import os
 import re
 import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
 from functools import cache
@@ -41,6 +43,14 @@ def source_files() -> dict[Path, str]:
     return found
 
 
+@pytest.mark.xdist_group("a group")
+def test_a_group_of_tests_is_one(request):
+    """pytest-xdist writes a group behind a test's name; where it silently does not, as with pytest 9.2, both workers run every lab."""
+    if not request.config.getoption("loadgroup", default=False):
+        pytest.skip("run without groups")
+    assert request.node.nodeid.endswith("@a group")
+
+
 def test_every_folder_with_code_is_a_listed_package():
     """A new subpackage that is not listed in pyproject.toml would be missing from the wheel."""
     modules = [Path(inside) for inside in source_files().values() if inside.endswith(".py")]
@@ -66,7 +76,7 @@ def test_one_version_everywhere():
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     changelog = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     assert re.search(r"^version: (.*)$", citation, re.MULTILINE)[1] == ctlabs.__version__
-    assert re.search(r"^## (\S+)", changelog, re.MULTILINE)[1] == ctlabs.__version__
+    assert re.search(r"^## \[(\S+)\]", changelog, re.MULTILINE)[1] == ctlabs.__version__
     assert PROJECT["tool"]["setuptools"]["dynamic"]["version"]["attr"] == "ctlabs.__version__"
 
 
@@ -96,9 +106,9 @@ def homes() -> dict[str, list[str]]:
     return dict(importlib.metadata.packages_distributions())
 
 
-#: Used where they are installed, asked for by no one: tables for those who have pandas, a peer of the benchmarks; and pandoc's
+#: Used where they are installed, asked for by no one: tables for those who have pandas, peers of the benchmarks; and pandoc's
 #: interface, which has a distribution with pandoc and one without.
-OPTIONAL = {"pandas", "jax", "pypandoc"}
+OPTIONAL = {"pandas", "jax", "dynamax", "pykalman", "pypandoc"}
 
 
 @pytest.mark.parametrize(
@@ -108,8 +118,10 @@ OPTIONAL = {"pandas", "jax", "pypandoc"}
         ("tasks", []),
         ("tests", ["cluster", "test", "workbench"]),
         ("benchmarks", ["cluster", "test", "workbench"]),
+        ("docs/extensions", ["docs"]),
+        ("docs/gallery", []),
     ],
-    ids=["ctlabs", "tasks", "tests", "benchmarks"],
+    ids=["ctlabs", "tasks", "tests", "benchmarks", "extensions", "gallery"],
 )
 def test_every_import_is_a_declared_dependency(folder: str, extras: list[str]):
     """What the code imports is what pyproject.toml asks for, with a lower bound."""
@@ -171,7 +183,7 @@ def test_make_alone_lists_the_targets():
     done = run("make", cwd=ROOT)
     assert done.returncode == 0
     shown = set(re.findall(r"^ {2}make (\w+)", done.stdout, re.MULTILINE))
-    assert shown == {"help", "labs", "test", "slow", "check", "kernels", "docs", "pictures", "bench", "clean"}
+    assert shown == {"help", "labs", "test", "slow", "check", "kernels", "docs", "matrix", "dist", "pictures", "bench", "clean"}
 
 
 @needs_make
@@ -210,21 +222,27 @@ def test_the_wheel_holds_every_source_file(wheel: Path):
     assert inside == set(source_files().values())
 
 
+def installed(wheel: Path, venv: Path) -> Path:
+    """The Python of a new environment with the wheel in it; the libraries are this environment's."""
+    assert run(sys.executable, "-m", "venv", "--without-pip", venv, cwd=venv.parent).returncode == 0
+    python = venv / ("Scripts" if os.name == "nt" else "bin") / "python"
+    done = run(sys.executable, "-m", "pip", "--python", python, "install", "--no-deps", wheel, cwd=venv.parent)
+    assert done.returncode == 0, done.stderr
+    where = "import sysconfig; print(sysconfig.get_paths()['purelib'])"
+    site = Path(run(python, "-c", where, cwd=venv.parent).stdout.strip())
+    libraries = [path for path in sys.path if Path(path).name == "site-packages"]
+    # Plain paths in a .pth file: the libraries are found there, an editable ctlabs is not.
+    (site / "libraries.pth").write_text("\n".join(libraries) + "\n", encoding="utf-8")
+    return python
+
+
 @pytest.mark.slow
 @pytest.mark.xdist_group("wheel")
 def test_the_wheel_runs_a_lab_without_the_repository(wheel: Path, tmp_path: Path):
     """``pip install ctlabs-*.whl && ctlabs run 7`` works in an empty folder (the libraries are this environment's)."""
     venv = tmp_path / "venv"
-    assert run(sys.executable, "-m", "venv", "--without-pip", venv, cwd=tmp_path).returncode == 0
-    bin_folder = venv / ("Scripts" if os.name == "nt" else "bin")
-    python = bin_folder / "python"
-    installed = run(sys.executable, "-m", "pip", "--python", python, "install", "--no-deps", wheel, cwd=tmp_path)
-    assert installed.returncode == 0, installed.stderr
-    where = "import sysconfig; print(sysconfig.get_paths()['purelib'])"
-    site = Path(run(python, "-c", where, cwd=tmp_path).stdout.strip())
-    libraries = run(sys.executable, "-c", where, cwd=tmp_path).stdout.strip()
-    # A plain path in a .pth file: the libraries are found there, an editable ctlabs is not.
-    (site / "libraries.pth").write_text(libraries + "\n", encoding="utf-8")
+    python = installed(wheel, venv)
+    bin_folder = python.parent
     empty = tmp_path / "empty"
     empty.mkdir()
 
@@ -240,3 +258,89 @@ def test_the_wheel_runs_a_lab_without_the_repository(wheel: Path, tmp_path: Path
     assert all(check["passed"] for check in result["checks"])
     assert (empty / "out/task07/report.html").stat().st_size > 10_000
     assert [path.name for path in empty.iterdir()] == ["out"]
+
+
+@pytest.mark.slow
+@pytest.mark.xdist_group("wheel")
+def test_a_commit_gives_the_same_archives_wherever_it_is_built(tmp_path: Path):
+    """Wheel and source distribution of two copies of the sources, with other times and modes of files, are the same bytes."""
+    found = []
+    for place in (tmp_path / "one", tmp_path / "another" / "place"):
+        place.mkdir(parents=True)
+        for name in ("pyproject.toml", "README.md", "LICENSE"):
+            shutil.copyfile(ROOT / name, place / name)
+        for name in ("ctlabs", "tasks", ".ci"):
+            shutil.copytree(ROOT / name, place / name, ignore=shutil.ignore_patterns("__pycache__"), copy_function=shutil.copyfile)
+        (place / "README.md").chmod(0o600 if found else 0o644)
+        done = run(sys.executable, place / ".ci/dist.py", place / "dist", cwd=place, env={"SOURCE_DATE_EPOCH": "1764000000"})
+        assert done.returncode == 0, done.stderr
+        found.append({path.name: path.read_bytes() for path in (place / "dist").iterdir()})
+    assert len(found[0]) == 2
+    assert found[0] == found[1]
+    (archive,) = (data for name, data in found[0].items() if name.endswith(".tar.gz"))
+    with tarfile.open(fileobj=io.BytesIO(archive)) as packed:
+        inside = {name.partition("/")[2] for name in packed.getnames()}
+    assert {path.relative_to(ROOT).as_posix() for path in source_files()} <= inside
+
+
+#: What somebody writes who uses the library. The checkers must know its types: all lines are right but the last.
+CONSUMER = """
+import numpy as np
+
+from ctlabs import DiscreteModel, kalman_filter, steady_state
+
+model = DiscreteModel(Phi=[[1.0]], Qd=[[1.0]], H=[[1.0]], R=[[1.0]], P0=[[10.0]])
+rows: int = kalman_filter(model, np.array([1.0, 2.0])).x_plus.shape[0]
+bound: float = steady_state(model).error
+steady_state(model).nothing
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.xdist_group("wheel")
+@pytest.mark.parametrize("checker", ["mypy", "pyright"])
+def test_types_are_known_outside(checker: str, wheel: Path, tmp_path: Path):
+    """A type checker reads the installed package (py.typed): it finds the one attribute that does not exist, and nothing else."""
+    pytest.importorskip(checker, reason=f"{checker} is not installed here; the extra `test` has it")
+    python = installed(wheel, tmp_path / "venv")
+    (tmp_path / "program.py").write_text(CONSUMER, encoding="utf-8")
+    options = {
+        "mypy": ["--strict", "--no-incremental", "--python-executable", python],
+        "pyright": ["--pythonpath", python],
+    }[checker]
+    done = run(sys.executable, "-m", checker, *options, "program.py", cwd=tmp_path)
+    errors = re.findall(r"program\.py:(\d+).*error", done.stdout)
+    assert errors == ["9"], done.stdout + done.stderr
+    assert '"nothing"' in done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.xdist_group("wheel")
+def test_the_lines_that_install_it_are_true(wheel: Path, tmp_path: Path):
+    """Every way to install that a page types works: from a clone, editable, from a wheel, with extras that there are."""
+    from tests.test_docs import PAGES, commands
+
+    lines = [words for page in PAGES for words in commands(page) if "install" in words and "pip" in words]
+    places = {word for words in lines for word in words[words.index("install") + 1 :] if not word.startswith("-")}
+    assert {".", "ctlabs-*.whl"} <= places
+    extras = set(PROJECT["project"]["optional-dependencies"])
+    for word in places:
+        assert re.fullmatch(r"(\.|ctlabs-\S*\.whl)(\[[\w,]+\])?|ctlabs\[[\w,]+\]", word), f"{word} is on no index"
+        assert set((word.partition("[")[2].rstrip("]") or "test").split(",")) <= extras
+    clone = tmp_path / "clone"
+    clone.mkdir()
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, clone)
+    for name in ("ctlabs", "tasks"):
+        shutil.copytree(ROOT / name, clone / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for i, what in enumerate((["."], ["-e", "."], [str(wheel)])):
+        venv = tmp_path / f"venv{i}"
+        assert run(sys.executable, "-m", "venv", "--without-pip", venv, cwd=tmp_path).returncode == 0
+        python = venv / ("Scripts" if os.name == "nt" else "bin") / "python"
+        done = run(sys.executable, "-m", "pip", "--python", python, "install", "--no-deps", *what, cwd=clone)
+        assert done.returncode == 0, done.stderr
+        shown = run(python, "-c", "import importlib.metadata as m; print(m.version('ctlabs'))", cwd=tmp_path)
+        assert shown.stdout.strip() == ctlabs.__version__
+        # An extra by name is that of the version which is there: no index is asked for ctlabs.
+        more = run(sys.executable, "-m", "pip", "--python", python, "install", "--no-deps", "--no-index", "ctlabs[print]", cwd=tmp_path)
+        assert more.returncode == 0, more.stderr

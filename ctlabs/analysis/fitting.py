@@ -5,7 +5,7 @@ The innovations of the right model are independent and Gaussian, so that a recor
 .. math:: \ell(\theta) = -\tfrac12\sum_k\left(\nu_k^TS_k^{-1}\nu_k + \ln\det S_k + m_k\ln 2\pi\right)
 
 After a start without information (``inf`` in P0) every measurement counts, one that determines something unknown by a term that
-depends on the model alone (``log_likelihood_diffuse`` of :class:`ctlabs.filtering.algorithms.Filtered`). Its maximum is searched
+depends on the model alone (``log_likelihood_diffuse`` of :class:`ctlabs.filtering.Filtered`). Its maximum is searched
 with its exact derivatives (:mod:`ctlabs.analysis.score`), in the logarithms of positive constants (:mod:`ctlabs.analysis.maximum`);
 the units of the constants do not matter. Of a constant that enters by its square alone, or by its sine and cosine, one value of all
 that no record tells apart is searched (:mod:`ctlabs.analysis.symmetry`).

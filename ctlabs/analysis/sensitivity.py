@@ -116,7 +116,7 @@ class Budget:
         return [*rows, ["total", *np.diag(self.P_plus[k]).tolist()]]
 
 
-class _Source(NamedTuple):
+class Source(NamedTuple):
     """Independent random quantities: initial covariance, and noises (constant or per step)."""
 
     P0: Array
@@ -293,9 +293,9 @@ def budget(
     C, _ = _pair(model, design, compare, steps)
     plan, used = _plan(model, design, steps, gains, begins(design, first))
     maps = _maps(model, design, C, plan.K, used)
-    sources = _sources(model, groups)
-    parts = np.array([_covariances(source, maps, used)[1] for source in sources.values()])
-    return Budget(plan.t, tuple(sources), parts, total.P_plus, design.states)
+    found = sources(model, groups)
+    parts = np.array([_covariances(source, maps, used)[1] for source in found.values()])
+    return Budget(plan.t, tuple(found), parts, total.P_plus, design.states)
 
 
 def steady_budget(
@@ -319,7 +319,7 @@ def steady_budget(
     design = model if design is None else design
     total = steady(model, design, compare)
     names, parts = [], []
-    for name, source in _sources(model, groups).items():
+    for name, source in sources(model, groups).items():
         R = np.where(np.isinf(model.R), model.R, source.R)
         alone = dataclasses.replace(
             model, P0=source.P0, Qd=source.Qd, R=R, N=source.N if source.N.any() else None, x0=np.zeros(model.n)
@@ -458,7 +458,7 @@ def _means(truth: DiscreteModel, design: DiscreteModel, C: Array, maps: _Maps) -
     return minus, plus
 
 
-def _covariances(source: _Source, maps: _Maps, used: Mask) -> tuple[Array, Array]:
+def _covariances(source: Source, maps: _Maps, used: Mask) -> tuple[Array, Array]:
     """Covariance of e before and after each update, as far as ``source`` makes it.
 
     By a root of it: of P0 = 1e14 R no more than the rounding of P0 would be left in the covariance itself.
@@ -489,7 +489,7 @@ def _covariances(source: _Source, maps: _Maps, used: Mask) -> tuple[Array, Array
     return minus, plus
 
 
-def _noises(source: _Source, k: int, used: Array, *, last: bool) -> Array:
+def _noises(source: Source, k: int, used: Array, *, last: bool) -> Array:
     """A root of the joint covariance of v_k, as far as it is used, and w_k; nothing of w after the last instant."""
     R, N = at(source.R, k, 2)[np.ix_(used, used)], source.N[:, used]
     Qd = np.zeros((len(N), len(N))) if last and source.Qd.ndim == 3 else at(source.Qd, k, 2)
@@ -517,8 +517,8 @@ def _finite(R: Array) -> Array:
     return np.where(np.isfinite(R), R, 0.0)
 
 
-def _all(model: DiscreteModel) -> _Source:
-    return _Source(model.P0, model.Qd, _finite(model.R), np.zeros((model.n, model.m)) if model.N is None else model.N)
+def _all(model: DiscreteModel) -> Source:
+    return Source(model.P0, model.Qd, _finite(model.R), np.zeros((model.n, model.m)) if model.N is None else model.N)
 
 
 def _innovation(model: DiscreteModel, P: Array, k: int, used: Mask) -> Array:
@@ -537,14 +537,14 @@ def _components(matrix: Array) -> list[list[int]]:
     return [np.flatnonzero(label == i).tolist() for i in range(count)]
 
 
-def _sources(model: DiscreteModel, groups: Mapping[str, ArrayLike] | None) -> dict[str, _Source]:
+def sources(model: DiscreteModel, groups: Mapping[str, ArrayLike] | None) -> dict[str, Source]:
     """Independent sources by name, in the order initial state, process noise, measurement noise."""
     checks.finite_start("an error budget", model.P0)
     n, m, everything = model.n, model.m, _all(model)
-    nothing = _Source(np.zeros((n, n)), np.zeros((n, n)), np.zeros((m, m)), np.zeros((n, m)))
-    found: dict[str, _Source] = {}
+    nothing = Source(np.zeros((n, n)), np.zeros((n, n)), np.zeros((m, m)), np.zeros((n, m)))
+    found: dict[str, Source] = {}
 
-    def add(name: str, source: _Source) -> None:
+    def add(name: str, source: Source) -> None:
         if any(part.any() for part in source):
             found[name if name not in found else f"{name} ({len(found) + 1})"] = source
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ctlabs.cli import course, grades, labs, models, own
+from ctlabs.cli import control, course, grades, labs, models, own
 from ctlabs.cli.common import Commands
 from ctlabs.workbench.serving.command import workbench
 
@@ -87,6 +87,7 @@ def cli(ctx: click.Context) -> None:
     ctlabs simulate MODEL            what it does in many simulated runs
     ctlabs look DATA.csv             what is in a table of data, and how a model reads it
     ctlabs filter MODEL DATA.csv     what it makes of measured data; fit estimates the model's constants
+    ctlabs regulate MODEL            the regulator of a plant with a cost, and what its loop does
     ctlabs workbench                 all of it in the browser
     """
     if ctx.invoked_subcommand is None:
@@ -105,6 +106,7 @@ for command in (
     own.compare,
     own.fit,
     own.look,
+    control.regulate,
     models.models,
     course.course,
     workbench,

@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 def list_() -> None:
     """The labs, and the variants of the practicum.
 
-    A star marks a control lab.
+    A star marks a control lab; extensions are no part of the practicum.
     """
     from ctlabs.labs import catalogue as labs
 
     for lab in labs.catalogue().values():
-        click.echo(f"{lab.short:>15}  {lab.title}  [{lab.source}]")
+        click.echo(f"{lab.short:>15}  {lab.title}  [{lab.source}]{'  (extension)' if lab.extension else ''}")
     click.echo("\nVariants (ctlabs run variant-a); * = control lab:")
     for letter in labs.VARIANTS:
         row = "  ".join(f"{int(name[4:])}{'*' if starred else ''}" for name, starred in labs.variant(letter))

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
-import contextlib
-import functools
-import os
 import sys
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from ctlabs.cli.common import settings, whole
+from ctlabs.cli.common import whole
 from ctlabs.cli.records import noted, reading
+from ctlabs.cli.work import (
+    at_work,
+    clear,
+    deliver,
+    folder_of,
+    model_of,
+    one_stdin,
+    options,
+    outside,
+    refusing,
+    seed_option,
+)
 
 if TYPE_CHECKING:
     from ctlabs.files.datafile import Record
@@ -25,57 +33,8 @@ if TYPE_CHECKING:
 
 #: Seconds between two lines on a terminal that say how far a search is.
 PAUSE = 0.2
-#: What ctlabs writes at the top of a result's folder; with anything else in it a folder is somebody's and is left alone.
-OURS = {
-    "report.md",
-    "report.html",
-    "results.json",
-    "estimates.csv",
-    "estimates.parquet",
-    "draws.csv",
-    "forecast.csv",
-    "runs.csv",
-    "data.csv",
-    "fitted.toml",
-    "figures",
-    "tables",
-}
-
-
-def _options(command: Callable[..., int]) -> Callable[..., int]:
-    """What the five commands have in common."""
-    path = click.Path(path_type=Path)
-    for option in (
-        click.option("--json", "as_json", is_flag=True, help="Print results.json instead of the table."),
-        click.option(
-            "--out", type=path, metavar="DIR", help="Folder for the results (default: one named after the model)."
-        ),
-        click.option(
-            "--set",
-            "pairs",
-            multiple=True,
-            metavar="NAME=VALUE",
-            help="Another value of a constant of the model. Repeatable.",
-        ),
-    ):
-        command = option(command)
-
-    @functools.wraps(command)
-    def mannered(**given: Any) -> int:
-        with _refusing(), _at_work():
-            return command(**given)
-
-    return click.argument("model", metavar="MODEL")(mannered)
-
-
-def _seed() -> Callable[[Callable[..., int]], Callable[..., int]]:
-    return click.option(
-        "--seed", metavar="N", callback=whole(0), help="Seed of the random numbers (default: the model's)."
-    )
-
-
 @click.command("filter")
-@_options
+@options
 @click.argument("data", metavar="DATA.csv", nargs=-1, required=True)
 @reading
 @click.option("--algorithm", metavar="NAME", help="A form of the filter: joseph, ud, srif, … (default: the model's).")
@@ -84,7 +43,7 @@ def _seed() -> Callable[[Callable[..., int]], Callable[..., int]]:
 @click.option("--gate", type=float, metavar="SIGMAS", help="Leave out and list measurements farther than this from their prediction.")
 @click.option("--draws", metavar="N", callback=whole(1), help="Draw N histories of the state given the record: draws.csv.")
 @click.option("--reach", multiple=True, metavar="STATE=VALUE", help="First passage of a value, of each draw. Repeatable.")
-@_seed()
+@seed_option()
 @click.option("--table", metavar="parquet|FILE", help="The estimates as parquet beside the report, or in FILE.parquet or FILE.csv.")
 @click.option(
     "--export",
@@ -132,17 +91,17 @@ def filter_(
     from ctlabs.files import tables as writing
     from ctlabs.studies import filtering, several
 
-    _one_stdin(model, *data, design)
+    one_stdin(model, *data, design)
     tables = _tables(data, model)
-    chosen = _model(model, pairs, mapping, tables if design is None else ())
-    other = None if design is None else _model(design, (), mapping, tables)
-    folder = _folder(model, out, *data, design)
+    chosen = model_of(model, pairs, mapping, tables if design is None else ())
+    other = None if design is None else model_of(design, (), mapping, tables)
+    folder = folder_of(model, out, *data, design)
     if export is not None:
         filtering.exportable(export)
-        _outside("--export", export, folder)
+        outside("--export", export, folder)
     written = None if table is None else writing.wanted(table)
     if written is not None:
-        _outside("--table", written, folder)
+        outside("--table", written, folder)
     records = _records(tables, other or chosen, mapping)
     if len(records) > 1:
         only_one = {"--gate": gate, "--draws": draws, "--reach": reach or None, "--seed": seed, "--export": export}
@@ -157,7 +116,7 @@ def filter_(
         )
     if table == "parquet":
         report.files["estimates.parquet"] = writing.parquet(report.files["estimates.csv"])
-    code = _deliver(report, folder, as_json, "last", "records")
+    code = deliver(report, folder, as_json, "last", "records")
     if written is not None and table != "parquet":
         content = report.files["estimates.csv"]
         written.write_bytes(content if written.suffix == ".csv" else writing.parquet(content))
@@ -169,7 +128,7 @@ def filter_(
 
 
 @click.command("forecast")
-@_options
+@options
 @click.argument("data", metavar="DATA.csv")
 @reading
 @click.option(
@@ -191,19 +150,19 @@ def forecast(
     """
     from ctlabs.studies import forecasting
 
-    _one_stdin(model, data, None)
+    one_stdin(model, data, None)
     tables = _tables([data], model)
-    chosen = _model(model, pairs, mapping, tables)
-    folder = _folder(model, out, data, None)
+    chosen = model_of(model, pairs, mapping, tables)
+    folder = folder_of(model, out, data, None)
     report = forecasting.study(chosen, _record(tables, chosen, mapping), steps)
-    return _deliver(report, folder, as_json, "forecast")
+    return deliver(report, folder, as_json, "forecast")
 
 
 @click.command()
-@_options
+@options
 @click.option("--design", metavar="MODEL2", help="Filter with this model on the data of MODEL.")
 @click.option("--runs", metavar="N", callback=whole(1), help="Number of runs (default: the model's).")
-@_seed()
+@seed_option()
 @click.option("--steps", metavar="N", callback=whole(1), help="Number of steps of a run (default: the model's).")
 @click.option(
     "--workers", metavar="N", callback=whole(1), help="Blocks of runs computed at a time (default: all cores)."
@@ -233,17 +192,17 @@ def simulate(
     """
     from ctlabs.studies import simulation
 
-    _one_stdin(model, design)
-    chosen, other = _model(model, pairs), None if design is None else _model(design, ())
-    folder = _folder(model, out, design)
+    one_stdin(model, design)
+    chosen, other = model_of(model, pairs), None if design is None else model_of(design, ())
+    folder = folder_of(model, out, design)
     report = simulation.study(
         chosen, design=other, runs=runs, seed=seed, steps=steps, workers=workers, csv_runs=csv_runs or 0
     )
-    return _deliver(report, folder, as_json, "errors")
+    return deliver(report, folder, as_json, "errors")
 
 
 @click.command()
-@_options
+@options
 def analyse(model: str, pairs: tuple[str, ...], out: Path | None, as_json: bool) -> int:
     """What a model's filter will do, before there are data.
 
@@ -256,20 +215,20 @@ def analyse(model: str, pairs: tuple[str, ...], out: Path | None, as_json: bool)
     """
     from ctlabs.studies import analysis
 
-    chosen = _model(model, pairs)
-    folder = _folder(model, out)
-    return _deliver(analysis.study(chosen), folder, as_json, "steady")
+    chosen = model_of(model, pairs)
+    folder = folder_of(model, out)
+    return deliver(analysis.study(chosen), folder, as_json, "steady")
 
 
 @click.command()
-@_options
+@options
 @click.argument("data", metavar="[DATA.csv]", required=False)
 @reading
 @click.option("--algorithms", metavar="all|a,b", default="all", show_default=True, help="Which forms of the filter.")
 @click.option(
     "--sweep", metavar="NAME=a,b,…", help="Repeat for these values of one constant, and draw the errors against it."
 )
-@_seed()
+@seed_option()
 @click.option("--steps", metavar="N", callback=whole(1), help="Steps of the simulated record (default: the model's).")
 def compare(
     model: str,
@@ -297,19 +256,19 @@ def compare(
     """
     from ctlabs.studies import comparison
 
-    _one_stdin(model, data)
+    one_stdin(model, data)
     if data is not None and seed is not None:
         raise ValueError(f"--seed {seed}: expected a record to simulate, received {data}; leave --seed out, or the data")
     tables = [] if data is None else _tables([data], model)
-    chosen = _model(model, pairs, mapping, tables)
-    folder = _folder(model, out, data)
+    chosen = model_of(model, pairs, mapping, tables)
+    folder = folder_of(model, out, data)
     record = None if data is None else _record(tables, chosen, mapping)
     report = comparison.study(chosen, record, algorithms=algorithms, sweep=sweep, seed=seed, steps=steps)
-    return _deliver(report, folder, as_json, "algorithms", "sweep")
+    return deliver(report, folder, as_json, "algorithms", "sweep")
 
 
 @click.command()
-@_options
+@options
 @click.argument("data", metavar="DATA.csv", nargs=-1, required=True)
 @reading
 @click.option("--free", metavar="a,b", default="", help="The constants to estimate; their values are where the search starts.")
@@ -341,17 +300,17 @@ def fit(
     """
     from ctlabs.studies import fitting
 
-    _one_stdin(model, *data)
+    one_stdin(model, *data)
     tables = _tables(data, model)
-    chosen = _model(model, pairs, mapping, tables)
+    chosen = model_of(model, pairs, mapping, tables)
     if not free:
         msg = f"{chosen.name}: expected the constants to estimate, received none: --free {','.join(chosen.constants) or 'a,b'} takes all"
         raise ValueError(msg)
-    folder = _folder(model, out, *data)
+    folder = folder_of(model, out, *data)
     report = fitting.study(chosen, _records(tables, chosen, mapping), free.split(","), starts, _searching())
     if report.values.get("interrupted"):
         click.echo("ctlabs: interrupted; the best constants so far are in the report", err=True)
-    return _deliver(report, folder, as_json, "estimates")
+    return deliver(report, folder, as_json, "estimates")
 
 
 def _searching() -> Callable[[Progress], None] | None:
@@ -391,14 +350,14 @@ def look(data: str, model: str | None, mapping: Mapping, out: Path | None, as_js
     """
     from ctlabs.studies import looking
 
-    with _refusing(), _at_work():
-        _one_stdin(model, data)
+    with refusing(), at_work():
+        one_stdin(model, data)
         [(content, source)] = _tables([data])
-        chosen = None if model is None else _model(model, (), mapping, [(content, source)])
+        chosen = None if model is None else model_of(model, (), mapping, [(content, source)])
         said = mapping if chosen is None else chosen.mapping.over(mapping)
-        folder = _folder(f"look_{Path(source).name.split('.')[0]}", out, data, model)
+        folder = folder_of(f"look_{Path(source).name.split('.')[0]}", out, data, model)
         report = looking.study(content, source, said, chosen)
-        code = _deliver(report, folder, as_json, "columns")
+        code = deliver(report, folder, as_json, "columns")
         if not as_json:
             _suggest(report)
         return code
@@ -411,82 +370,6 @@ def _suggest(report: Report) -> None:
     for block in report.blocks:
         if isinstance(block, Text) and "```toml" in block.text:
             click.echo("\n" + block.text.split("```")[1].removeprefix("toml").strip())
-
-
-@contextlib.contextmanager
-def _refusing() -> Iterator[None]:
-    """What the library refuses becomes the command line's one line."""
-    try:
-        yield
-    except (ValueError, TypeError, ArithmeticError) as error:
-        raise click.ClickException(str(error)) from None
-    except RuntimeError as error:
-        from ctlabs.montecarlo import BlockFailed  # costs half a second that most commands need not spend
-
-        if not isinstance(error, BlockFailed):
-            raise
-        raise click.ClickException(str(error)) from None
-    except MemoryError:
-        msg = "expected a task that fits into the memory, received a larger one: fewer steps, runs, states or rows"
-        raise click.ClickException(msg) from None
-
-
-@contextlib.contextmanager
-def _at_work() -> Iterator[None]:
-    """A word on a terminal while there is nothing else to see; nothing elsewhere."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from ctlabs.linalg import compiled
-
-    sys.stderr.write("compiling the filter, once on this machine (some 20 s)…" if compiled.cold() else "computing…")
-    sys.stderr.flush()
-    try:
-        yield
-    finally:
-        _clear()
-
-
-def _clear() -> None:
-    """Take the word away, before anything else is written."""
-    if sys.stderr.isatty():
-        sys.stderr.write("\r\x1b[K")
-        sys.stderr.flush()
-
-
-def _one_stdin(*words: str | None) -> None:
-    if words.count("-") > 1:
-        msg = "-: expected the standard input for one of the files, received it for several"
-        raise ValueError(msg)
-
-
-def _model(
-    word: str, pairs: tuple[str, ...], mapping: Mapping | None = None, tables: Sequence[tuple[bytes, str]] = ()
-) -> ModelFile:
-    """The model file that a word means: a path, "-", or a name of the gallery; with the regressors of the options and the tables."""
-    from ctlabs.files import modelfile
-
-    is_file = word == "-" or Path(word).is_file() or bool(Path(word).suffix) or os.sep in word
-    found = modelfile.load(word, check=False) if is_file else modelfile.ready(word)
-    if mapping is not None:
-        found = _declared(found, mapping, tables)
-        found = found.edit(("model", "dt"), mapping.dt) if mapping.dt is not None else found
-    return _changed(found.checked(), settings(pairs)).checked()
-
-
-def _declared(model: ModelFile, mapping: Mapping, tables: Sequence[tuple[bytes, str]]) -> ModelFile:
-    """The model with the regressors of --regressor, and with names in H, R, D, B that only a column of the table has."""
-    from ctlabs.files import datafile
-
-    model = model.declaring(mapping.regressors)
-    if not (tables and model.unknown):
-        return model
-    columns = datafile.header(*tables[0], model.mapping.over(mapping))
-    met = {name: name for name in model.unknown if name in columns}
-    if met:
-        _clear()
-        click.echo(f"note: {model.name}: {', '.join(met)} in the model: the column of {tables[0][1]} of that name", err=True)
-    return model.declaring(met)
 
 
 def _tables(data: Sequence[str], model: str = "") -> list[tuple[bytes, str]]:
@@ -506,7 +389,7 @@ def _records(tables: Sequence[tuple[bytes, str]], model: ModelFile, mapping: Map
     from ctlabs.files import reading
 
     records = reading.parsed(tables, model, mapping)
-    _clear()
+    clear()
     noted(*records)
     return records
 
@@ -516,78 +399,3 @@ def _record(tables: Sequence[tuple[bytes, str]], model: ModelFile, mapping: Mapp
     from ctlabs.files import datafile
 
     return datafile.only(_records(tables, model, mapping))
-
-
-def _changed(model: ModelFile, values: dict[str, object]) -> ModelFile:
-    """The model with other constants: numbers, or expressions of the others."""
-    for name, value in values.items():
-        if isinstance(value, str) and name in model.constants:
-            model = model.set_constant(name, value).checked()
-        else:
-            model = model.replace({name: value})  # type: ignore[dict-item]  # what is no number is refused there
-    return model
-
-
-def _folder(word: str, out: Path | None, *read: str | None) -> Path:
-    """Where the results go, refused before anything is computed if it is not ours to write, or holds what is ``read``."""
-    folder = out if out is not None else Path("model" if word == "-" else Path(word).stem)
-    what = f"--out {folder}: expected"
-    if folder.resolve() in (Path.cwd(), *Path.cwd().parents):
-        msg = f"{what} a folder of its own for the results, received the current one"
-        raise ValueError(msg)
-    if folder.is_symlink() or (folder.exists() and not folder.is_dir()):
-        msg = f"{what} a folder or none, received a file"
-        raise ValueError(msg)
-    foreign = sorted(path.name for path in folder.iterdir() if path.name not in OURS) if folder.is_dir() else []
-    if foreign or (folder.is_dir() and any(folder.iterdir()) and not (folder / "results.json").is_file()):
-        msg = f"{what} a new or empty folder, or one that ctlabs wrote, received one with other files ({', '.join(foreign[:3])})"
-        raise ValueError(msg)
-    for name in (word, *read):
-        if (
-            name not in (None, "-")
-            and Path(str(name)).is_file()
-            and folder.resolve() in Path(str(name)).resolve().parents
-        ):
-            msg = f"{what} a folder without the files that are read, received the one with {Path(str(name)).name}: name another"
-            raise ValueError(msg)
-    near = next(path for path in folder.resolve().parents if path.exists())
-    try:
-        with tempfile.TemporaryFile(dir=near):
-            pass
-    except OSError as error:
-        msg = f"{what} a folder that can be written, received: {error.strerror}"
-        raise ValueError(msg) from None
-    return folder
-
-
-def _outside(option: str, path: Path, folder: Path) -> None:
-    """Refuse a file in the folder that is to be replaced."""
-    if folder.resolve() in path.resolve().parents:
-        msg = f"{option} {path}: expected a file outside the folder of the results, {folder}, received one in it"
-        raise ValueError(msg)
-
-
-def _deliver(report: Report, folder: Path, as_json: bool, *tables: str) -> int:
-    """Write the folder, print the table or the JSON; 1 if a check failed."""
-    from ctlabs.reporting import render
-
-    former = folder.is_dir() and any(folder.iterdir())
-    try:
-        render.write(report, folder)
-    except OSError as error:
-        msg = f"--out {folder}: expected a folder that can be written, received: {error.strerror}"
-        raise click.ClickException(msg) from None
-    _clear()
-    told = f"{folder / 'report.html'}" + (" (replaces the results that stood there)" if former else "")
-    if as_json:
-        click.echo((folder / "results.json").read_text(encoding="utf-8"), nl=False)
-        if former:
-            click.echo(told, err=True)
-    else:
-        for line in render.summary(report, tables):
-            click.echo(line)
-        click.echo(f"\n{told}")
-    failed = [check.name for check in report.checks if not check.passed]
-    for name in failed:
-        click.echo(f"failed: {name}", err=True)
-    return int(bool(failed))

@@ -13,6 +13,7 @@ import tempfile
 from dataclasses import fields
 from io import BytesIO
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,7 +50,7 @@ def write(
     Parameters
     ----------
     model : discrete model
-    result : of :func:`ctlabs.filtering.steady.solve` or :func:`ctlabs.filtering.kalman.schedule`, for this model
+    result : of :func:`ctlabs.filtering.steady.solve` or :func:`ctlabs.filtering.covariances`, for this model
     path : a name that ends in one of the suffixes
     overwrite : whether a file that exists may be replaced
 
@@ -66,19 +67,41 @@ def write(
     ...     float(np.load(write(m, steady.solve(m), Path(folder) / "gain.npz"))["K"].round(6)[0, 0])
     0.618034
     """
-    path = Path(path)
     arrays = _arrays(model, result)
+    sizes = {"n": model.n, "m": model.m} | ({"steps": len(arrays["t"]) - 1} if "t" in arrays else {})
+    title = ("A Kalman filter, written by ctlabs.", *_EQUATIONS.splitlines(), "Matrices by rows; SI units, covariances.")
+    labels = {"states": model.states, "units": model.units, "measurements": model.measurements}
+    return put(Exported(arrays, labels, {"x": "states", "z": "measurements"}, title, sizes), Path(path), overwrite=overwrite)
+
+
+class Exported(NamedTuple):
+    """What goes into a file.
+
+    ``arrays`` by name · ``labels``, names of signals · ``letters`` → which labels name their elements in C's comment · ``title``, lines of
+    that comment · ``sizes``, C's constants · ``code``, C functions that use the arrays, with ``{stem}`` for the name of the file
+    """
+
+    arrays: dict[str, Array]
+    labels: dict[str, tuple[str, ...]]
+    letters: dict[str, str]
+    title: tuple[str, ...]
+    sizes: dict[str, int]
+    code: str = ""
+
+
+def put(content: Exported, path: Path, *, overwrite: bool = False) -> Path:
+    """Write arrays in the format of the suffix: .npz, .mat or .h; see :func:`write`."""
     match path.suffix:
         case ".npz":
-            content = _npz(model, arrays)
+            data = _npz(content)
         case ".mat":
-            content = _mat(model, arrays)
+            data = _mat(content)
         case ".h":
-            content = _header(model, arrays, path.stem)
+            data = _header(content, path.stem)
         case _:
             msg = f"path: expected a name that ends in .npz, .mat or .h, received {path.name!r}"
             raise ValueError(msg)
-    _put(path, content, overwrite=overwrite)
+    _put(path, data, overwrite=overwrite)
     return path
 
 
@@ -98,24 +121,20 @@ def _arrays(model: DiscreteModel, result: SteadyState | Covariances) -> dict[str
     return {name: np.asarray(value) for name, value in found.items() if value is not None}
 
 
-def _labels(model: DiscreteModel) -> dict[str, tuple[str, ...]]:
-    return {"states": model.states, "units": model.units, "measurements": model.measurements}
-
-
-def _npz(model: DiscreteModel, arrays: dict[str, Array]) -> bytes:
+def _npz(content: Exported) -> bytes:
     """NumPy's archive."""
     file = BytesIO()
-    np.savez(file, **arrays, **{name: np.array(labels) for name, labels in _labels(model).items()})  # type: ignore[arg-type]  # numpy's stubs take the names for its option allow_pickle
+    np.savez(file, **content.arrays, **{name: np.array(labels, dtype=str) for name, labels in content.labels.items()})  # type: ignore[arg-type]  # numpy's stubs take the names for its option allow_pickle
     return file.getvalue()
 
 
-def _mat(model: DiscreteModel, arrays: dict[str, Array]) -> bytes:
+def _mat(content: Exported) -> bytes:
     """MATLAB's file, version 5."""
     from scipy.io import savemat
 
     file = BytesIO()
-    found = {name: np.moveaxis(a, 0, -1) if a.ndim == 3 else a.T if _rows(name, a) else a for name, a in arrays.items()}
-    cells = {name: np.array(labels, dtype=object) for name, labels in _labels(model).items()}
+    found = {name: np.moveaxis(a, 0, -1) if a.ndim == 3 else a.T if _rows(name, a) else a for name, a in content.arrays.items()}
+    cells = {name: np.array(labels, dtype=object) for name, labels in content.labels.items()}
     savemat(file, {**found, **cells}, oned_as="column")
     return file.getvalue()
 
@@ -125,37 +144,36 @@ def _rows(name: str, a: Array) -> bool:
     return a.ndim == 2 and name in ("offset", "measurement_offset", "used")
 
 
-def _header(model: DiscreteModel, arrays: dict[str, Array], stem: str) -> bytes:
+def _header(content: Exported, stem: str) -> bytes:
     """C's header."""
+    arrays = content.arrays
     stem = re.sub(r"\W", "_", stem, flags=re.ASCII)
     stem = stem if re.match(r"[A-Za-z]", stem) else f"m_{stem}"
     guard = f"CTLABS_{stem.upper()}_H"
     drawn = [_definition(stem, name, a) for name, a in arrays.items() if a.size]
-    sizes = [f"#define {stem}_{name} {size}" for name, size in _sizes(model, arrays).items()]
+    sizes = [f"#define {stem}_{name} {size}" for name, size in content.sizes.items()]
     infinite = any(np.isinf(a).any() for a in arrays.values())
     lines = [
-        _comment(model),
+        _comment(content),
         f"#ifndef {guard}\n#define {guard}\n",
         *(["#include <math.h> /* INFINITY: not measured */\n"] if infinite else []),
         *sizes,
         "",
         *drawn,
+        *([content.code.replace("{stem}", stem)] if content.code else []),
         f"\n#endif /* {guard} */\n",
     ]
     return "\n".join(lines).encode()
 
 
-def _sizes(model: DiscreteModel, arrays: dict[str, Array]) -> dict[str, int]:
-    sizes = {"n": model.n, "m": model.m}
-    return sizes | ({"steps": len(arrays["t"]) - 1} if "t" in arrays else {})
-
-
-def _comment(model: DiscreteModel) -> str:
+def _comment(content: Exported) -> str:
     """Equations, names and units as a C comment that no name can end."""
-    rows = ["A Kalman filter, written by ctlabs.", *_EQUATIONS.splitlines(), "Matrices by rows; SI units, covariances."]
-    for i, (name, unit) in enumerate(zip(model.states, model.units, strict=True)):
-        rows.append(f"x[{i}]: {_quoted(name)}" + (f", {_quoted(unit)}" if unit else ""))
-    rows += [f"z[{i}]: {_quoted(name)}" for i, name in enumerate(model.measurements)]
+    rows = list(content.title)
+    for letter, which in content.letters.items():
+        units = content.labels.get("units", ()) if which == "states" else ()
+        for i, name in enumerate(content.labels[which]):
+            unit = units[i] if i < len(units) else ""
+            rows.append(f"{letter}[{i}]: {_quoted(name)}" + (f", {_quoted(unit)}" if unit else ""))
     return "/*\n" + "\n".join(f" * {row}" for row in rows) + "\n */"
 
 

@@ -32,7 +32,7 @@ VARIANTS = {
 
 @dataclass(frozen=True, slots=True)
 class Lab:
-    """An entry of the catalogue: the script's META and its module's name."""
+    """An entry of the catalogue: the script's META and its module's name; ``extension``: neither in the practicum nor in a paper of its."""
 
     name: str
     title: str
@@ -40,6 +40,7 @@ class Lab:
     parts: tuple[str, ...]
     runs: int
     module: str
+    extension: bool = False
 
     @property
     def short(self) -> str:
@@ -58,13 +59,17 @@ def folder() -> Path:
 
 @cache
 def catalogue() -> dict[str, Lab]:
-    """All labs by name, the practicum's first."""
+    """All labs by name: the practicum's, those after papers, the extensions."""
     found = [_lab(path) for path in folder().glob("[a-z]*.py")]
     for lab in found:
         if sum(other.name == lab.name for other in found) > 1:
             msg = f"labs: expected one script for {lab.name}, received several"
             raise RuntimeError(msg)
-    return {lab.name: lab for lab in sorted(found, key=lambda lab: (not lab.name.startswith("task"), lab.name))}
+    return {lab.name: lab for lab in sorted(found, key=_place)}
+
+
+def _place(lab: Lab) -> tuple[bool, bool, str]:
+    return lab.extension, not lab.name.startswith("task"), lab.name
 
 
 def _lab(path: Path) -> Lab:
@@ -80,6 +85,7 @@ def _lab(path: Path) -> Lab:
         tuple(meta["parts"]),
         meta.get("runs", 1000),
         f"ctlabs.tasks.{path.stem}",
+        meta.get("extension", False),
     )
 
 

@@ -72,6 +72,11 @@ class LabRow:
         return self.checks > 0 and not self.failed
 
     @property
+    def kind(self) -> str:
+        """Its variants, or that it is an extension."""
+        return translated("extension") if self.lab.extension else self.variants
+
+    @property
     def verdict(self) -> str:
         """How its checks went."""
         return verdict(self.checks, list(self.failed)) if self.there else fill(_("not run yet: ctlabs run {lab}"), lab=self.lab.short)
@@ -131,8 +136,8 @@ def _markdown(found: Mapping[str, LabRow]) -> str:
     """The index in Markdown, for a repository."""
     lines = [
         f"# {_('Optimal filtering: worked labs')}",
-        _("Twenty-three labs of a practicum and three from papers, each a worked report: theory by hand, a planned experiment, and checks "
-          "by two routes. Begin with [lab 0](lab0.md), the method on one example."),
+        _("Twenty-three labs of a practicum, three from papers and three extensions on control, each a worked report: theory by hand, a "
+          "planned experiment, and checks by two routes. Begin with [lab 0](lab0.md), the method on one example."),
     ]  # fmt: skip
     for topic in course().topics:
         lines += [f"## {translated(topic.name)}", translated(topic.about)]
@@ -143,7 +148,7 @@ def _markdown(found: Mapping[str, LabRow]) -> str:
             title = f"[{row.lab.short}]({name}/report.md)" if row.there else row.lab.short
             needs = ", ".join(map(_short, row.needs))
             result = row.result.replace("|", r"\|")
-            table.append(f"| {title} | {translated(row.lab.title)} | {result} | {needs} | {row.variants} | {row.verdict} |")
+            table.append(f"| {title} | {translated(row.lab.title)} | {result} | {needs} | {row.kind} | {row.verdict} |")
         lines.append("\n".join(table))
     lines += [f"## {_('Variants')}", _("Twelve labs in two parts; a star marks a lab of the control session.")]
     columns = []

@@ -62,6 +62,16 @@ def shaped(name: str, value: ArrayLike, *expected: tuple[int | str, ...], finite
 
 def covariance(name: str, value: ArrayLike, *expected: tuple[int | str, ...]) -> Array:
     """A symmetric nonnegative definite matrix, or a stack of them; rounding asymmetry is removed, more is refused."""
+    return _nonnegative_definite(name, value, "variances", *expected)
+
+
+def weight(name: str, value: ArrayLike, *expected: tuple[int | str, ...]) -> Array:
+    """:func:`covariance` of what weighs a square, in a cost."""
+    return _nonnegative_definite(name, value, "weights", *expected)
+
+
+def _nonnegative_definite(name: str, value: ArrayLike, what: str, *expected: tuple[int | str, ...]) -> Array:
+    """A matrix whose diagonal is called ``what`` in messages."""
     result = shaped(name, value, *expected)
     if result.shape[-1] != result.shape[-2]:
         msg = f"{name}: expected a square matrix, received {_shape_text(result.shape)}"
@@ -77,7 +87,7 @@ def covariance(name: str, value: ArrayLike, *expected: tuple[int | str, ...]) ->
     own = np.arange(len(M))
     diagonal = M[own, own]
     if (diagonal < -LOST * size).any():
-        msg = f"{name}: expected variances >= 0 on the diagonal, received {diagonal.min():.6g}"
+        msg = f"{name}: expected {what} >= 0 on the diagonal, received {diagonal.min():.6g}"
         raise ValueError(msg)
     if (diagonal < 0).any():  # what rounding left of a variance of zero
         none = diagonal < 0

@@ -8,6 +8,7 @@ from ctlabs._front import front
 
 if TYPE_CHECKING:
     from ctlabs.models.anomalies import Anomaly, anomalous
+    from ctlabs.models.cost import Cost
     from ctlabs.models.discretisation import discretise, to_continuous
     from ctlabs.models.interop import from_control, to_control, to_dataframe, to_filterpy
     from ctlabs.models.linear import ContinuousModel, DiscreteModel, at
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 _HOME = {
     "Anomaly": "anomalies",
     "ContinuousModel": "linear",
+    "Cost": "cost",
     "DiscreteModel": "linear",
     "NonlinearModel": "nonlinear",
     "anomalous": "anomalies",
@@ -34,6 +36,7 @@ _HOME = {
 __all__ = [
     "Anomaly",
     "ContinuousModel",
+    "Cost",
     "DiscreteModel",
     "NonlinearModel",
     "anomalous",

@@ -198,6 +198,17 @@ def to_control(model: ContinuousModel | DiscreteModel) -> Any:
     return control.ss(A, B, model.H, D, dt, **labels, remove_useless_states=False)
 
 
+def state_space(A: ArrayLike, B: ArrayLike, C: ArrayLike, D: ArrayLike, dt: float) -> Any:
+    """A python-control system from matrices; ``dt``, its period, s, 0 in continuous time.
+
+    >>> state_space([[0.5]], [[1]], [[1]], [[0]], 0.1).poles().real
+    array([0.5])
+    """
+    import control  # costs 1 s to import
+
+    return control.ss(A, B, C, D, dt)
+
+
 def to_filterpy(model: DiscreteModel) -> Any:
     """A filterpy ``KalmanFilter`` set up with the model: F, Q, H, R, x and P (column vectors, as filterpy has them).
 

@@ -181,8 +181,8 @@ def units(model: ContinuousModel) -> dict[str, Units]:
 
     Returns
     -------
-    by letter, a :class:`Unit` or nested lists of them in the shape of the quantity: ``t, x, w, z, v; F, Q, H, x0, P0,
-        R; Phi, Qd``, the factors ``Gd`` (unit triangular), ``Qd_diagonal``, ``Gd_standardised`` with their noises
+    by letter, a :class:`Unit` or nested lists of them in the shape of the quantity: ``t, x, w, z, v; F, Q, H, x0, P0, R; Phi, Qd``,
+        the factors ``Gd`` (unit triangular), ``Qd_diagonal``, ``Gd_standardised`` with their noises
         ``w_diagonal``, ``w_standardised``; ``P, K, S`` and ``Rc``
 
     Raises

@@ -194,7 +194,7 @@ def _endless(model: ContinuousModel | DiscreteModel, A: Array, H: Array) -> Arra
     return riccati.stationary(A.T, H.T @ H, continuous=continuous).P.high
 
 
-def loss_by_sampling(model: ContinuousModel, dt: float) -> SamplingLoss:
+def loss_by_sampling(model: ContinuousModel, dt: float, seen: Array | None = None) -> SamplingLoss:
     r"""Whether samples every dt see all that a continuous measurement would.
 
     Two modes come together, and one measurement cannot tell them apart, when
@@ -203,7 +203,7 @@ def loss_by_sampling(model: ContinuousModel, dt: float) -> SamplingLoss:
               \quad k = 1, 2, \dots
 
     The condition names the periods to keep away from; what is lost in fact is found from the sampled pair (several
-    measurements may still tell the modes apart).
+    measurements may still tell the modes apart). ``seen`` (m', n), what the samples see, where that is not H: the dual of a held input.
 
     Raises
     ------
@@ -237,7 +237,9 @@ def loss_by_sampling(model: ContinuousModel, dt: float) -> SamplingLoss:
         pairs=met,
         losing_periods=tuple(distinct),
         distance=min((abs(dt - period) / period for period in distinct), default=math.inf),
-        sampled=_analysed(Phi, measured(model)[1], scaling, False, model.states, unseen),
+        sampled=_analysed(Phi, measured(model)[1], scaling, False, model.states, unseen)
+        if seen is None
+        else _analysed(Phi, seen, _scaling(model.F, seen, continuous=True)._replace(time=1.0), False, model.states, unseen),
     )
 
 

@@ -124,6 +124,24 @@ def means(sample: ArrayLike, expected: ArrayLike, sd: ArrayLike) -> Verdict:
     return _verdict(scores, np.ones(scores.shape), _critical(scores.size))
 
 
+def average_of_squares(value: float, expected: float, sd: float, runs: int) -> Verdict:
+    r"""An average over the runs of a positive quadratic form of Gaussian quantities, whose mean and standard deviation are known.
+
+    Of all such forms with one variance a single :math:`\chi^2` has the longest upper tail (its cumulants of every order are the
+    largest, and with them Chernoff's bound), and the normal distribution the longest lower one: far out, where a test fails, they
+    bound the probability for any number of runs.
+
+    >>> x = np.random.default_rng(1).standard_normal((500, 3))
+    >>> cost = float((x**2 @ [5, 1, 0.1]).mean())
+    >>> sd = (2 * (25 + 1 + 0.01) / 500) ** 0.5
+    >>> average_of_squares(cost, 6.1, sd, 500).passed, average_of_squares(cost + 7 * sd, 6.1, sd, 500).passed
+    (True, False)
+    """
+    apart = (value - expected) / sd
+    above = float(chi2_quantile(runs + apart * np.sqrt(2 * runs), runs)) if apart > 0 else apart
+    return _verdict(np.array([above]), np.ones(1), _critical(1))
+
+
 def nees(stats: Statistics) -> Verdict:
     """The normalised estimation error squared against χ²(dof·runs) at every step (a matched, linear design)."""
     return _consistency(stats.nees, stats.nees_dof, stats.runs)
@@ -167,6 +185,27 @@ def pooled_variance(stats: Statistics, P: ArrayLike, correlation: ArrayLike) -> 
                 stats.runs * float((own[kept] / variance[kept]).sum()), weights[weights > 0], stats.runs
             )
     return _verdict(scores, np.ones(len(scores)), _critical(max(len(scores), 1)))
+
+
+def total_square(sample: ArrayLike, covariance: ArrayLike) -> Verdict:
+    r"""The sum of all squares of zero-mean Gaussian vectors, one for each run.
+
+    .. math:: \sum_{\text{runs}}\sum_i y_i^2 \sim \sum_j\lambda_j(C)\,\chi^2_j(\text{runs})
+
+    ``sample`` (d, runs) : of one run all that is counted, such as a signal at all instants · ``covariance`` C (d, d)
+
+    >>> walk = np.random.default_rng(1).standard_normal((20, 1000)).cumsum(axis=0)
+    >>> C = np.minimum(np.arange(1, 21)[:, None], np.arange(1, 21))
+    >>> bool(total_square(walk, C)), bool(total_square(1.2 * walk, C))
+    (True, False)
+    """
+    y = checks.array("sample", sample)
+    weights = np.linalg.eigvalsh(checks.shaped("covariance", covariance, (len(y), len(y)))).clip(0)
+    weights = weights[weights > np.finfo(float).eps * len(y) * weights.max(initial=0.0)]
+    if not weights.size:
+        return Verdict(0.0, _critical(1), not y.any(), (0,), 0)
+    score = weighted_chi2_quantile(float((y**2).sum()), weights, y.shape[1])
+    return _verdict(np.atleast_1d(score), np.ones(1), _critical(1))
 
 
 def error_correlation(model: DiscreteModel, plan: Covariances, rows: ArrayLike | None = None) -> Array:

@@ -105,16 +105,16 @@ def sweep(
     Parameters
     ----------
     build : function of the grid's parameters that returns the truth, or (truth, design), or a dictionary of
-        :func:`run`'s arguments (``truth``, ``design``, ``compare``, ``schedule``, …)
+        :func:`monte_carlo`'s arguments (``truth``, ``design``, ``compare``, ``schedule``, …)
     grid : values of each parameter
     measure : what to put in the table, by name, from a point's statistics
     checkpoint : folder; each point has its own inside
-    options : further arguments of :func:`run` for every point; the rest is as there
+    options : further arguments of :func:`monte_carlo` for every point; the rest is as there
 
     Raises
     ------
     ValueError
-        An empty grid; and as for :func:`run`.
+        An empty grid; and as for :func:`monte_carlo`.
 
     >>> from ctlabs.models import DiscreteModel
     >>> def model(R): return DiscreteModel([[1]], [[1]], [[1]], [[R]], x0=[0], P0=[[10]])

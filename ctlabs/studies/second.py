@@ -16,6 +16,7 @@ import numpy as np
 from ctlabs.filtering.steady import SteadyState
 from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel, at
+from ctlabs.models.cost import Weights
 
 #: Digits of the second routes.
 DIGITS = 50
@@ -41,14 +42,49 @@ def covariance_of_gain(model: DiscreteModel, limit: SteadyState) -> Array:
     >>> float(covariance_of_gain(walk, steady.solve(walk))[0, 0] - (2 + 2 * 17**0.5))
     0.0
     """
-    measured = np.isfinite(np.diag(limit.S))
-    H, R, gain = model.H[measured], model.R[np.ix_(measured, measured)], limit.K_pred[:, measured]
+    return errors_of_gain(model, limit.K_pred, np.isfinite(np.diag(limit.S)))
+
+
+def errors_of_gain(model: DiscreteModel, K_pred: Array, measured: Array) -> Array:
+    """The same for any predictor gain (n, m); ``measured`` (m,), the measurements that are made."""
+    H, R, gain = model.H[measured], model.R[np.ix_(measured, measured)], K_pred[:, measured]
     N = np.zeros((model.n, len(H))) if model.N is None else model.N[:, measured]
     with digits(DIGITS):
         exact = model.n <= LARGE
         Phi, Q, H, R, N, K = (_numbers(M, exact) for M in (model.Phi, model.Qd, H, R, N, gain))
         A, X = Phi - K @ H, Q + K @ R @ K.T - N @ K.T - K @ N.T
         return _summed(A, X, model.n)
+
+
+def cost_of_gain(model: DiscreteModel, weights: Weights, L: Array) -> Array:
+    r"""What a feedback u = −Lx of a known state really costs from each state on, without noise, (n, n).
+
+    .. math:: S = \sum_j (A^T)^j\left(Q_x - NL - L^TN^T + L^TQ_uL\right)A^j, \qquad A = \Phi - BL
+
+    The dual of :func:`covariance_of_gain`, and as indifferent to small errors of the gain.
+
+    >>> from ctlabs.models import Cost
+    >>> plant = DiscreteModel([[1]], [[1]], [[1]], [[1]], P0=[[1]], B=[[1]])
+    >>> float(cost_of_gain(plant, Cost([[1]], [[1]]).weights(plant), np.array([[0.6180339887498949]]))[0, 0])
+    1.618033988749895
+    """
+    assert model.B is not None
+    with digits(DIGITS):
+        exact = model.n <= LARGE
+        Phi, B, Qx, Qu, N, gain = (_numbers(M, exact) for M in (model.Phi, model.B, weights.Qx, weights.Qu, weights.N, L))
+        NL = N @ gain
+        return _summed((Phi - B @ gain).T, Qx - NL - NL.T + gain.T @ Qu @ gain, model.n)
+
+
+def stationary(Phi: Array, Qd: Array) -> Array:
+    """The covariance that a stable system driven by white noise comes to, (n, n): the sum of all that is left of its noises.
+
+    >>> stationary(np.array([[0.5]]), np.array([[3.0]]))
+    array([[4.]])
+    """
+    with digits(DIGITS):
+        exact = len(Phi) <= LARGE
+        return _summed(_numbers(Phi, exact), _numbers(Qd, exact), len(Phi))
 
 
 def _summed(A: Any, X: Any, n: int) -> Array:

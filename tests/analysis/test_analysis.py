@@ -122,3 +122,36 @@ class TestLimits:
         assert found.names == ()
         assert found.parts.shape == (0, 1, 1, 1)
         assert found.table() == [["total", 0.0]]
+
+
+# What inputs reach -----------------------------------------------------------------------------------------------------
+
+
+def driven(F: list[list[float]], B: list[list[float]]) -> ContinuousModel:
+    n = len(F)
+    return ContinuousModel(F, np.eye(n), np.eye(n), np.eye(1, n), B=B, P0=np.eye(n))
+
+
+def test_inputs_reach_what_the_transposed_system_sees():
+    model = driven([[-1, 0], [0, 2]], [[1], [0]])
+    found = reachability(model, by="inputs")
+    assert found.undetectable_modes == ("eigenvalue 2 of the states x2",)
+    assert reachability(discretise(model, 0.1, R=[[1]]), by="inputs").undetectable_modes[0].endswith("of the states x2")
+    assert reachability(model).ok  # the noises reach both
+
+
+def test_a_held_input_loses_a_swing_of_its_period():
+    swing = driven([[0, 1], [-1, 0]], [[0], [1]])
+    assert reachability(swing, 1.0, by="inputs").rank == 2
+    for period in (np.pi, 2 * np.pi):
+        lost = reachability(swing, period, by="inputs")
+        assert lost.lost
+        assert lost.rank == (1 if period == np.pi else 0)  # over a whole turn a held input does nothing at all
+    assert not reachability(swing, np.pi).lost  # noise does not hold still
+
+
+def test_reachability_by_what_it_does_not_have_is_refused():
+    with pytest.raises(ValueError, match="model: expected B"):
+        reachability(driven([[0.0]], [[1.0]]).__class__([[0]], [[1]], [[1]], [[1]], P0=[[1]]), by="inputs")
+    with pytest.raises(ValueError, match='by: expected "noises" or "inputs"'):
+        reachability(driven([[0.0]], [[1.0]]), by="wind")

@@ -98,7 +98,7 @@ REFUSED = [
     (["book", "--format", "html"], r"--format: expected some of pdf, docx, tex, md, for a book, received html or none"),
     (["book", "--format", ""], r"--format: expected some of pdf, docx, tex, md, for a book, received html or none"),
     (["run", "7", "--format", "odt"], r"--format: expected some of pdf, docx, tex, html, md, received odt"),
-    (["nosuch"], r"command nosuch: expected one of .*fit, forecast, list, look, models, run, show.*, received an unknown name"),
+    (["nosuch"], r"command nosuch: expected one of .*fit, forecast, list, look, models, regulate, run, show.*, received an unknown name"),
     (["list", "7"], r"expected what `ctlabs list --help` shows, received another form: .*\(7\).*"),
     (
         ["run", "7", "--rns", "5"],
@@ -366,6 +366,7 @@ class TestHelp:
         assert ctlabs("list") == 0
         for lab in labs.catalogue().values():
             assert re.search(rf"^ *{lab.short}  {re.escape(lab.title)} ", ctlabs.out, re.MULTILINE)
+            assert lab.extension == bool(re.search(rf"^ *{lab.short}  .*\(extension\)$", ctlabs.out, re.MULTILINE))
         assert re.search(r"variant-a  1  2\*  5  7\*", ctlabs.out)
 
     @pytest.mark.parametrize("word", ["7", "task07"])

@@ -17,7 +17,16 @@ from ctlabs.files.modelfile import ModelFileError, copy, from_model, gallery, lo
 from ctlabs.files.modelfile.checks import SHAPES, TEXTS
 from ctlabs.files.modelfile.errors import Problem, place, shown
 from ctlabs.files.modelfile.expressions import CONSTANTS, DEPTH, DIGITS, FUNCTIONS, LENGTH
-from ctlabs.files.modelfile.schema import LARGEST, SECTIONS, ConstantTable, Data, Document, ExperimentTable
+from ctlabs.files.modelfile.schema import (
+    LARGEST,
+    SECTIONS,
+    ConstantTable,
+    CostTable,
+    Data,
+    Document,
+    ExperimentTable,
+    OutputTable,
+)
 from ctlabs.models import ContinuousModel, DiscreteModel
 from tests.strategies import continuous_models, discrete_models
 
@@ -965,7 +974,7 @@ def test_well_formed_nonsense_does_no_harm(kind, model, constants, experiment):
 
 # --- the page -----------------------------------------------------------------------------------------------------------
 
-PAGE = Path(__file__).parents[2] / "docs" / "model-files.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "model-files.md"
 
 
 def test_the_pages_files_are_sound():
@@ -979,7 +988,7 @@ def test_the_pages_files_are_sound():
 def test_the_page_has_every_key_function_and_limit():
     """No key of the schema, no function and no bound of the grammar is left out."""
     page = PAGE.read_text(encoding="utf-8")
-    fields = [Document, ConstantTable, ExperimentTable, Data, *SECTIONS.values()]
+    fields = [Document, ConstantTable, ExperimentTable, Data, CostTable, OutputTable, *SECTIONS.values()]
     prose = re.sub(r"^```.*?^```$", "", page, flags=re.MULTILINE | re.DOTALL)
     words = set(re.findall(r"\w+", " ".join(re.findall(r"`[^`]+`", prose))))
     assert {key for table in fields for key in table.model_fields} <= words

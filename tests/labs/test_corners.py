@@ -39,6 +39,14 @@ CORNERS = [
     ("coloured_plant", {"a": 1}), ("coloured_plant", {"a": -1, "b": 0}),
     ("slow_error", {"mu": 0, "sigma_mu2": 0}),
     ("field", {"dt": 0.3, "allow_unstable": True}), ("field", {"N1": 2, "m": 5, "node": 1}),
+    ("task24", {"R": 0, "Phi_true": 1.45}), ("task24", {"Phi": 0.8, "Qu": 0, "P0": 0, "steps": 1}), ("task24", {"Phi": 1, "L_star": 9}),
+    ("task24", {"R": 0, "Qu": 0, "P0": 0, "Phi": 2, "Phi_true": 0.1}), ("task24", {"Phi": 1.001, "Qu": 1e4, "R": 1e4, "Q": 1e-3}),
+    ("task25", {"Qu": 0, "Rc": 0, "tau": 0}), ("task25", {"tau": 1.3, "dt_a": 57.44360221995541, "Qu_a": 1e4}),
+    ("task25", {"dt": 20, "Rc": 0}), ("task25", {"dt": 0.001, "tau": 0.02, "Qu": 0, "Q": 1e-4}),
+    ("task25", {"N_c": 1e-2, "N_m": 1e6, "dt_a": 300, "Qu_a": 1e-4}),
+    ("task26", {"m": 1.2, "mu": 0}), ("task26", {"q": 1e4, "sigma": 1e4, "m": 1}),
+    ("task26", {"q": 1e-6, "sigma": 1e-6, "m": 1.05, "mu": 1e6}),
+    ("task26", {"q": 1e4, "sigma": 1e-3, "m": 0.99999, "mu": 1e-3}),
 ]  # fmt: skip
 
 

@@ -88,6 +88,16 @@ class TestIndex:
         write_index(out)
         assert r"| A | 1 2\* 5 7\* 9\* 10 | 11\* 15\* 18 19 20\* 23 |" in (out / "README.md").read_text(encoding="utf-8")
 
+    def test_extensions_are_marked(self, out):
+        """In place of variants, of which they have none."""
+        report = Report({**META, "name": "task24"}, Parameters(), 10, 1, more={"result": "What it found."})
+        report.check("check", 1.0, 1.0, ROUTES)
+        render.write(report, out / "task24")
+        write_index(out)
+        text, page = ((out / name).read_text(encoding="utf-8") for name in ("README.md", "index.html"))
+        assert "| What it found. | 7 | extension | 1 passed |" in text
+        assert len(re.findall(r"^\| .* \| extension \| ", text, re.MULTILINE)) == page.count("· extension") == 3
+
     def test_the_index_is_written_anew(self, out):
         """A lab that was corrected is shown as such; nothing temporary remains."""
         write_index(out)

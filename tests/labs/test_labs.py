@@ -20,6 +20,8 @@ from ctlabs.reporting.report import Report
 
 #: The labs of the whole practicum and of the papers, whichever of them are written.
 NAMES = [*(f"task{i:02d}" for i in range(1, 24)), "coloured_plant", "field", "slow_error"]
+#: Those that are no part of either.
+EXTENSIONS = ["task24", "task25", "task26"]
 
 
 def entry(name: str) -> labs.Lab:
@@ -193,6 +195,22 @@ class TestCatalogue:
         assert list(found) == ["task02", "task09", "field"]
         assert found["task09"] == labs.Lab("task09", "T", "S", ("a",), 50, "ctlabs.tasks.task09_x")
         assert found["field"].runs == 1000
+
+    def test_extensions_stand_behind_the_practicum_and_the_papers(self, scripts):
+        """Whatever their names: the order of the practicum is left as it is."""
+        found = scripts(
+            task02_y=self.META.format("task02", ', "extension": True'),
+            field=self.META.format("field", ""),
+            task09_x=self.META.format("task09", ""),
+        )
+        assert [(name, lab.extension) for name, lab in found.items()] == [("task09", False), ("field", False), ("task02", True)]
+
+    def test_the_catalogue_is_the_practicum_the_papers_and_the_extensions(self):
+        """Extensions belong to no variant."""
+        found = labs.catalogue()
+        assert list(found) == [*NAMES, *EXTENSIONS]
+        assert [name for name, lab in found.items() if lab.extension] == EXTENSIONS
+        assert not {name for letter in labs.VARIANTS for name, _starred in labs.variant(letter)} & set(EXTENSIONS)
 
     def test_two_scripts_of_one_name_are_refused(self, scripts):
         """One of them would silently hide the other."""

@@ -4,7 +4,9 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import redirect_stdout
 from functools import cache
+from io import StringIO
 
 import numpy as np
 import pytest
@@ -12,12 +14,7 @@ import pytest
 #: A filter with a gap and correlated noises, a perfect measurement, a vague start, a smoother and an experiment; a record that needs
 #: square roots, a perfect measurement of what is known, the slopes of a likelihood, and what a record says of jumps.
 PROGRAM = """
-import json, sys
-if "without" in sys.argv:
-    sys.modules["numba"] = None
-    import importlib.util
-    find = importlib.util.find_spec
-    importlib.util.find_spec = lambda name, *rest: None if name == "numba" else find(name, *rest)
+import json
 import numpy as np
 from ctlabs import DiscreteModel, kalman_filter, monte_carlo, smooth, steady_state
 from ctlabs.filtering.disturbances import shocks
@@ -45,18 +42,31 @@ parts = [slope.Phi, slope.Qd, slope.H, slope.R, slope.x0, slope.P0, told.outlier
          smooth(vague, [1, 2, 4]).x, smooth(m, [5, 5, 5, 4], lag=1).x, steady_state(m).P_plus, stats.rms, stats.nees]
 print(json.dumps([float(x) for part in parts for x in np.ravel(part)]))
 """
+#: Run before it, numba is not installed.
+WITHOUT = """
+import importlib.util, sys
+sys.modules["numba"] = None
+find = importlib.util.find_spec
+importlib.util.find_spec = lambda name, *rest: None if name == "numba" else find(name, *rest)
+"""
+
+
+def plain(program, **environment):
+    """The numbers of a process that compiles nothing."""
+    command, given = [sys.executable, "-c", program], {**os.environ, **environment}
+    return np.array(json.loads(subprocess.run(command, capture_output=True, text=True, check=True, env=given).stdout))
 
 
 @cache
-def numbers(*arguments, **environment):
-    done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, *arguments], capture_output=True, text=True, check=True, env={**os.environ, **environment}
-    )
-    return np.array(json.loads(done.stdout))
+def compiled():
+    """The numbers of this process, which compiles or finds compiled what other tests need too."""
+    with redirect_stdout(StringIO()) as said:
+        exec(PROGRAM, {})
+    return np.array(json.loads(said.getvalue()))
 
 
 @pytest.mark.parametrize("how", ["without numba", "compiler switched off"])
 def test_the_numbers_need_no_compiler(how):
     """Without numba, or with NUMBA_DISABLE_JIT=1, every loop runs as plain Python and gives the same numbers to 1e-12."""
-    plain = numbers("without") if how == "without numba" else numbers(NUMBA_DISABLE_JIT="1")
-    assert np.allclose(plain, numbers(), rtol=1e-12, atol=1e-13, equal_nan=True)
+    found = plain(WITHOUT + PROGRAM) if how == "without numba" else plain(PROGRAM, NUMBA_DISABLE_JIT="1")
+    assert np.allclose(found, compiled(), rtol=1e-12, atol=1e-13, equal_nan=True)

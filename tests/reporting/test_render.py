@@ -117,7 +117,7 @@ def complaints(text: str) -> list[str]:
             ):
                 found.append(ET.tostring(element, encoding="unicode"))
     words = "".join(Page(text).words)
-    return found + re.findall(r".*(?:\$|\\[a-zA-Z]+).*", words)
+    return found + [line for line in words.split("\n") if re.search(r"\$|\\[a-zA-Z]", line)]
 
 
 def self_contained(text: str) -> bool:

@@ -23,6 +23,7 @@ import numpy as np
 import pytest
 
 from ctlabs.files.modelfile import loads, ready
+from ctlabs.labs import catalogue as labs
 from tests.reference import EXACT
 from tests.workbench_browser import (  # noqa: F401  # fixtures
     DESKTOP,
@@ -636,12 +637,12 @@ def test_the_labs_are_found_by_words(visit: Visits) -> None:
     """All are listed, then those that have the words, then all again."""
     tab = visit().tab("labs")
     search, found = tab.page.get_by_label("Search labs"), tab.page.locator(".ctl-lab-item:visible")
-    until(lambda: found.count() == 26)
+    until(lambda: found.count() == len(labs.catalogue()))
     search.fill("oscillator sampling")
     until(lambda: found.count() == 1)
     until(lambda: found.get_attribute("data-lab") == "task10")
     search.fill("")
-    until(lambda: found.count() == 26)
+    until(lambda: found.count() == len(labs.catalogue()))
 
 
 def test_a_lab_runs_with_other_numbers_and_shows_its_report(visit: Visits) -> None:

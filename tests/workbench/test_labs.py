@@ -22,14 +22,18 @@ from hypothesis import strategies as st
 from ctlabs.files.modelfile import gallery, ready
 from ctlabs.labs import catalogue as labs
 from ctlabs.labs.experiment import Experiment
+from ctlabs.reporting import render
 from ctlabs.workbench.runs import catalogue
 from ctlabs.workbench.runs.catalogue import check, fields, search, sheets
 from ctlabs.workbench.runs.running import Running
 from ctlabs.workbench.runs.worker import Runner
+from tests.reference import PNG
 
 ROOT = Path(__file__).parents[2]
 NAMES = [each.name for each in sheets()]
 DRAFT = "0123456789abcdef"
+#: What the tests share is made by one worker.
+pytestmark = pytest.mark.xdist_group("workbench labs")
 
 # The catalogue --------------------------------------------------------------------------------------------------------
 
@@ -42,7 +46,7 @@ def test_the_catalogue_has_all_labs_and_imports_none() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout.splitlines() == [str(len(labs.catalogue())), "[]"]
-    assert len(labs.catalogue()) == 26
+    assert len(labs.catalogue()) == 29
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -53,6 +57,7 @@ def test_a_sheet_tells_what_the_lab_is(name: str) -> None:
     assert len(" ".join(sheet.statement)) > 60
     assert not any(part.startswith("Expected answer") for part in sheet.statement)
     assert len(sheet.answer) > 20
+    assert sheet.extension == lab.extension
     for letter in labs.VARIANTS:
         starred = dict(labs.variant(letter)).get(name)
         assert (f"{letter}*" in sheet.variants, letter in sheet.variants) == (starred is True, starred is False)
@@ -248,6 +253,13 @@ def test_failed_checks_are_counted_and_named(written: Path, tmp_path: Path) -> N
     assert catalogue.outcome(tmp_path / "nowhere") is None
 
 
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A report's files are all there; no picture is drawn."""
+    monkeypatch.setattr(render, "png", lambda _figure: PNG)
+
+
+@pytest.mark.usefixtures("undrawn")
 def test_progress_counts_the_runs_of_all_experiments(tmp_path: Path) -> None:
     """It never falls, ends at the last experiment's runs, and has a total as soon as one is known."""
     seen: list[tuple[int, int]] = []
@@ -262,6 +274,7 @@ def test_progress_counts_the_runs_of_all_experiments(tmp_path: Path) -> None:
     assert max(done for done, _ in seen) == many * 50
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_cancelled_run_leaves_the_report_before_it(tmp_path: Path) -> None:
     """Whatever progress raises ends the run, at its very end too; what was there stays whole."""
     folder = tmp_path / "task14"

@@ -6,6 +6,7 @@ array([[15099.]])
 """
 
 from ctlabs.files.modelfile.catalogue import Entry, copy, gallery, ready
+from ctlabs.files.modelfile.costs import RegulatorSettings
 from ctlabs.files.modelfile.document import Constant, ExperimentSettings, ModelFile, load, loads
 from ctlabs.files.modelfile.errors import ModelFileError, Problem
 from ctlabs.files.modelfile.writing import from_model, new
@@ -17,6 +18,7 @@ __all__ = [
     "ModelFile",
     "ModelFileError",
     "Problem",
+    "RegulatorSettings",
     "copy",
     "from_model",
     "gallery",

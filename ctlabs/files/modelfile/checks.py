@@ -38,6 +38,8 @@ SOURCES = {
     "r": (("u", 0), ("B", 1), ("D", 1)),
 }
 ONE_PER = {"n": "one per state", "m": "one per measurement", "s": "one per noise", "r": "one per known input"}
+#: The same of the table [cost].
+WEIGHTS = {"Qx": "nn", "Qu": "rr", "N": "nr", "Qf": "nn"}
 TEXTS = ("states", "units", "measurements", "measurement_units")
 #: Smaller variances and periods have inverses and squares beyond double precision.
 TINY = 1e-150

@@ -15,13 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from ctlabs.files import whole
 from ctlabs.files.mapping import Mapping
-from ctlabs.files.modelfile import build, checks, edits, schema
+from ctlabs.files.modelfile import build, checks, costs, edits, schema
+from ctlabs.files.modelfile.costs import RegulatorSettings
 from ctlabs.files.modelfile.errors import ModelFileError, Path, Problem, meant, place, shown
 from ctlabs.files.modelfile.expressions import VARIABLES
 from ctlabs.files.modelfile.toml import LARGEST, decoded, parsed, too_large
 from ctlabs.files.modelfile.values import BY_ROW, Instant, Regressors, Values
 from ctlabs.linalg.checks import Array
-from ctlabs.models import ContinuousModel, DiscreteModel
+from ctlabs.models import ContinuousModel, Cost, DiscreteModel
 
 
 class Constant(NamedTuple):
@@ -153,6 +154,22 @@ class ModelFile:
         return ExperimentSettings(self._values.t0, told.first, told.steps, told.runs, told.seed, told.algorithms)
 
     @property
+    def cost(self) -> Cost | None:
+        """[cost]: what a regulator shall keep small; ``None`` where the file has no such table."""
+        return costs.cost(self._values)
+
+    @property
+    def regulator(self) -> RegulatorSettings:
+        """How the regulator of [cost] is built; :class:`ModelFileError` where the file has no such table."""
+        return costs.settings(self._values)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs: those of [data], or u, or u1, u2, … where [data] has none."""
+        told, r = self._document.data.inputs, self.inputs
+        return told if len(told) == r else ("u",) if r == 1 else tuple(f"u{i + 1}" for i in range(r))
+
+    @property
     def mapping(self) -> Mapping:
         """[data]: how records name and write what the model measures; of a file whose matrices are wrong, too."""
         read = self._read.document
@@ -278,6 +295,25 @@ class ModelFile:
         """
         return build.discrete(self._values, steps, times, inputs, regressors)
 
+    def plant(self, steps: int | None = None) -> ContinuousModel | DiscreteModel:
+        """The model with its inputs, as a regulator takes it: continuous, or discrete with B and D.
+
+        Parameters
+        ----------
+        steps : of a discrete file whose matrices vary
+
+        Raises
+        ------
+        ModelFileError
+            No B; a continuous file whose matrices vary.
+
+        >>> from ctlabs.files.modelfile import ready
+        >>> ready("double_integrator").plant().B
+        array([[0.],
+               [1.]])
+        """
+        return costs.plant(self._values, steps)
+
     # --- problems ------------------------------------------------------------------------------------------------------
 
     def problems(self) -> list[Problem]:
@@ -295,10 +331,10 @@ class ModelFile:
         if document is None:
             return tuple(problems)
         constants, wrong = self._constants
-        found = [*problems, *wrong, *(misfits := checks.sizes(document))]
+        found = [*problems, *wrong, *(misfits := checks.sizes(document) or costs.misfits(document))]
         if not misfits:
-            without = document.constants.keys() - constants.keys()
-            found += checks.numbers(Values(document, constants, self.name), broken, without)
+            without, values = document.constants.keys() - constants.keys(), Values(document, constants, self.name)
+            found += checks.numbers(values, broken, without) + costs.problems(values, broken, without)
         return tuple(found)
 
     @cached_property

@@ -12,7 +12,7 @@ import numpy as np
 import tomlkit
 from tomlkit.exceptions import TOMLKitError
 
-from ctlabs.files.modelfile.checks import SHAPES
+from ctlabs.files.modelfile.checks import SHAPES, WEIGHTS
 from ctlabs.files.modelfile.errors import ModelFileError, Path, Problem, place, shown
 from ctlabs.files.modelfile.expressions import ExpressionError, parse
 from ctlabs.files.modelfile.splicing import spliced
@@ -132,6 +132,8 @@ def grow(text: str, kind: str, letter: str, labels: Mapping[str, str], sizes: Ma
         for name, shape in SHAPES[kind].items():
             if name in model and name not in labels and letter in shape:
                 _grow(model[name], name, shape, letter)
+        for matrix, shape in _weights(document, letter):
+            _grow(matrix, "", shape, letter)
 
     return changed(text, ("model",), change)
 
@@ -174,14 +176,30 @@ def shrink(text: str, kind: str, letter: str, index: int) -> str:
         for name, shape in SHAPES[kind].items():
             if name not in document["model"] or letter not in shape:
                 continue
-            matrix = document["model"][name]
-            if shape[1:] == letter:
-                for row in matrix:
-                    del row[index]
-            if shape[0] == letter:
-                del matrix[index]
+            _shrink(document["model"][name], shape, letter, index)
+        for matrix, shape in _weights(document, letter):
+            _shrink(matrix, shape, letter, index)
 
     return changed(text, ("model",), change)
+
+
+def _shrink(matrix: Any, shape: str, letter: str, index: int) -> None:
+    if shape[1:] == letter:
+        for row in matrix:
+            del row[index]
+    if shape[0] == letter:
+        del matrix[index]
+
+
+def _weights(document: Any, letter: str) -> list[tuple[Any, str]]:
+    """The matrices of a table [cost] that have a row or column for each of a kind, and the rows of its outputs, with their shapes."""
+    told = document.get("cost")
+    if not isinstance(told, dict):
+        return []
+    found = [(told[name], shape) for name, shape in WEIGHTS.items() if name in told and letter in shape]
+    outputs = told.get("outputs") if letter == "n" else None
+    rows = outputs.values() if isinstance(outputs, dict) else ()
+    return found + [(each["row"], "n") for each in rows if isinstance(each, dict) and "row" in each]
 
 
 def rename(text: str, old: str, new: str) -> str:
@@ -228,13 +246,14 @@ def users(data: Mapping[str, Any], name: str) -> list[tuple[Path, str]]:
             except ExpressionError:
                 pass
 
-    for table in ("constants", "model", "experiment"):
+    for table in ("constants", "model", "experiment", "cost"):
         told = data.get(table)
         for key, value in told.items() if isinstance(told, dict) else ():
             if (
                 table == "constants"
                 or (table == "model" and key not in _LETTERS)
                 or (table, key) == ("experiment", "t0")
+                or (table == "cost" and key not in {"kind", "loads", "track"})
             ):
                 walk(value, (table, key))
     return found
@@ -261,7 +280,7 @@ def _plain(value: Any, path: Path) -> Any:
 
 def _inline(value: dict[str, Any], path: Path) -> Any:
     """A constant with its limits, and what [data] says of several columns, on one line; any other table as it is."""
-    if path[0] not in ("constants", "data") or len(path) != 2:
+    if path[0] not in ("constants", "data", "cost") or len(path) < 2:
         return value
     table = tomlkit.inline_table()
     table.update(value)

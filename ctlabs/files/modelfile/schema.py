@@ -107,7 +107,9 @@ Matrix: TypeAlias = tuple[tuple[Cell, ...], ...]
 Text: TypeAlias = Annotated[str, PlainValidator(_text)]
 Label: TypeAlias = Annotated[str, PlainValidator(_label)]
 Names: TypeAlias = Annotated[tuple[Annotated[str, PlainValidator(_name)], ...], AfterValidator(_distinct)]
-ZERO = parse(0)
+ZERO, ONE = parse(0), parse(1)
+#: What an input may answer: the measurement of its own instant, or that before.
+ANSWERS = ("current", "delayed")
 
 
 class _Table(BaseModel):
@@ -222,6 +224,48 @@ class Data(_Table):
         return Mapping(columns=columns, time=time, unit=self.time_unit, **told)
 
 
+def _answer(value: Any) -> str:
+    text = _text(value)
+    if text not in ANSWERS:
+        expected = " or ".join(shown(each) for each in ANSWERS)
+        raise ValueError(f"expected {expected}, received {shown(text)}")
+    return text
+
+
+def _switch(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"expected true or false, received {shown(value)}")
+    return value
+
+
+class OutputTable(_Table):
+    """The weight of a measurement, or of a combination of the states, whose ``row`` is given."""
+
+    weight: Cell
+    row: Vector | None = None
+
+
+Weighed: TypeAlias = Annotated[OutputTable, BeforeValidator(lambda value: value if isinstance(value, dict) else {"weight": value})]
+
+
+class CostTable(_Table):
+    """[cost]: what a regulator shall keep small, and how it is built."""
+
+    Qx: Matrix | None = None
+    Qu: Matrix
+    N: Matrix | None = None
+    Qf: Matrix | None = None
+    horizon: Cell | None = None
+    outputs: dict[Annotated[str, PlainValidator(_name)], Weighed] = {}
+    discount: Cell = ONE
+    delay: Cell = ZERO
+    kind: Annotated[str, PlainValidator(_answer)] = "current"
+    integral: dict[Annotated[str, PlainValidator(_name)], Cell] = {}
+    loads: Names = ()
+    track: Names = ()
+    stabilise: Annotated[bool, PlainValidator(_switch)] = False
+
+
 class Document(_Table):
     """A whole file."""
 
@@ -237,6 +281,7 @@ class Document(_Table):
     model: Continuous | Discrete
     experiment: ExperimentTable = ExperimentTable()
     data: Data = Data()
+    cost: CostTable | None = None
 
 
 class _ContinuousDocument(Document):
@@ -256,6 +301,9 @@ MEANINGS = {
     "constants": "a table [constants]",
     "experiment": "a table [experiment]",
     "data": "a table [data]",
+    "cost": "a table [cost]",
+    "Qu": "the weight Qu of the inputs",
+    "weight": "the output's weight",
     "F": "the matrix F of dx/dt = F x + B u + G w",
     "G": "the matrix G, by which the noise w enters",
     "Q": "the strength Q of the noise w",
@@ -312,16 +360,24 @@ def _version(data: dict[str, Any]) -> list[Problem]:
 
 def _too_many(data: dict[str, Any]) -> Iterator[Problem]:
     """Lists that are longer than anything a file may hold, before each of their elements is read."""
-    constants, model = data.get("constants"), data.get("model")
+    constants = data.get("constants")
     if isinstance(constants, dict) and len(constants) > CONSTANTS:
         yield Problem("constants", f"expected at most {CONSTANTS} constants, received {len(constants)}")
-    for key, value in model.items() if isinstance(model, dict) else ():
-        if isinstance(value, list) and len(value) > LARGEST:
-            yield Problem(place(("model", key)), f"expected at most {LARGEST} rows or elements, received {len(value)}")
-            continue
-        for i, row in enumerate(value) if isinstance(value, list) else ():
-            if isinstance(row, list) and len(row) > LARGEST:
-                yield Problem(place(("model", key, i)), f"expected at most {LARGEST} columns, received {len(row)}")
+    for table in ("model", "cost"):
+        told = data.get(table)
+        for key, value in told.items() if isinstance(told, dict) else ():
+            yield from _too_long((table, key), value)
+
+
+def _too_long(path: Path, value: Any) -> Iterator[Problem]:
+    if not isinstance(value, list | dict):
+        return
+    if len(value) > LARGEST:
+        yield Problem(place(path), f"expected at most {LARGEST} rows or elements, received {len(value)}")
+        return
+    for i, row in enumerate(value) if isinstance(value, list) else ():
+        if isinstance(row, list) and len(row) > LARGEST:
+            yield Problem(place((*path, i)), f"expected at most {LARGEST} columns, received {len(row)}")
 
 
 def _validated(data: dict[str, Any]) -> tuple[Document | None, list[Problem], list[Path]]:
@@ -363,12 +419,16 @@ def _path(data: dict[str, Any], loc: tuple[str | int, ...]) -> Path:
     path = tuple(part for part in loc if part != "[key]")
     if path[:1] == ("constants",) and len(path) == 3 and not isinstance(data["constants"].get(path[1]), dict):
         return path[:2]
+    if path[:2] == ("cost", "outputs") and len(path) == 4 and not isinstance(data["cost"]["outputs"].get(path[2]), dict):
+        return path[:3]
     return path
 
 
 def _is_cell(path: Path) -> bool:
     if path[0] == "constants":
         return len(path) == 2 or path[2:] in {("value",), ("min",), ("max",)}
+    if path[0] == "cost":
+        return len(path) > 1 and path[1] not in {"kind", "loads", "track", "stabilise"}
     texts = {"states", "units", "measurements", "measurement_units"}
     return path == ("experiment", "t0") or (path[0] == "model" and len(path) > 1 and path[1] not in texts)
 
@@ -386,9 +446,8 @@ def _problem(data: dict[str, Any], found: Any, path: Path) -> Problem:
 
 def _unknown(kind: str, path: Path) -> str:
     key = str(path[-1])
-    fields: Any = {"model": SECTIONS[kind], "experiment": ExperimentTable, "constants": ConstantTable, "data": Data}.get(
-        str(path[0]), Document
-    )
+    tables = {"model": SECTIONS[kind], "experiment": ExperimentTable, "constants": ConstantTable, "data": Data, "cost": CostTable}
+    fields: Any = OutputTable if path[0] == "cost" and len(path) > 2 else tables.get(str(path[0]), Document)
     known = list(fields.model_fields)
     other = SECTIONS[KINDS[kind == KINDS[0]]]
     if path[0] == "model" and key in other.model_fields:
@@ -404,9 +463,11 @@ def _shape(path: Path) -> str:
     key, depth = str(path[1]), len(path)
     if path[0] == "data":
         return "a table NAME = value" if key in {"columns", "scale", "regressors"} else "a list of texts in quotes"
-    if key in {"states", "units", "measurements", "measurement_units", "algorithms"}:
+    if key in {"outputs", "integral"} and depth == 2:
+        return "a table NAME = weight"
+    if key in {"states", "units", "measurements", "measurement_units", "algorithms", "loads", "track"}:
         return "a list of texts in quotes"
-    if key in {"x0", "u", "offset", "measurement_offset"}:
+    if key in {"x0", "u", "offset", "measurement_offset", "outputs"}:
         return "a list of numbers or expressions"
     return (
         "a list of rows, each a list of numbers or expressions"

@@ -136,7 +136,7 @@ class Values:
 
     def cells(self, name: str) -> Iterator[tuple[tuple[int, ...], Expression]]:
         """The cells of a matrix, a vector or a number, with their indices."""
-        return _leaves(getattr(self.document.model, name), ())
+        return leaves(getattr(self.document.model, name))
 
     def constant(self, name: str) -> Array:
         """A matrix that does not vary."""
@@ -265,9 +265,10 @@ class Values:
         return result
 
 
-def _leaves(value: Any, index: tuple[int, ...]) -> Iterator[tuple[tuple[int, ...], Expression]]:
+def leaves(value: Any, index: tuple[int, ...] = ()) -> Iterator[tuple[tuple[int, ...], Expression]]:
+    """The expressions in nested lists, with their indices."""
     if isinstance(value, Expression):
         yield index, value
         return
     for i, item in enumerate(value):
-        yield from _leaves(item, (*index, i))
+        yield from leaves(item, (*index, i))

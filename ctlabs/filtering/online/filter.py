@@ -221,7 +221,7 @@ class Filter:
 
     @property
     def log_likelihood_diffuse(self) -> float:
-        """The same of everything measured, after a start without information (:class:`ctlabs.filtering.algorithms.Filtered`)."""
+        """The same of everything measured, after a start without information (:class:`ctlabs.filtering.Filtered`)."""
         total = self._before[1]
         for instant in self._past:
             total += instant.diffuse

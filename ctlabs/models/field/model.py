@@ -332,7 +332,7 @@ def measure(z: ArrayLike, sigma_n: float, seed: int) -> Array:
 
 
 def white(seed: int, stream: int, shape: tuple[int, int], runs: int) -> Array:
-    """Standard normals (*shape, runs), each run from a stream of its own."""
+    """Standard normals ``(*shape, runs)``, each run from a stream of its own."""
     seed = checks.count("seed", seed, least=0)
     values = np.empty((runs, *shape))
     for run, row in enumerate(values):

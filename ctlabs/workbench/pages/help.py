@@ -152,7 +152,7 @@ class _Card:
             for number, (step, done) in enumerate(seen, 1):
                 _mark(number, done).props(f"data-next={'true' if step is upcoming else 'false'}")
         if upcoming is None:
-            self.title.text, self.what.text = "All done", "That was a whole experiment. The labs have 26 more."
+            self.title.text, self.what.text = "All done", "That was a whole experiment. The labs have more of them."
             self.tour.want(False)
             return
         done_now = [step for (step, done), was in zip(seen, previous or (), strict=False) if done and not was]

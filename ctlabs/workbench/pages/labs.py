@@ -116,7 +116,7 @@ class _Labs:
         with item:
             ui.label(sheet.short if sheet.short.isdigit() else "·").classes("ctl-lab-number")
             ui.label(sheet.title)
-            ui.label(" ".join(sheet.variants)).classes("ctl-lab-variants").props(
+            ui.label("extension" if sheet.extension else " ".join(sheet.variants)).classes("ctl-lab-variants").props(
                 f'title="Variants {", ".join(sheet.variants)}"' if sheet.variants else ""
             )
         item.on("click", lambda: self.select(sheet.name))
@@ -178,7 +178,7 @@ class _Labs:
             ui.button("All labs", icon="arrow_back", on_click=self._close).props("flat dense no-caps")
         with ui.element("h2").props("tabindex=-1") as heading:
             ui.label(sheet.heading)
-        variants = f" · variants {', '.join(sheet.variants)}" if sheet.variants else ""
+        variants = " · extension" if sheet.extension else f" · variants {', '.join(sheet.variants)}" if sheet.variants else ""
         starred = any(each.endswith("*") for each in sheet.variants)
         star = " (*: with a control lab beside it)" if starred else ""
         ui.label(f"{sheet.source}{variants}{star}").classes("ctl-lab-source")

@@ -67,7 +67,8 @@ class LabSheet:
     """What is told of a lab before it is run.
 
     ``name``, ``short`` ("7") and ``title`` · ``source`` · ``parts`` · ``runs`` · ``statement``, in paragraphs ·
-    ``answer``, what is to be expected · ``variants``, such as "a" and "b*" (a star: of the control sessions) · ``models`` of the gallery
+    ``answer``, what is to be expected · ``variants``, such as "a" and "b*" (a star: of the control sessions) · ``models`` of the gallery ·
+    ``extension``: no part of the practicum
     """
 
     name: str
@@ -80,6 +81,7 @@ class LabSheet:
     answer: str
     variants: tuple[str, ...]
     models: tuple[Models, ...]
+    extension: bool = False
 
     @property
     def asked(self) -> Sheet | None:
@@ -222,6 +224,7 @@ def _sheet(lab: labs.Lab) -> LabSheet:
         " ".join(answer),
         variants,
         models,
+        lab.extension,
     )
 
 
