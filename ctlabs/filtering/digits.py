@@ -19,7 +19,11 @@ def remarks(filtered: Filtered, x: Array, P: Array, what: str) -> tuple[str, ...
     Perfect measurements determine what they see, at once or ever better (as the shocks of a moving average): of what is exact to the
     last digit nothing is said.
     """
-    variance, size = np.diagonal(P, axis1=1, axis2=2), np.abs(x).reshape(*x.shape[:2], -1).max(axis=2)
+    variance, flat = np.diagonal(P, axis1=1, axis2=2), x.reshape(*x.shape[:2], -1)
+    least, most = variance.min(where=variance > 0, initial=np.inf), np.abs(flat.max(initial=0.0)) + np.abs(flat.min(initial=0.0))
+    if most <= FAR * np.sqrt(least):
+        return ()
+    size = np.abs(flat).max(axis=2)
     few = (variance > 0) & (size > FAR * np.sqrt(np.maximum(variance, 0.0)))
     if not few.any() or any_perfect(filtered.model.R):
         return ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -63,10 +64,19 @@ def perfect(R: Array) -> Mask:
     >>> perfect(np.array([[1.0, 1.0], [1.0, 1.0]]))
     array([False,  True])
     """
-    there = np.isfinite(R.diagonal())
     if R.diagonal().all() and np.count_nonzero(R) == len(R):  # independent noises, none of them zero
-        return np.zeros_like(there)
-    return np.asarray(there & (ldl(np.where(there[:, None] & there, R, 0.0))[1] == 0))
+        return np.zeros(len(R), dtype=bool)
+    return _perfect(len(R), R.tobytes())
+
+
+@lru_cache(maxsize=64)
+def _perfect(m: int, numbers: bytes) -> Mask:
+    """:func:`perfect` of the numbers of R (m, m): an online filter asks the same at every instant. The answer cannot be written."""
+    R = np.frombuffer(numbers).reshape(m, m)
+    there = np.isfinite(R.diagonal())
+    found = np.asarray(there & (ldl(np.where(there[:, None] & there, R, 0.0))[1] == 0))
+    found.setflags(write=False)
+    return found
 
 
 def any_perfect(R: Array) -> bool:
@@ -74,7 +84,9 @@ def any_perfect(R: Array) -> bool:
     variances = np.diagonal(R, axis1=-2, axis2=-1)
     if variances.all() and np.count_nonzero(R) == variances.size:  # independent noises, none of them zero
         return False
-    return any(perfect(each).any() for each in R.reshape(-1, *R.shape[-2:]))
+    there = np.isfinite(variances)
+    left = ldl(np.where(there[..., :, None] & there[..., None, :], R, 0.0))[1]
+    return bool((there & (left == 0)).any())
 
 
 def informative(P: Array, H: Array, R: Array) -> Mask:

@@ -32,6 +32,25 @@ def measured(model: DiscreteModel, k: int, used: Mask, H: Array, R: Array) -> tu
     return Phi - M @ H[used], rounding.difference(Qd - taken, Qd, taken), M
 
 
+def motions(model: DiscreteModel, used: Mask) -> tuple[Array, Array, Array]:
+    """:func:`motion` of all steps, ``used`` (steps+1, m) being measured: stacks of Φ and Q, of one entry where N = 0 and they are constant.
+
+    The third, M (steps, n, m), 0 where an element is not used, is empty where N = 0.
+    """
+    Phi, Qd = (matrix if matrix.ndim == 3 else matrix[None] for matrix in (model.Phi, model.Qd))
+    if model.N is None:
+        return np.ascontiguousarray(Phi), np.ascontiguousarray(Qd), np.zeros((0, model.n, model.m))
+    M, taken = np.zeros((len(used) - 1, model.n, model.m)), np.zeros((len(used) - 1, model.n, model.n))
+    kinds, which = np.unique(used[:-1], axis=0, return_inverse=True)
+    for i, kind in enumerate(kinds):  # the same elements at a time; R is one, or one for each instant
+        steps, there = np.flatnonzero(which.ravel() == i), np.flatnonzero(kind)
+        if there.size:
+            own = regression(model.N[:, there], (model.R if model.R.ndim == 2 else model.R[steps])[..., there[:, None], there])
+            M[np.ix_(steps, np.arange(model.n), there)], taken[steps] = own, own @ model.N[:, there].T
+    Phi = Phi - M @ (model.H if model.H.ndim == 2 else model.H[:-1])
+    return Phi, rounding.difference(Qd - taken, Qd, taken), M
+
+
 def without_cancelled(P: Array, Phi: Array, before: Array, Q: Array) -> Array:
     """Exact zeros for a predicted state whose row of P is the rounding of the terms that cancelled in it.
 

@@ -118,9 +118,8 @@ def _known(model: Any) -> int:
 
 
 def rows_of(z: ArrayLike, m: int) -> tuple[Array, bool]:
-    """The data as (rows, m, runs), and whether they were given without runs."""
-    kept = isinstance(z, np.ndarray) and z.dtype == np.float64 and z.flags.owndata and not z.flags.writeable  # nobody changes it
-    data: Array = z if kept else np.array(z, dtype=np.float64)  # type: ignore[assignment]
+    """The data as (rows, m, runs), which may be those of the caller (:func:`by_instant` copies them), and whether without runs."""
+    data: Array = np.asarray(z, dtype=np.float64)
     if data.ndim == 1 and m == 1:
         data = data[:, None]
     single = data.ndim == 2
@@ -132,8 +131,17 @@ def rows_of(z: ArrayLike, m: int) -> tuple[Array, bool]:
 
 
 def by_instant(rows: Array, first: int) -> Array:
-    """Data by instants: before the first measurement there is an instant without one."""
-    return np.concatenate([np.full((first, *rows.shape[1:]), np.nan), rows]) if first else rows
+    """Data by instants, a copy unless nobody can change them: before the first measurement there is an instant without one."""
+    if first:
+        return np.concatenate([np.full((first, *rows.shape[1:]), np.nan), rows])
+    return rows if _frozen(rows) else rows.copy()
+
+
+def _frozen(data: Array) -> bool:
+    """Whether nobody can change an array, nor what it is a view of."""
+    while not data.flags.writeable and isinstance(data.base, np.ndarray):
+        data = data.base
+    return not data.flags.writeable and data.flags.owndata
 
 
 def _by_instants(name: str, given: ArrayLike, rows: int, first: int, shape: tuple[int, ...]) -> Array:

@@ -27,7 +27,7 @@ from ctlabs.filtering.algorithms.beginning import close, units
 from ctlabs.filtering.engines import compiled
 from ctlabs.filtering.filter import kalman_filter
 from ctlabs.filtering.measured import any_perfect
-from ctlabs.filtering.motion import motion
+from ctlabs.filtering.motion import motions
 from ctlabs.filtering.problem import Model
 from ctlabs.filtering.results import Contradiction, Filtered
 from ctlabs.linalg import checks
@@ -191,7 +191,7 @@ def _way(filtered: Filtered) -> tuple[Backward, Prior, Array]:
         begin = len(start.P)
         x_minus[:begin], x_plus[:begin], innovation[:begin] = start.x_minus, start.x_plus, start.innovation
         P[:begin], L, A, unknown, later[:begin] = start.P, start.L, start.A, start.unknown, start.determined
-    Phi, Q = _motions(model, filtered.used)
+    Phi, Q, _M = motions(model, filtered.used)
     system = compiled.system(model)
     way = Backward(
         Phi,
@@ -204,18 +204,6 @@ def _way(filtered: Filtered) -> tuple[Backward, Prior, Array]:
     )
     _compiled("prepare", system, compiled.fixed(filtered.used), compiled.fixed(innovation), Q, way)
     return way, Prior(P, L, A, unknown.astype(np.int64), later), x_plus
-
-
-def _motions(model: DiscreteModel, used: Array) -> tuple[Array, Array]:
-    """Φ and Q of each step as stacks, or of one step that is that of all; with N ≠ 0 what z_k tells of w_k is in them."""
-    if model.N is None:
-        return _stack(model.Phi), _stack(model.Qd)
-    Phi, Q = zip(*(motion(model, k, used[k])[:2] for k in range(len(used) - 1)), strict=True)
-    return np.array(Phi), np.array(Q)
-
-
-def _stack(matrix: Array) -> Array:
-    return np.array(matrix if matrix.ndim == 3 else matrix[None], order="C")
 
 
 def _compiled(name: str, *arguments: object) -> None:

@@ -8,6 +8,8 @@ from numpy.typing import ArrayLike
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 
+EPS = float(np.finfo(float).eps)
+
 
 def unit_triangular(Q: ArrayLike) -> tuple[Array, Array]:
     r"""The factors of :math:`Q = L\,\mathrm{diag}(d)\,L^T`, L unit lower triangular, d ≥ 0; Q may be singular.
@@ -31,16 +33,16 @@ def unit_triangular(Q: ArrayLike) -> tuple[Array, Array]:
 
 
 def ldl(Q: Array) -> tuple[Array, Array]:
-    """:func:`unit_triangular` of a matrix that is known to be a covariance."""
-    n = len(Q)
-    L, d, rest = np.eye(n), np.zeros(n), np.array(Q)
+    """:func:`unit_triangular` of matrices (…, n, n) that are known to be covariances."""
+    n = Q.shape[-1]
+    L, d, rest = np.zeros(Q.shape), np.zeros(Q.shape[:-1]), np.array(Q)
     for j in range(n):
+        left, below = rest[..., j, j].copy(), rest[..., j + 1 :, j].copy()
         # What is left of a variance after the earlier columns is rounding below n·eps of the variance itself.
-        if rest[j, j] <= 4 * n * np.finfo(float).eps * Q[j, j]:
-            continue
-        d[j] = rest[j, j]
-        L[j + 1 :, j] = rest[j + 1 :, j] / d[j]
-        rest[j + 1 :, j + 1 :] -= np.outer(L[j + 1 :, j], rest[j + 1 :, j])
+        there = left > 4 * n * EPS * Q[..., j, j]
+        L[..., j, j], d[..., j] = 1.0, np.where(there, left, 0.0)
+        L[..., j + 1 :, j] = np.where(there[..., None], below, 0.0) / np.where(there, left, 1.0)[..., None]
+        rest[..., j + 1 :, j + 1 :] -= L[..., j + 1 :, j, None] * below[..., None, :]
     return L, d
 
 
@@ -57,6 +59,6 @@ def factor(Q: ArrayLike) -> Array:
 
 
 def root(Q: Array) -> Array:
-    """:func:`factor` of a matrix that is known to be a covariance."""
+    """:func:`factor` of matrices (…, n, n) that are known to be covariances."""
     L, d = ldl(Q)
-    return L * np.sqrt(d)
+    return L * np.sqrt(d)[..., None, :]

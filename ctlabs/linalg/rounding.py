@@ -29,14 +29,14 @@ def difference(M: Array, given: Array, taken: Array) -> Array:
 
     Parameters
     ----------
-    M, given, taken : (n, n)
+    M, given, taken : (…, n, n)
 
     >>> difference(np.array([[1e-17]]), np.array([[0.1]]), np.array([[0.1]]))
     array([[0.]])
     """
-    terms = 2 * (np.abs(np.diag(given)) + np.abs(np.diag(taken)))  # a product of three matrices was taken
-    known = np.diag(M) <= level(terms, len(M))
-    return np.where(known[:, None] | known, 0.0, M)
+    left, *parts = (np.diagonal(each, axis1=-2, axis2=-1) for each in (M, given, taken))
+    known = left <= level(2 * (np.abs(parts[0]) + np.abs(parts[1])), M.shape[-1])  # a product of three matrices was taken
+    return np.where(known[..., :, None] | known[..., None, :], 0.0, M)
 
 
 def corrected(

@@ -15,7 +15,7 @@ import numpy as np
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.factors import root
-from ctlabs.models.linear import DiscreteModel, at
+from ctlabs.models.linear import DiscreteModel
 
 
 class Truth(NamedTuple):
@@ -54,7 +54,7 @@ def truth_arrays(model: DiscreteModel, steps: int) -> Truth:
     checks.finite_start("a simulation", model.P0)
     n, m = model.n, model.m
     varies = model.R.ndim == 3 or model.Qd.ndim == 3
-    joint = np.array([_noise(model, k) for k in range(steps + 1 if varies else 1)])
+    joint = _noises(model, steps + 1 if varies else 1)
     v = joint[:, :, :m].any(axis=(0, 1))
     w = joint[:, m:, m:].any(axis=(0, 1))
     C = joint[:, m:, :m][:, :, v] if model.N is not None else np.zeros((0, n, 0))
@@ -108,17 +108,16 @@ def entry(stack: Array, k: int) -> Array:
     return stack[k] if len(stack) > 1 else stack[0]
 
 
-def _noise(model: DiscreteModel, k: int) -> Array:
-    """The lower triangular factor of the joint covariance of (v_k, w_k); absent elements have no noise."""
-    n, m = model.n, model.m
-    R = at(model.R, k, 2)
-    finite = np.isfinite(np.diag(R))
-    joint = np.zeros((m + n, m + n))
-    joint[:m, :m] = np.where(finite[:, None] & finite, R, 0.0)
-    if model.Qd.ndim == 2 or k < len(model.Qd):  # nothing leaves the last instant
-        joint[m:, m:] = at(model.Qd, k, 2)
-        if model.N is not None:
-            joint[m:, :m], joint[:m, m:] = model.N, model.N.T
+def _noises(model: DiscreteModel, instants: int) -> Array:
+    """The lower triangular factors of the joint covariances of (v_k, w_k) of so many instants; absent elements have no noise."""
+    m, joint = model.m, np.zeros((instants, model.m + model.n, model.m + model.n))
+    R = stack(model.R, 2)[:instants]
+    finite = np.isfinite(np.diagonal(R, axis1=1, axis2=2))
+    joint[:, :m, :m] = np.where(finite[:, :, None] & finite[:, None, :], R, 0.0)
+    leaving = instants if model.Qd.ndim == 2 else min(instants, len(model.Qd))  # nothing leaves the last instant
+    joint[:leaving, m:, m:] = stack(model.Qd, 2)[:leaving]
+    if model.N is not None:
+        joint[:leaving, m:, :m], joint[:leaving, :m, m:] = model.N, model.N.T
     return root(joint)
 
 

@@ -1,8 +1,8 @@
 r"""The compiled inner loops: simulate, filter and accumulate a block of runs without storing histories.
 
 A block is a number of tiles of ``width`` runs. All runs of a tile step together; every loop over them is contiguous,
-so the compiler vectorises it, and everything a tile touches stays in the nearest cache. numba runs numpy's own
-``Generator`` inside the kernel: the normals are those that ``Generator.standard_normal`` would give, in the order
+so the compiler vectorises it, and everything a tile touches stays in the nearest cache. The normals are those that
+``Generator.standard_normal`` would give (:mod:`ctlabs.montecarlo.ziggurat`), in the order
 
     states' stream:        per tile ξ0 (columns of F0, width), then per step ξw (columns of G, width)
     measurements' stream:  per tile and step ξv (columns of L, width), from step ``first`` (from 0 where w and v correlate)
@@ -17,7 +17,6 @@ The columns of the sums, with d compared states, about the expected mean error (
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -26,6 +25,7 @@ from ctlabs.linalg.checks import Array
 from ctlabs.models.histories import Truth
 from ctlabs.montecarlo.histogram import Histogrammed
 from ctlabs.montecarlo.plan import Design
+from ctlabs.montecarlo.ziggurat import Stream, fill
 
 #: Sums may be reordered into vectors; NaN and infinity keep their meaning, for overflows must show.
 FAST = {"reassoc", "contract", "nsz", "arcp"}
@@ -42,15 +42,7 @@ def blas(A: Array, x: Array, out: Array) -> None:
     np.dot(A, x, out)
 
 
-@inlined
-def normals(generator: Any, buffer: Array) -> None:
-    """Fill a buffer (columns, width) in the order of ``Generator.standard_normal``."""
-    for i in range(buffer.shape[0]):
-        for r in range(buffer.shape[1]):
-            buffer[i, r] = generator.standard_normal()
-
-
-@inlined
+@compiled.helper
 def assign(a: Array, y: Array) -> None:
     """y = a in every run."""
     for i in range(y.shape[0]):
@@ -58,7 +50,7 @@ def assign(a: Array, y: Array) -> None:
             y[i, r] = a[i]
 
 
-@inlined
+@compiled.helper
 def dense(A: Array) -> bool:
     """Whether a BLAS product is the faster one: A is large and has few zeros."""
     if A.size < LARGE:
@@ -71,7 +63,7 @@ def dense(A: Array) -> bool:
     return 4 * filled > A.size
 
 
-@inlined
+@compiled.helper
 def add_product(A: Array, x: Array, y: Array, work: Array, sign: float = 1.0) -> None:
     """y += ± A x; zeros of a small or sparse A cost nothing."""
     if dense(A):
@@ -82,27 +74,22 @@ def add_product(A: Array, x: Array, y: Array, work: Array, sign: float = 1.0) ->
                 y[i, r] += sign * product[i, r]
         return
     for i in range(A.shape[0]):
-        for j in range(A.shape[1]):
-            a = sign * A[i, j]
-            if a != 0.0:
+        j = 0
+        while j < A.shape[1]:  # two columns at a time: each time y is read and written once
+            count, p, q = 0, 0, 0
+            while j < A.shape[1] and count < 2:
+                if A[i, j] != 0.0:
+                    p, q = q, j
+                    count += 1
+                j += 1
+            if count == 2:
+                a, b = sign * A[i, p], sign * A[i, q]
                 for r in range(y.shape[1]):
-                    y[i, r] += a * x[j, r]
-
-
-@inlined
-def add_moments(e: Array, count: int, first: Array, second: Array, fourth: Array) -> None:
-    """Add the first, second and fourth powers of the first ``count`` runs; ``second`` may be empty."""
-    for i in range(e.shape[0]):
-        s1, s2, s4 = 0.0, 0.0, 0.0
-        for r in range(count):
-            square = e[i, r] * e[i, r]
-            s1 += e[i, r]
-            s2 += square
-            s4 += square * square
-        first[i] += s1
-        fourth[i] += s4
-        if second.shape[0] > 0:
-            second[i] += s2
+                    y[i, r] += a * x[p, r] + b * x[q, r]
+            elif count == 1:
+                a = sign * A[i, q]
+                for r in range(y.shape[1]):
+                    y[i, r] += a * x[q, r]
 
 
 @inlined
@@ -149,14 +136,20 @@ def add_form(W: Array, start: Array, e: Array, count: int, u: Array, q: Array, o
     else:
         row = u[0]
         for i in range(W.shape[0]):
-            row[:] = start[i]
+            last = 0
             for j in range(W.shape[1]):
+                if W[i, j] != 0.0:
+                    last = j
+            row[:] = start[i]
+            for j in range(last):
                 a = W[i, j]
                 if a != 0.0:
                     for r in range(count):
                         row[r] += a * e[j, r]
-            for r in range(count):
-                q[r] += row[r] * row[r]
+            a = W[i, last]
+            for r in range(count):  # the last term is squared with the sum
+                value = row[r] + a * e[last, r]
+                q[r] += value * value
     s1, s2 = 0.0, 0.0
     for r in range(count):
         s1 += q[r]
@@ -183,25 +176,31 @@ def add_counts(e: Array, shift: Array, count: int, bins: Histogrammed, k: int, c
 
 
 @inlined
-def error(estimate: Array, x: Array, design: Design, shift: Array, count: int, e: Array, work: Array) -> None:
-    """e = x̂ − E x − shift; zero in the runs that do not count."""
-    if design.same:
-        for i in range(e.shape[0]):
-            for r in range(e.shape[1]):
-                e[i, r] = estimate[i, r] - x[i, r] - shift[i]
-    else:
-        for i in range(e.shape[0]):
-            for r in range(e.shape[1]):
-                e[i, r] = estimate[i, r] - shift[i]
-        add_product(design.E, x, e, work, -1.0)
-    if count < e.shape[1]:
-        e[:, count:] = 0.0
+def error(
+    estimate: Array, there: Array, shift: Array, count: int, e: Array, first: Array, second: Array, fourth: Array
+) -> None:  # fmt: skip
+    """e = x̂ − Ex − shift, zero in the runs that do not count, its powers added on the way; ``second`` may be empty."""
+    for i in range(e.shape[0]):
+        s1, s2, s4 = 0.0, 0.0, 0.0
+        for r in range(count):
+            value = estimate[i, r] - there[i, r] - shift[i]
+            square = value * value
+            e[i, r] = value
+            s1 += value
+            s2 += square
+            s4 += square * square
+        for r in range(count, e.shape[1]):
+            e[i, r] = 0.0
+        first[i] += s1
+        fourth[i] += s4
+        if second.shape[0] > 0:
+            second[i] += s2
 
 
 @partial(compiled.kernel, fastmath=FAST, error_model="python")
 def block(
-    states: Any,
-    measurements: Any,
+    states: Stream,
+    measurements: Stream,
     tiles: int,
     width: int,
     last: int,
@@ -219,19 +218,19 @@ def block(
     x, moved = np.empty((n, width)), np.empty((n, width))
     estimate, predicted = np.empty((d, width)), np.empty((d, width))
     z, nu = np.zeros((m, width)), np.empty((m, width))
-    e, work, q = np.empty((d, width)), np.empty((max(n, d, m), width)), np.empty(width)
+    e, there, work, q = np.empty((d, width)), np.empty((d, width)), np.empty((max(n, d, m), width)), np.empty(width)
     square, nothing, zeros = np.empty((d, d)), np.empty(0), np.zeros(m)
     correlated = truth.C.shape[0] > 0
     for tile in range(tiles):
         count = width if tile < tiles - 1 else last
-        normals(states, xi0)
+        fill(states, xi0)
         assign(truth.x0, x)
         add_product(truth.F0, xi0, x, work)
         assign(design.x0, estimate)
         for k in range(sums.shape[0]):
             row = sums[k]
             if k > 0:
-                normals(states, xiw)
+                fill(states, xiw)
                 assign(truth.c[(k - 1) % truth.c.shape[0]], moved)
                 add_product(truth.Phi[(k - 1) % truth.Phi.shape[0]], x, moved, work)
                 add_product(truth.G[(k - 1) % truth.G.shape[0]], xiw, moved, work)
@@ -243,10 +242,14 @@ def block(
                 if design.M.shape[0] > 0:
                     add_product(design.M[k - 1], z, predicted, work)
                 estimate, predicted = predicted, estimate
-            error(estimate, x, design, design.shift_minus[k], count, e, work)
-            add_moments(e, count, row[2 * d : 3 * d], row[3 * d : 4 * d], row[4 * d : 5 * d])
+            if design.same:
+                there = x
+            else:
+                there[:] = 0.0
+                add_product(design.E, x, there, work)
+            error(estimate, there, design.shift_minus[k], count, e, row[2 * d : 3 * d], row[3 * d : 4 * d], row[4 * d : 5 * d])
             if k >= first or correlated:
-                normals(measurements, xiv)
+                fill(measurements, xiv)
             if k >= first:
                 z[:] = 0.0
                 add_product(truth.H[k % truth.H.shape[0]], x, z, work)
@@ -255,16 +258,10 @@ def block(
                 add_product(design.H[k % design.H.shape[0]], estimate, nu, work, -1.0)
                 add_product(design.K[k], nu, estimate, work)
                 add_form(design.V[k], zeros, nu, count, work, q, row[6 * d + 2 : 6 * d + 4])
-                error(estimate, x, design, design.shift[k], count, e, work)
-            add_moments(e, count, row[:d], nothing, row[d : 2 * d])
+            error(estimate, there, design.shift[k], count, e, row[:d], nothing, row[d : 2 * d])
             add_outer(e, count, row[6 * d + 4 :], square)
             add_form(design.W[k], design.shift_white[k], e, count, work, q, row[6 * d : 6 * d + 2])
             if bins.states.shape[0] > 0:
                 add_counts(e, design.shift[k], count, bins, k, counts[k])
-            if design.same:
-                add_squares(x, count, row[5 * d : 6 * d])
-            else:
-                predicted[:] = 0.0
-                add_product(design.E, x, predicted, work)
-                add_squares(predicted, count, row[5 * d : 6 * d])
+            add_squares(there, count, row[5 * d : 6 * d])
 

@@ -59,14 +59,14 @@ class LinearRuns:
         }
 
     def _sums(self, seed: int, block: int, tiles: int, last: int) -> Sums:
-        from ctlabs.montecarlo import kernel  # numba costs 0.3 s to import
+        from ctlabs.montecarlo import kernel, ziggurat  # numba costs 0.3 s to import
 
         bins, counts = self.counter.arrays()
         table = np.zeros((self.steps + 1, columns(len(self.gains.arrays.x0))))
         states, measurements = streams.generators(seed, block)
         kernel.block(
-            states,
-            measurements,
+            ziggurat.stream(states),
+            ziggurat.stream(measurements),
             tiles,
             self.layout.width,
             last,

@@ -14,6 +14,7 @@ entry on its time axis.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -112,7 +113,7 @@ def gains(
         raise ValueError(msg)
     used = plan.used & ~absent
     used[:first] = False
-    A, M = _transitions(design, used)
+    A, _Q, M = motion.motions(design, used)
     W, nees_dof = whiten(plan.P_plus)
     V, nis_dof = whiten(np.where(used[:, :, None] & used[:, None, :], plan.S, 0.0))
     zero = np.zeros((steps + 1, design.n))
@@ -164,14 +165,28 @@ def whiten(P: Array) -> tuple[Array, Array]:
     diagonal = np.diagonal(P, axis1=-2, axis2=-1)
     scale = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
     unit = P / (scale[:, :, None] * scale[:, None, :])
-    values, vectors = np.linalg.eigh(unit)
+    which = np.concatenate([[True], (unit[1:] != unit[:-1]).any(axis=(1, 2))])  # what repeats is done once
+    W, rank = _whitened(unit[which])
+    again = np.cumsum(which) - 1
+    return np.ascontiguousarray(W[again] / scale[:, None, :]), rank[again]
+
+
+def _whitened(unit: Array) -> tuple[Array, Array]:
+    """:func:`whiten` in unit variances: triangular, with half the products, or spectral where P is singular."""
+    count, n = unit.shape[:2]
+    W, rank, full = np.empty_like(unit), np.full(count, float(n)), np.zeros(count, dtype=bool)
+    with suppress(np.linalg.LinAlgError):
+        inverse = np.tril(np.linalg.inv(np.linalg.cholesky(unit)))
+        full = (inverse**2).sum(axis=(1, 2)) * n * RANK < 1  # the sum is at least 1/λ of every eigenvalue, and these are at most n
+        W[full] = inverse[full]
+    values, vectors = np.linalg.eigh(unit[~full])
     kept = values > RANK * np.maximum(values[:, -1:], np.finfo(float).tiny)
-    W = np.where(kept, 1 / np.sqrt(np.where(kept, values, 1.0)), 0.0)[:, :, None] * np.swapaxes(vectors, 1, 2)
-    full = kept.all(axis=1)
-    if full.any():
-        # A triangular factor has half the products; the spectral one is only needed where P is singular.
-        W[full] = np.tril(np.linalg.inv(np.linalg.cholesky(unit[full])))
-    return np.ascontiguousarray(W / scale[:, None, :]), kept.sum(axis=1).astype(np.float64)
+    W[~full] = np.where(kept, 1 / np.sqrt(np.where(kept, values, 1.0)), 0.0)[:, :, None] * np.swapaxes(vectors, 1, 2)
+    rank[~full] = kept.sum(axis=1)
+    regular = np.flatnonzero(~full)[kept.all(axis=1)]
+    if regular.size:
+        W[regular] = np.tril(np.linalg.inv(np.linalg.cholesky(unit[regular])))
+    return W, rank
 
 
 def check_finite(name: str, value: Array, dt: float) -> None:
@@ -181,19 +196,6 @@ def check_finite(name: str, value: Array, dt: float) -> None:
         k = int(np.argmax(wrong))
         msg = f"{name}: expected finite values, received an overflow at step {k} (t = {moment(k * dt)} s)"
         raise FloatingPointError(msg)
-
-
-def _transitions(design: DiscreteModel, used: Mask) -> tuple[Array, Array]:
-    """A (Φ − NR⁺H where w and v correlate) and the gain M on z_k, by step; M is empty without correlation."""
-    if design.N is None:
-        return stack(design.Phi, 2), np.zeros((0, design.n, design.m))
-    A, M = [], np.zeros((len(used) - 1, design.n, design.m))
-    for k in range(len(used) - 1):
-        transition, _, gain = motion.motion(design, k, used[k])
-        A.append(transition)
-        if gain is not None:
-            M[k][:, used[k]] = gain
-    return np.array(A), M
 
 
 def _mean_error(truth: Truth, design: Design, steps: int, dt: float) -> tuple[Array, Array]:

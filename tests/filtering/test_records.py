@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from ctlabs import simulate
 from ctlabs.filtering import kalman_filter, log_likelihood
 from ctlabs.filtering.comparison import reference as fifty_digits
-from ctlabs.filtering.engines import compiled, driver, forward
+from ctlabs.filtering.engines import compiled, driver, forward, means
 from ctlabs.filtering.problem import pose
 from ctlabs.filtering.results import without_runs
 from ctlabs.linalg import compiled as kernels
@@ -216,7 +217,7 @@ def histories(rows, n, m):
     """What the kernel fills in."""
     shapes = {"x_minus": (n,), "x_plus": (n,), "P_minus": (n, n), "P_plus": (n, n), "K": (n, m)}
     shapes |= {"innovation": (m,), "S": (m, m), "nis": ()}
-    return forward.Histories(**{name: np.empty((rows, *shape)) for name, shape in shapes.items()})
+    return means.Histories(**{name: np.empty((rows, *shape)) for name, shape in shapes.items()})
 
 
 def test_plain_python_reports_how_a_record_ends():
@@ -385,3 +386,51 @@ def test_what_other_sources_left_is_not_read(tmp_path, monkeypatch):
     with pytest.raises(AttributeError, match="Gone"):
         pickle.loads(gone[len(pickle.dumps(numba.__version__)) :])
     assert dispatcher(np.array([True]), np.array([True]))
+
+
+def forgetting(rng, n, m, radius):
+    """A random constant model whose Φ has the spectral radius ``radius``, a record of it far from zero, and bursts without data."""
+    Phi, W = rng.normal(size=(n, n)), rng.uniform(-1, 1, (n, m)) / np.sqrt(n * m)
+    L, C = 10.0 ** rng.uniform(-2, 1) * (rng.normal(size=(n, n)) + np.eye(n)), rng.normal(size=(m, m)) + 2 * np.eye(m)
+    model = DiscreteModel(
+        Phi * (radius / np.abs(np.linalg.eigvals(Phi)).max()), L @ L.T, rng.normal(size=(m, n)), C @ C.T,
+        x0=10.0 ** rng.uniform(0, 4) * rng.normal(size=n), P0=np.eye(n), offset=rng.normal(size=n),
+        N=None if rng.uniform() < 0.7 else 0.5 * L @ W @ C.T,
+    )  # fmt: skip
+    z = simulate(model, 3000, 1, seed=int(rng.integers(2**31))).z[1:, :, 0]
+    return model, z
+
+
+@pytest.mark.property
+@settings(max_examples=20)
+@given(seeds, st.integers(1, 5), st.integers(1, 3), st.sampled_from([0.3, 0.9, 0.99, 0.9999, 1.0]), st.booleans())
+def test_chunks_side_by_side_are_the_record_in_order(seed, n, m, radius, holes):
+    """The likelihood and the histories are those of the loop in order, whose chunks would be too short, to 1e-12 of their size."""
+    rng = np.random.default_rng(seed)
+    model, z = forgetting(rng, n, m, radius)
+    if holes:
+        z[700:730], z[2000:2040, 0] = np.nan, np.nan
+    found, value = kalman_filter(model, z), log_likelihood(model, z)
+    parts = josephs(model, z)
+    assert abs(value - parts.log_likelihood) <= 1e-12 * (abs(parts.log_likelihood) + z.size)
+    sd = np.sqrt(np.diagonal(parts.P_plus, axis1=1, axis2=2))
+    assert (np.abs(found.x_plus - parts.x_plus) <= 1e-11 * sd + 1e-13 * np.abs(parts.x_plus).max()).all()
+
+
+def test_a_seam_that_does_not_fit_is_noticed():
+    """Chunks of a filter that forgets nothing, with a wrong power of its transition, are refused."""
+    n, m = 2, 1
+    gains = means.InForce(np.eye(n), np.zeros((0, m)), np.ones((m, n)), np.eye(n), np.eye(n), np.zeros((m, n)), np.eye(m), np.eye(m))
+    out = histories(0, n, m)
+    z, x, pick = np.zeros((1000, m)), np.ones((n, 1)), np.arange(m)
+    fits, _value = side_by_side(1, 50, gains, np.zeros((0, n)), 0.0, pick, m, z, x, out)
+    assert fits
+    assert (x == 1).all()
+    z[:] = np.nan
+    assert not side_by_side(1, 50, gains, np.zeros((0, n)), 0.0, pick, m, z, x, out)[0]
+
+
+@kernels.kernel
+def side_by_side(k, length, gains, c, half, pick, count, z, x, out):
+    """The chunks by themselves."""
+    return means.side_by_side(k, length, gains, c, half, pick, count, z, x, out)

@@ -10,10 +10,11 @@ from hypothesis import given, settings
 from ctlabs.analysis import sensitivity
 from ctlabs.filtering import kalman_filter
 from ctlabs.labs.experiment import covariances
+from ctlabs.linalg import compiled
 from ctlabs.models import DiscreteModel
 from ctlabs.models.histories import Normals, Shape, histories, shape, truth_arrays
 from ctlabs.models.nonlinear import NonlinearModel
-from ctlabs.montecarlo import Bins, chance, kernel, monte_carlo, plan, simulate, streams, sweep
+from ctlabs.montecarlo import Bins, chance, kernel, monte_carlo, plan, simulate, streams, sweep, ziggurat
 from ctlabs.montecarlo.executors import one_thread
 from ctlabs.montecarlo.functional import functional
 from ctlabs.montecarlo.histogram import Counter
@@ -106,6 +107,12 @@ def test_large_models_use_matrix_products_and_give_the_same_statistics():
     assert agree(monte_carlo(model, steps=12, runs=300, seed=2, **QUIET), by_filter(model, model, 12, 300, 2))
 
 
+def drawing(function):
+    """The streams of a block for the compiled kernel, or for it as plain Python: then they are numpy's generators."""
+    generators = streams.generators(3, 0)
+    return map(ziggurat.stream, generators) if function is kernel.block else generators
+
+
 def test_the_compiled_kernel_equals_its_plain_python_on_numpys_normals():
     """Run as plain Python with numpy's Generator the kernel gives the compiled sums to 1e-12, a wrong truth does not."""
     model = dataclasses.replace(TRACKING, N=[[0.2], [0.3]], offset=[0.5, -0.1])
@@ -114,7 +121,7 @@ def test_the_compiled_kernel_equals_its_plain_python_on_numpys_normals():
 
     def sums(function, truth):
         table, count = np.zeros((6, columns(2))), np.zeros_like(counts)
-        function(*streams.generators(3, 0), 2, 7, 4, 1, truth, experiment.gains.arrays, bins, table, count)
+        function(*drawing(function), 2, 7, 4, 1, truth, experiment.gains.arrays, bins, table, count)
         return table, count
 
     compiled, plain = sums(kernel.block, experiment.truth), sums(kernel.block.py_func, experiment.truth)
@@ -142,18 +149,25 @@ def test_plain_python_covers_matrix_products_and_a_selection():
     tables = []
     for function in (kernel.block, kernel.block.py_func):
         table = np.zeros((3, columns(16)))
-        function(*streams.generators(3, 0), 1, 5, 4, 1, experiment.truth, experiment.gains.arrays, bins, table, counts)
+        function(*drawing(function), 1, 5, 4, 1, experiment.truth, experiment.gains.arrays, bins, table, counts)
         tables.append(table)
     assert close(*tables, EXACT)
 
 
 def test_the_random_numbers_of_a_block_are_numpys():
-    """What the kernel draws is what Generator.standard_normal gives, in the documented order."""
-    buffer = np.empty((3, 50))
-    kernel.normals(streams.generators(4, 2)[0], buffer)
-    layout = plan.Tiling(50, 1)
-    tile = next(streams.tiles(4, 2, layout, Shape(3, 0, 0, 1, 1), 50))
-    assert (tile.start == buffer).all()
+    """What the kernel draws is what Generator.standard_normal gives, to the bit, tails and refused places among it."""
+
+    @compiled.kernel
+    def draw(words, into):
+        ziggurat.fill(words, into)
+
+    buffer = np.empty((3, 50_000))
+    words = ziggurat.stream(streams.generators(4, 2)[0])
+    for number in (1, 2):  # the second time from where the first ended
+        draw(words, buffer)
+        tile = list(streams.tiles(4, 2, plan.Tiling(50_000, number), Shape(3, 0, 0, 1, 1), 50_000 * number))[-1]
+        assert (tile.start == buffer).all()
+    assert np.abs(buffer).max() > 4
 
 
 def test_a_mismatched_design_meets_its_true_covariance():

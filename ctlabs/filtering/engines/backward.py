@@ -34,6 +34,7 @@ from ctlabs.filtering.engines.common import (
     crossed_out,
     emptied,
     entry,
+    fades,
     helper,
     picked,
     root,
@@ -44,6 +45,8 @@ from ctlabs.linalg.compiled import kernel
 
 #: Rows of an array: none, one with unit noise, one without noise.
 NONE, NOISY, EXACT = 0, 1, 2
+#: The longest wait, in steps, from one look at whether the way back rests to the next.
+PATIENCE = 4096
 #: A row that says so many times more than is known anyway says it without noise: its square would overflow.
 CERTAIN = 1e60
 
@@ -479,16 +482,136 @@ def prepare(system: System, used: Array, innovation: Array, Q: Array, out: Backw
             copied(wide, out.G[k])
 
 
+@helper
+def unchanged(A: Array, B: Array) -> bool:
+    """Whether two matrices are the same to the last digit."""
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            if A[i, j] != B[i, j]:
+                return False
+    return True
+
+
+@helper
+def close(U: Array, V: Array, sd: Array) -> bool:
+    """Whether the same rows say the same, of states with these standard deviations, to 1e-12."""
+    n = U.shape[0]
+    for i in range(n):
+        top = 1.0  # what says less than what is known anyway need not have digits of its own
+        for j in range(n):
+            top = max(top, abs(U[i, j]) * sd[j])
+        for j in range(n):
+            if not abs(U[i, j] - V[i, j]) * sd[j] <= 1e-12 * top:
+                return False
+    return True
+
+
+@helper
+def resting(U: Array, V: Array, E: Array, sd: Array, A: Array, Y: Array, X: Array, work: Array) -> bool:
+    r"""Whether what later data say, UᵀU, is at its fixed point, having been VᵀV a step before.
+
+    A change Δ becomes EᵀΔE in the next step back, where E is how the state, given all data, follows the one before
+    (:func:`ctlabs.filtering.engines.common.fades`).
+    """
+    n = U.shape[0]
+    for i in range(n):
+        if not sd[i] > 0.0:
+            return False
+    for i in range(n):
+        for j in range(n):
+            s = 0.0
+            for h in range(n):
+                s += U[h, i] * U[h, j] - V[h, i] * V[h, j]
+            Y[i, j] = s * sd[i] * sd[j]
+            A[i, j] = E[j, i] * (sd[i] / sd[j])
+    return fades(A, Y, X, work)
+
+
+@helper
+def mapped(b: Backward, prior: Prior, k: int, U: Array, own: Array, sd: Array, F: Array, M: Array, w: Work) -> bool:
+    """What is linear in the data of a step back to k when [U | y] rests: y = F(y, x̂⁺ − x̂⁻, values) and x = x̂⁺ + My.
+
+    F (n, 2n + m), M (n, n); False where rows come in another order, or one of them is without noise.
+    """
+    n, m = U.shape[0], b.rows.shape[1]
+    both, columns = np.zeros((n, 3 * n + m)), 2 * n + m
+    values, shift, same = np.zeros((m, columns)), np.zeros((n, columns)), own.copy()
+    P, L, d, lost = np.empty((n, n)), np.empty((n, 3 * n)), np.empty(n), np.zeros(n, dtype=np.bool_)
+    for i in range(n):
+        for j in range(n):
+            both[i, j] = U[i, j]
+        both[i, n + i], shift[i, n + i] = 1.0, 1.0
+        if own[i] == EXACT:
+            return False
+    for a in range(m):
+        values[a, 2 * n + a] = 1.0
+        if b.kind[k + 1, a] == EXACT:
+            return False
+    earlier(entry(b.Phi, k), entry(b.G, k), b.rows[k + 1], values, b.kind[k + 1], shift, sd, both, same, w)
+    if not close(both[:, :n], U, sd):
+        return False
+    for i in range(n):
+        if same[i] != own[i]:
+            return False
+        for j in range(columns):
+            F[i, j] = both[i, n + j]
+        for j in range(n):
+            both[i, n + j] = 1.0 if i == j else 0.0
+    emptied(M, 0.0)
+    meet(prior, k, 0, both, own, 0, M, P, lost, w, L, d)
+    return True
+
+
+@helper
+def coasted(
+    b: Backward, prior: Prior, k: int, F: Array, M: Array, Uy: Array, x: Array, P: Array, lag_one: Array, ahead: Array
+) -> int:  # fmt: skip
+    """Back from k with P and lag_one as they are, as far as the same is measured and known before; where that ends."""
+    n, runs, m = x.shape[1], x.shape[2], b.rows.shape[1]
+    stop = max(b.since[k + 1] - 1, max(prior.unknown.shape[0], prior.L.shape[0]))
+    y = np.empty((n, runs))
+    while k > stop and unchanged(prior.P[k - 1], prior.P[k]):
+        k -= 1
+        for i in range(n):
+            for c in range(runs):
+                s = 0.0
+                for h in range(n):
+                    s += F[i, h] * Uy[h, n + c] + F[i, n + h] * b.shift[k + 1, h, c]
+                for a in range(m):
+                    s += F[i, 2 * n + a] * b.values[k + 1, a, c]
+                y[i, c] = s
+        for i in range(n):
+            for c in range(runs):
+                Uy[i, n + c] = y[i, c]
+                s = x[k, i, c]
+                for h in range(n):
+                    s += M[i, h] * y[h, c]
+                x[k, i, c] = s
+            for j in range(n):
+                P[k, i, j], lag_one[k + 1, i, j] = P[k + 1, i, j], ahead[i, j]
+    return k
+
+
 @kernel
 def smooth(b: Backward, prior: Prior, x: Array, P: Array, lag_one: Array) -> bool:
-    """From x = x̂⁺ to the estimates given the whole record, P, and cov(x_{k+1}, x_k) at k+1; False: overflow."""
+    """From x = x̂⁺ to the estimates given the whole record, P, and cov(x_{k+1}, x_k) at k+1; False: overflow.
+
+    Where nothing but data varies, and what is measured before and after an instant says the same of its state as at the next one, the
+    covariances are not computed again.
+    """
     n, m, runs, last = x.shape[1], b.rows.shape[1], x.shape[2], x.shape[0] - 1
     Uy, own, w = np.zeros((n, n + runs)), np.zeros(n, dtype=np.int64), room(n, m, runs)
     E, L, d, sd = np.empty((n, n)), np.empty((n, 3 * n)), np.empty(n), np.empty(n)
+    A, X, Y, work, V = np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.zeros((n, n))
+    F, M, wide = np.empty((n, 2 * n + m)), np.empty((n, n)), room(n, m, 2 * n + m)
     lost, before, finite = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.bool_), True
-    for k in range(last, -1, -1):
+    k, wait, look = last + 1, 1, last
+    while k > 0:
+        k -= 1
         for i in range(n):
             before[i] = lost[i]
+            for j in range(n):
+                V[i, j] = Uy[i, j]
         if k < last:
             Phi, G = entry(b.Phi, k), entry(b.G, k)
             units(prior.P, prior.A, k, sd)
@@ -507,6 +630,16 @@ def smooth(b: Backward, prior: Prior, x: Array, P: Array, lag_one: Array) -> boo
                         s += E[i, h] * P[k, h, j]
                     lag_one[k + 1, i, j] = np.nan if before[i] or lost[j] else s
         hide(x[k], P[k], lost)
+        if k + 1 > last or b.since[k + 1] > k or k <= max(prior.unknown.shape[0], prior.L.shape[0]):
+            wait, look = 1, k
+        elif k <= look and unchanged(prior.P[k], prior.P[k + 1]) and close(Uy[:, :n], V, sd):
+            if resting(Uy, V, E, sd, A, Y, X, work) and mapped(b, prior, k, Uy[:, :n], own, sd, F, M, wide):
+                begin = k
+                k = coasted(b, prior, k, F, M, Uy, x, P, lag_one, lag_one[k + 1].copy())
+                for i in range(k, begin):
+                    finite &= all_finite(x[i])
+            wait = min(2 * wait, PATIENCE)
+            look = k - wait
     return finite
 
 

@@ -11,6 +11,8 @@ from ctlabs.linalg.compiled import helper as helper
 from ctlabs.linalg.rounding import CANCELLED as CANCELLED
 
 EPS = float(np.finfo(float).eps)
+#: A matrix is at its fixed point when what is left of its way there is below this, in units of the standard deviations.
+SETTLED = 1e-13
 
 
 class System(NamedTuple):
@@ -234,3 +236,45 @@ def mirror(P: Array) -> None:
     for i in range(P.shape[0]):
         for j in range(i):
             P[j, i] = P[i, j]
+
+
+@helper
+def largest(A: Array) -> float:
+    """The largest absolute value of a matrix; NaN where one is NaN."""
+    most = 0.0
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            size = abs(A[i, j])
+            if size != size:
+                return size
+            most = max(most, size)
+    return most
+
+
+@helper
+def fades(A: Array, Y: Array, X: Array, work: Array) -> bool:
+    r"""Whether all that follows from a change Y, AʲYAʲᵀ in the j-th step after it, adds up to less than :data:`SETTLED`.
+
+    The sum from j = 1 in X, by doubling: X ← X + AXAᵀ, A ← A². A and Y are lost.
+    """
+    n = A.shape[0]
+    emptied(X, 0.0)
+    similarity(A, Y, X, work)
+    mirror(X)
+    for _ in range(60):
+        size, left = largest(A), largest(X)
+        if not (size < 1e100 and left <= SETTLED):
+            return False
+        if left == 0.0 or size < 1e-4:
+            return True
+        copied(X, Y)
+        similarity(A, Y, X, work)
+        mirror(X)
+        for i in range(n):
+            for j in range(n):
+                s = 0.0
+                for h in range(n):
+                    s += A[i, h] * A[h, j]
+                Y[i, j] = s
+        copied(Y, A)
+    return False

@@ -31,7 +31,7 @@ from ctlabs.text import moment
 
 if TYPE_CHECKING:
     from ctlabs.filtering.engines.common import System
-    from ctlabs.filtering.engines.forward import Histories
+    from ctlabs.filtering.engines.means import Histories
 
 
 class LostDigits(FloatingPointError):
@@ -99,7 +99,7 @@ def system(model: DiscreteModel) -> System:
 
 
 def _histories(rows: int, n: int, m: int) -> Histories:
-    from ctlabs.filtering.engines.forward import Histories
+    from ctlabs.filtering.engines.means import Histories
 
     return Histories(
         np.empty((rows, n)),
@@ -116,8 +116,8 @@ def _histories(rows: int, n: int, m: int) -> Histories:
 def _entering(problem: FilterProblem) -> Mask:
     """The elements that are measured, (steps+1, m)."""
     model, rows = problem.model, len(problem.z)
-    variances = np.diagonal(model.R, axis1=-2, axis2=-1)
-    return ~problem.absent & np.isfinite(variances if variances.ndim == 1 else variances[:rows])
+    finite = np.isfinite(np.diagonal(model.R, axis1=-2, axis2=-1))
+    return ~problem.absent if finite.all() else ~problem.absent & (finite if finite.ndim == 1 else finite[:rows])
 
 
 def _begin(problem: FilterProblem, used: Mask, *, gains: bool = True) -> Beginning | None:

@@ -8,20 +8,18 @@ Of the elements that are measured at k (their rows of H, their part of R):
 
 from __future__ import annotations
 
-from functools import partial
-from typing import NamedTuple
-
 import numpy as np
 
 from ctlabs.filtering.engines.common import (
     CANCELLED,
     EPS,
+    SETTLED,
     System,
     alike,
-    copied,
     crossed_out,
     entry,
     factor_inverse,
+    fades,
     helper,
     mirror,
     motion,
@@ -29,6 +27,7 @@ from ctlabs.filtering.engines.common import (
     similarity,
     triangle,
 )
+from ctlabs.filtering.engines.means import Histories, InForce, coasted, estimated, means, moved, put, put_gains, told
 from ctlabs.linalg import rounding
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import kernel
@@ -36,8 +35,6 @@ from ctlabs.linalg.compiled import kernel
 #: As in :mod:`ctlabs.linalg.rounding`.
 MARGIN = rounding.MARGIN
 LOG_2PI = float(np.log(2 * np.pi))
-#: P is at its fixed point when what is left of its way there is below this fraction of the standard deviations.
-SETTLED = 1e-13
 #: The longest wait, in steps, from one look at the fixed point to the next.
 PATIENCE = 4096
 
@@ -48,19 +45,6 @@ DONE, PERFECT, OVERFLOW, INDEFINITE, LOSING = 0, 1, 2, 3, 4
 LOST = 1e-10
 #: The least share of a variance that has digits enough in Joseph's form.
 THIN = 1e-7
-
-
-class Histories(NamedTuple):
-    """What the filter leaves: one entry for each instant, or no entry at all where only the likelihood is asked for."""
-
-    x_minus: Array
-    x_plus: Array
-    P_minus: Array
-    P_plus: Array
-    K: Array
-    innovation: Array
-    S: Array
-    nis: Array
 
 
 @helper
@@ -289,24 +273,10 @@ def near(P: Array, before: Array) -> bool:
 
 
 @helper
-def largest(A: Array) -> float:
-    """The largest absolute value of a matrix; NaN where one is NaN."""
-    most = 0.0
-    for i in range(A.shape[0]):
-        for j in range(A.shape[1]):
-            size = abs(A[i, j])
-            if size != size:
-                return size
-            most = max(most, size)
-    return most
-
-
-@helper
 def settled(P: Array, before: Array, Phi: Array, B: Array, A: Array, X: Array, Y: Array, work: Array) -> bool:
     r"""Whether P is as near to its fixed point as :data:`SETTLED` says, in units of its standard deviations.
 
-    A change Δ of P becomes AΔAᵀ in the next step, A = Φ(I−KH), up to terms in Δ². All that is still to come is the
-    sum of AʲΔAʲᵀ from j = 1, here by doubling: X ← X + AXAᵀ, A ← A². Near the fixed point a small Δ alone says little:
+    A change Δ of P becomes AΔAᵀ in the next step, A = Φ(I−KH), up to terms in Δ². Near the fixed point a small Δ alone says little:
     where A is near the unit circle the steps are many.
     """
     n = P.shape[0]
@@ -318,124 +288,7 @@ def settled(P: Array, before: Array, Phi: Array, B: Array, A: Array, X: Array, Y
             both = np.sqrt(P[i, i]) * np.sqrt(P[j, j])
             A[i, j] = s * (np.sqrt(P[j, j]) / np.sqrt(P[i, i])) if both > 0 else 0.0
             Y[i, j] = (P[i, j] - before[i, j]) / both if both > 0 else 0.0
-            X[i, j] = 0.0
-    similarity(A, Y, X, work)
-    mirror(X)
-    for _ in range(60):
-        size, left = largest(A), largest(X)
-        if not (size < 1e100 and left <= SETTLED):
-            return False
-        if left == 0.0 or size < 1e-4:
-            return True
-        copied(X, Y)
-        similarity(A, Y, X, work)
-        mirror(X)
-        for i in range(n):
-            for j in range(n):
-                s = 0.0
-                for h in range(n):
-                    s += A[i, h] * A[h, j]
-                Y[i, j] = s
-        copied(Y, A)
-    return False
-
-
-@partial(helper, inline="always")
-def put(
-    k: int,
-    x_minus: Array,
-    x: Array,
-    P_minus: Array,
-    P: Array,
-    Kt: Array,
-    nu: Array,
-    S: Array,
-    nis: float,
-    pick: Array,
-    count: int,
-    out: Histories,
-) -> None:
-    """Store an instant."""
-    m, n = nu.shape[0], x.shape[0]
-    for i in range(x.shape[0]):
-        out.x_minus[k, i], out.x_plus[k, i] = x_minus[i], x[i]
-        for j in range(x.shape[0]):
-            out.P_minus[k, i, j], out.P_plus[k, i, j] = P_minus[i, j], P[i, j]
-    if count < m:
-        for a in range(m):
-            for i in range(n):
-                out.K[k, i, a] = 0.0
-            out.innovation[k, a] = np.nan
-            for b in range(m):
-                out.S[k, a, b] = np.inf if a == b else 0.0
-    for a in range(count):
-        out.innovation[k, pick[a]] = nu[a]
-        for i in range(n):
-            out.K[k, i, pick[a]] = Kt[a, i]
-        for b in range(count):
-            out.S[k, pick[a], pick[b]] = S[a, b]
-    out.nis[k] = nis if count > 0 else np.nan
-
-
-@partial(helper, forceinline=True)
-def moved(Phi: Array, c: Array, k: int, x: Array, x_minus: Array) -> None:
-    """x̂⁻ = Φx̂ + c from the instant k on; c (steps or 1 or 0, n)."""
-    row = 0 if c.shape[0] <= 1 else k
-    for i in range(x.shape[0]):
-        s = c[row, i] if c.shape[0] > 0 else 0.0
-        for j in range(x.shape[0]):
-            s += Phi[i, j] * x[j]
-        x_minus[i] = s
-
-
-@partial(helper, forceinline=True)
-def whitened(z: Array, k: int, H: Array, C: Array, pick: Array, count: int, x_minus: Array, nu: Array, e: Array) -> float:
-    """ν = z_k − Hx̂⁻ of the elements picked, e = C⁻¹ν with CCᵀ = S in the leading part of C, and eᵀe = νᵀS⁻¹ν."""
-    nis = 0.0
-    for a in range(count):
-        s = z[k, pick[a]]
-        for j in range(x_minus.shape[0]):
-            s -= H[pick[a], j] * x_minus[j]
-        nu[a] = s
-        for b in range(a):
-            s -= C[a, b] * e[b]
-        e[a] = s / C[a, a]
-        nis += e[a] * e[a]
-    return nis
-
-
-@partial(helper, forceinline=True)
-def estimated(
-    z: Array, k: int, H: Array, C: Array, Kt: Array, pick: Array, count: int, x_minus: Array, x: Array, nu: Array, e: Array
-) -> float:
-    """x̂ = x̂⁻ + Kν of the elements picked, and νᵀS⁻¹ν."""
-    nis = whitened(z, k, H, C, pick, count, x_minus, nu, e)
-    for i in range(x.shape[0]):
-        s = x_minus[i]
-        for a in range(count):
-            s += Kt[a, i] * nu[a]
-        x[i] = s
-    return nis
-
-
-@helper
-def coasted(
-    k: int, Phi: Array, c: Array, H: Array, C: Array, Kt: Array, half: float, pick: Array, count: int, z: Array, used: Array,
-    x: Array, x_minus: Array, nu: Array, e: Array, P_minus: Array, P: Array, S: Array, total: float, out: Histories,
-) -> tuple[int, float]:  # fmt: skip
-    """From the instant k on with fixed covariances, as long as the same elements are measured: where that ends, and the log-likelihood."""
-    m, rows, keep = z.shape[1], z.shape[0], out.nis.shape[0] > 0
-    while k < rows:
-        for a in range(m):
-            if used[k, a] != used[k - 1, a]:
-                return k, total
-        moved(Phi, c, k - 1, x, x_minus)
-        nis = estimated(z, k, H, C, Kt, pick, count, x_minus, x, nu, e)
-        total -= 0.5 * nis + half
-        if keep:
-            put(k, x_minus, x, P_minus, P, Kt, nu, S, nis, pick, count, out)
-        k += 1
-    return k, total
+    return fades(A, Y, X, work)
 
 
 @kernel
@@ -450,7 +303,7 @@ def forward(
     n, m, rows = x0.shape[0], z.shape[1], z.shape[0]
     keep, correlated = out.nis.shape[0] > 0, system.N.size > 0
     constant = max(system.Phi.shape[0], system.Q.shape[0], system.H.shape[0], system.R.shape[0]) == 1
-    x, x_minus, nu, e = x0.copy(), x0.copy(), np.empty(m), np.empty(m)
+    at = means(x0, m, 1)
     P, P_minus, before, ahead = P0.copy(), P0.copy(), P0.copy(), P0.copy()
     S, C, Kt, RKt, B = np.empty((m, m)), np.empty((m, m)), np.empty((m, n)), np.empty((m, n)), np.empty((n, n))
     A, X, Y, work, size = np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty(n)
@@ -459,11 +312,10 @@ def forward(
     fixed, wait, look, half, total, count, perfect = False, 1, 0, 0.0, 0.0, 0, False
     k = begin
     while k < rows:
-        if fixed and not correlated:
-            Phi, H = entry(system.Phi, 0), entry(system.H, 0)
-            k, total = coasted(
-                k, Phi, system.c, H, C, Kt, half, pick, count, z, used, x, x_minus, nu, e, P_minus, P, S, total, out
-            )  # fmt: skip
+        if fixed:
+            now = InForce(Phi_N if correlated else system.Phi[0], M if correlated else M[:0], system.H[0], P_minus, P, Kt, S, C)
+            k, total = coasted(k, now, system.c, half, pick, count, z, used, at, total, out)
+            fixed = False
             if k == rows:
                 break
         same = k > begin and alike(used[k], used[k - 1])
@@ -472,48 +324,44 @@ def forward(
                 count = picked(used[k - 1], pick)
                 motion(system, k - 1, pick, count, Phi_N, Q_N, M, L, d)
             Phi = Phi_N if correlated else entry(system.Phi, k - 1)
-            if not fixed:
-                if not predict(P, Phi, Q_N if correlated else entry(system.Q, k - 1), ahead, work, size):
-                    return OVERFLOW, k, np.nan
-                for i in range(n):
-                    if 0.0 < LOST * ahead[i, i] < MARGIN * n * EPS * size[i] * size[i]:
-                        return LOSING, k, np.nan
-                before, P_minus, ahead = P_minus, ahead, before
-            moved(Phi, system.c, k - 1, x, x_minus)
+            if not predict(P, Phi, Q_N if correlated else entry(system.Q, k - 1), ahead, work, size):
+                return OVERFLOW, k, np.nan
+            for i in range(n):
+                if 0.0 < LOST * ahead[i, i] < MARGIN * n * EPS * size[i] * size[i]:
+                    return LOSING, k, np.nan
+            before, P_minus, ahead = P_minus, ahead, before
+            moved(Phi, system.c, k - 1, 0, 1, at)
             if correlated:
-                for a in range(m):
-                    if used[k - 1, a]:
-                        for i in range(n):
-                            x_minus[i] += M[i, a] * z[k - 1, a]
+                told(M, z, k - 1, 0, 1, pick, count, at)
         H, R = entry(system.H, k), entry(system.R, k)
-        if not fixed or not same:
-            count = picked(used[k], pick)
-            if correlated or not constant or not same:
-                perfect = not triangle(R, L, d, pick, count)
-                if perfect and correlated:
-                    return PERFECT, k, np.nan
-            end = gain(P_minus, H, R, pick, count, d, S, C, Kt, sizes)
-            if end != DONE:
-                return end, k, np.nan
-            closed(Kt, H, pick, count, B)
-            joseph(P_minus, R, Kt, B, pick, count, P, work, RKt)
-            if perfect:
-                determined(P, P_minus, Kt, H, R, pick, count, B, S, C, work)
-            elif losing(P, P_minus, Kt, H, pick, count, sizes) or thin(P, work):
-                return LOSING, k, np.nan
-            half = 0.5 * count * LOG_2PI
-            for a in range(count):
-                half += np.log(C[a, a])
-            if constant and same:
-                if k >= look and near(P_minus, before):
-                    fixed = settled(P_minus, before, Phi_N if correlated else system.Phi[0], B, A, X, Y, work)
-                    wait = min(2 * wait, PATIENCE)
-                    look = k + wait
-            else:
-                fixed, wait, look = False, 1, 0
-        nis = estimated(z, k, H, C, Kt, pick, count, x_minus, x, nu, e)
-        total -= 0.5 * nis + half
+        count = picked(used[k], pick)
+        if correlated or not constant or not same:
+            perfect = not triangle(R, L, d, pick, count)
+            if perfect and correlated:
+                return PERFECT, k, np.nan
+        end = gain(P_minus, H, R, pick, count, d, S, C, Kt, sizes)
+        if end != DONE:
+            return end, k, np.nan
+        closed(Kt, H, pick, count, B)
+        joseph(P_minus, R, Kt, B, pick, count, P, work, RKt)
+        if perfect:
+            determined(P, P_minus, Kt, H, R, pick, count, B, S, C, work)
+        elif losing(P, P_minus, Kt, H, pick, count, sizes) or thin(P, work):
+            return LOSING, k, np.nan
+        half = 0.5 * count * LOG_2PI
+        for a in range(count):
+            half += np.log(C[a, a])
+        if constant and same:
+            if k >= look and near(P_minus, before):
+                fixed = settled(P_minus, before, Phi_N if correlated else system.Phi[0], B, A, X, Y, work)
+                wait = min(2 * wait, PATIENCE)
+                look = k + wait
+        else:
+            fixed, wait, look = False, 1, 0
+        estimated(z, k, 0, 1, H, C, Kt, pick, count, at)
+        total -= 0.5 * at.nis[0] + half
         if keep:
-            put(k, x_minus, x, P_minus, P, Kt, nu, S, nis, pick, count, out)
+            put(k, 0, at, pick, count, out)
+            put_gains(k, InForce(Phi_N, M, H, P_minus, P, Kt, S, C), pick, count, out)
         k += 1
     return DONE, rows, total

@@ -21,17 +21,8 @@ from __future__ import annotations
 import numpy as np
 
 from ctlabs.filtering.engines.common import EPS, System, copied, emptied, entry, helper, motion, picked, root, triangle
-from ctlabs.filtering.engines.forward import (
-    DONE,
-    INDEFINITE,
-    LOG_2PI,
-    OVERFLOW,
-    PERFECT,
-    Histories,
-    moved,
-    put,
-    whitened,
-)
+from ctlabs.filtering.engines.forward import DONE, INDEFINITE, LOG_2PI, OVERFLOW, PERFECT
+from ctlabs.filtering.engines.means import Histories, InForce, means, moved, put, put_gains, whitened
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import kernel
 
@@ -157,7 +148,8 @@ def forward(
     """As :func:`ctlabs.filtering.engines.forward.forward`, from a root of P0; a perfect measurement ends it (``PERFECT``)."""
     n, m, rows = x0.shape[0], z.shape[1], z.shape[0]
     keep, correlated = out.nis.shape[0] > 0, system.N.size > 0
-    x, x_minus, nu, e, row = x0.copy(), x0.copy(), np.empty(m), np.empty(m), np.empty(m)
+    at, row = means(x0, m, 1), np.empty(m)
+    x, x_minus, e = at.x, at.x_minus, at.e  # numba loses an addition in place to an element of at.x
     L, before, P, P_minus = L0.copy(), L0.copy(), np.empty((n, n)), np.empty((n, n))
     W, S, G, rest, left = np.empty((m + n, m + 2 * n)), np.empty((m, m)), np.zeros((n, n)), np.empty((n, n)), np.empty(n)
     Phi_N, Q_N, M, N_S = np.empty((n, n)), np.empty((n, n)), np.zeros((n, m)), np.zeros(n)
@@ -192,19 +184,17 @@ def forward(
                 for i in range(n):
                     for j in range(n):
                         L[i, j] = W[i, j]
-            moved(Phi, system.c, k - 1, x, x_minus)
+            moved(Phi, system.c, k - 1, 0, 1, at)
             if coupled:
                 for i in range(n):
-                    x_minus[i] += N_S[i]
+                    x_minus[i, 0] += N_S[i]
         copied(L, before)
         if not squared(L, P_minus):
             return OVERFLOW, k, np.nan
         copied(P_minus, P)
         H, R = entry(system.H, k), entry(system.R, k)
         count = picked(used[k], pick)
-        nis = 0.0
-        for i in range(n):
-            x[i] = x_minus[i]
+        copied(x_minus, x)
         if count > 0:
             if not triangle(R, noise, d, pick, count):
                 return PERFECT, k, np.nan
@@ -223,11 +213,11 @@ def forward(
                     for c in range(b + 1):
                         s += W[a, c] * W[b, c]
                     S[a, b], S[b, a] = s, s
-            nis = whitened(z, k, H, W, pick, count, x_minus, nu, e)
-            total -= 0.5 * (nis + count * LOG_2PI)
+            whitened(z, k, 0, 1, H, W, pick, count, at)
+            total -= 0.5 * (at.nis[0] + count * LOG_2PI)
             for i in range(n):
                 for a in range(count):
-                    x[i] += W[count + i, a] * e[a]
+                    x[i, 0] += W[count + i, a] * e[a, 0]
                 for j in range(n):
                     L[i, j] = W[count + i, count + j]
             if not squared(L, P):
@@ -237,13 +227,14 @@ def forward(
             if correlated:  # N S⁻¹ν
                 for a in range(count - 1, -1, -1):
                     for b in range(a + 1, count):
-                        e[a] -= W[b, a] * e[b]
-                    e[a] /= W[a, a]
+                        e[a, 0] -= W[b, a] * e[b, 0]
+                    e[a, 0] /= W[a, a]
                 for i in range(n):
                     N_S[i] = 0.0
                     for a in range(count):
-                        N_S[i] += system.N[i, pick[a]] * e[a]
+                        N_S[i] += system.N[i, pick[a]] * e[a, 0]
         if keep:
             gains(W, n, count, Kt)
-            put(k, x_minus, x, P_minus, P, Kt, nu, S, nis, pick, count, out)
+            put(k, 0, at, pick, count, out)
+            put_gains(k, InForce(Phi_N, M, H, P_minus, P, Kt, S, S), pick, count, out)
     return DONE, rows, total
