@@ -69,7 +69,8 @@ def attributes(tree: ast.AST, names: dict[str, Any]) -> Iterator[Any]:
         if isinstance(node, ast.Name):
             return names.get(node.id)
         if isinstance(node, ast.Attribute) and isinstance(owner := thing(node.value), ModuleType):
-            return getattr(owner, node.attr, None) or found(f"{owner.__name__}.{node.attr}")
+            known = getattr(owner, node.attr, None)
+            return found(f"{owner.__name__}.{node.attr}") if known is None else known
         return None
 
     return (thing(node) for node in ast.walk(tree) if isinstance(node, ast.Attribute))
