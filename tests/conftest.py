@@ -14,7 +14,7 @@ import pytest  # noqa: E402  # after the environment is set
 from hypothesis import is_hypothesis_test, settings  # noqa: E402
 
 import ctlabs  # noqa: E402
-from tests.untraced import untraced, unwatched, watched  # noqa: E402
+from tests.untraced import untraced, unwatched  # noqa: E402
 
 # Derandomised: the same examples on every machine; the seeds of a failing run are those of the next one.
 settings.register_profile("ctlabs", deadline=None, derandomize=True, max_examples=50, print_blob=True)
@@ -70,13 +70,6 @@ def pytest_collection(session: pytest.Session) -> Iterator[None]:
             if module.name not in PROGRAMS:
                 import_module(module.name)
     with unwatched():
-        return (yield)
-
-
-@pytest.hookimpl(wrapper=True)
-def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """Coverage looks at what is new (tests/untraced.py)."""
-    with watched(item.nodeid.partition("[")[0]):
         return (yield)
 
 

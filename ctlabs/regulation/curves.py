@@ -44,7 +44,7 @@ def tradeoff(model: ContinuousModel | DiscreteModel, cost: Cost, factors: ArrayL
 
     >>> plant = DiscreteModel([[1]], [[1]], [[1]], [[1]], P0=[[1]], B=[[1]])
     >>> tradeoff(plant, Cost([[1]], [[1]]), [0.1, 1, 10]).u_rms.ravel().round(3)
-    array([1.166, 0.912, 0.549])
+    array([0.919, 0.669, 0.395])
     """
     rho = _positive("factors", factors)
 

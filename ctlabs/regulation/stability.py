@@ -75,7 +75,7 @@ def margins(regulator: Regulator | ContinuousRegulator, truth: ContinuousModel |
     >>> plant = DiscreteModel([[1]], [[1]], [[1]], [[0.01]], P0=[[1]], B=[[1]])
     >>> found = margins(regulator(plant, Cost([[1]], [[1]]))).inputs["u"]
     >>> [round(value, 3) for value in found.gain]
-    [0.0, 3.217]
+    [0.0, 3.28]
     """
     loop = regulator.loop(truth)  # type: ignore[arg-type]  # each kind takes a truth of its own
     M, r = loop.machine, loop.truth.r

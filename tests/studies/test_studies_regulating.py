@@ -288,11 +288,11 @@ def test_a_horizon_schedules_the_gains() -> None:
 
 
 def test_a_load_is_borne_but_has_no_limit() -> None:
-    """The autopilot: margins without the load, which no input reaches; no limit of the wandering state, no budget."""
+    """The autopilot: margins and budget without the load, which no input reaches; no limit of the wandering state."""
     found = compute(ready("autopilot"), quick=True)
     assert found.stable
     assert "h_c0" in found.limit.reason
-    assert "loads" in found.budget.reason
+    assert sum(found.budget.value.sources.values()) + found.budget.value.between == pytest.approx(found.budget.value.total, rel=1e-9)
     bears = regulating.borne(found.placed, found.truth)
     assert bears.inputs["u"].delay > 1
 
