@@ -420,7 +420,7 @@ def test_chunks_side_by_side_are_the_record_in_order(seed, n, m, radius, holes):
 def test_a_seam_that_does_not_fit_is_noticed():
     """Chunks of a filter that forgets nothing, with a wrong power of its transition, are refused."""
     n, m = 2, 1
-    gains = means.InForce(np.eye(n), np.zeros((0, m)), np.ones((m, n)), np.eye(n), np.eye(n), np.zeros((m, n)), np.eye(m), np.eye(m))
+    gains = means.Applied(np.eye(n), np.zeros((0, m)), np.ones((m, n)), np.eye(n), np.eye(n), np.zeros((m, n)), np.eye(m), np.eye(m))
     out = histories(0, n, m)
     z, x, pick = np.zeros((1000, m)), np.ones((n, 1)), np.arange(m)
     fits, _value = side_by_side(1, 50, gains, np.zeros((0, n)), 0.0, pick, m, z, x, out)

@@ -27,7 +27,7 @@ from ctlabs.filtering.engines.common import (
     similarity,
     triangle,
 )
-from ctlabs.filtering.engines.means import Histories, InForce, coasted, estimated, means, moved, put, put_gains, told
+from ctlabs.filtering.engines.means import Histories, Applied, coasted, estimated, means, moved, put, put_gains, told
 from ctlabs.linalg import rounding
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import kernel
@@ -313,7 +313,7 @@ def forward(
     k = begin
     while k < rows:
         if fixed:
-            now = InForce(Phi_N if correlated else system.Phi[0], M if correlated else M[:0], system.H[0], P_minus, P, Kt, S, C)
+            now = Applied(Phi_N if correlated else system.Phi[0], M if correlated else M[:0], system.H[0], P_minus, P, Kt, S, C)
             k, total = coasted(k, now, system.c, half, pick, count, z, used, at, total, out)
             fixed = False
             if k == rows:
@@ -362,6 +362,6 @@ def forward(
         total -= 0.5 * at.nis[0] + half
         if keep:
             put(k, 0, at, pick, count, out)
-            put_gains(k, InForce(Phi_N, M, H, P_minus, P, Kt, S, C), pick, count, out)
+            put_gains(k, Applied(Phi_N, M, H, P_minus, P, Kt, S, C), pick, count, out)
         k += 1
     return DONE, rows, total

@@ -53,7 +53,7 @@ class Means(NamedTuple):
     nis: Array
 
 
-class InForce(NamedTuple):
+class Applied(NamedTuple):
     """Covariances and gains of an instant.
 
     Phi (n, n), with M (n, m) where w and v correlate, else empty: what moves the state to it · H (m, n) · P_minus, P (n, n) · of the
@@ -95,7 +95,7 @@ def put(k: int, lane: int, at: Means, pick: Array, count: int, out: Histories) -
 
 
 @partial(helper, inline="always")
-def put_gains(k: int, g: InForce, pick: Array, count: int, out: Histories) -> None:
+def put_gains(k: int, g: Applied, pick: Array, count: int, out: Histories) -> None:
     """Store the covariances and gains of an instant."""
     n, m = g.P.shape[0], g.S.shape[0]
     for i in range(n):
@@ -184,7 +184,7 @@ def estimated(
 
 
 @partial(helper, forceinline=True)
-def stepped(k: int, apart: int, lanes: int, g: InForce, c: Array, pick: Array, count: int, z: Array, at: Means) -> None:
+def stepped(k: int, apart: int, lanes: int, g: Applied, c: Array, pick: Array, count: int, z: Array, at: Means) -> None:
     """From the instants before k, k + apart, … to these."""
     moved(g.Phi, c, k - 1, apart, lanes, at)
     if g.M.shape[0] > 0:
@@ -204,7 +204,7 @@ def product(A: Array, B: Array, out: Array) -> None:
 
 
 @helper
-def loop(g: InForce, pick: Array, count: int, A: Array) -> None:
+def loop(g: Applied, pick: Array, count: int, A: Array) -> None:
     """A = (I − KH)Φ."""
     n = A.shape[0]
     for i in range(n):
@@ -256,7 +256,7 @@ def memory(A: Array, P: Array, length: int, power: Array, square: Array, work: A
 
 @helper
 def side_by_side(
-    k: int, length: int, g: InForce, c: Array, half: float, pick: Array, count: int, z: Array, x: Array, out: Histories
+    k: int, length: int, g: Applied, c: Array, half: float, pick: Array, count: int, z: Array, x: Array, out: Histories
 ) -> tuple[bool, float]:  # fmt: skip
     """The instants k … k + LANES·length − 1 in chunks; whether they fit, and the log-likelihood. x (n, 1) is moved to the end if so."""
     n = x.shape[0]
@@ -295,7 +295,7 @@ def side_by_side(
 
 @helper
 def coasted(
-    k: int, g: InForce, c: Array, half: float, pick: Array, count: int, z: Array, used: Array, at: Means, total: float, out: Histories
+    k: int, g: Applied, c: Array, half: float, pick: Array, count: int, z: Array, used: Array, at: Means, total: float, out: Histories
 ) -> tuple[int, float]:
     """From the instant k on with fixed covariances, as long as the same elements are measured: where that ends, and the log-likelihood."""
     stop = k

@@ -22,7 +22,7 @@ import numpy as np
 
 from ctlabs.filtering.engines.common import EPS, System, copied, emptied, entry, helper, motion, picked, root, triangle
 from ctlabs.filtering.engines.forward import DONE, INDEFINITE, LOG_2PI, OVERFLOW, PERFECT
-from ctlabs.filtering.engines.means import Histories, InForce, means, moved, put, put_gains, whitened
+from ctlabs.filtering.engines.means import Histories, Applied, means, moved, put, put_gains, whitened
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import kernel
 
@@ -236,5 +236,5 @@ def forward(
         if keep:
             gains(W, n, count, Kt)
             put(k, 0, at, pick, count, out)
-            put_gains(k, InForce(Phi_N, M, H, P_minus, P, Kt, S, S), pick, count, out)
+            put_gains(k, Applied(Phi_N, M, H, P_minus, P, Kt, S, S), pick, count, out)
     return DONE, rows, total
