@@ -27,7 +27,7 @@ from ctlabs.filtering.engines.common import (
     similarity,
     triangle,
 )
-from ctlabs.filtering.engines.means import Histories, Applied, coasted, estimated, means, moved, put, put_gains, told
+from ctlabs.filtering.engines.means import Applied, Histories, coasted, estimated, means, moved, put, put_gains, told
 from ctlabs.linalg import rounding
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import kernel

@@ -22,7 +22,7 @@ import numpy as np
 
 from ctlabs.filtering.engines.common import EPS, System, copied, emptied, entry, helper, motion, picked, root, triangle
 from ctlabs.filtering.engines.forward import DONE, INDEFINITE, LOG_2PI, OVERFLOW, PERFECT
-from ctlabs.filtering.engines.means import Histories, Applied, means, moved, put, put_gains, whitened
+from ctlabs.filtering.engines.means import Applied, Histories, means, moved, put, put_gains, whitened
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import kernel
 
