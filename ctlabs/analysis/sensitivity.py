@@ -342,7 +342,7 @@ def noise_by_input(model: ContinuousModel, dt: float) -> dict[str, Array]:
     """
     checks.instance("model", model, ContinuousModel)
     parts = {}
-    for group in _components(model.Q):
+    for group in components(model.Q):
         G = model.G[:, group]
         name = "noise " + ", ".join(f"w{j + 1}" for j in group)
         parts[name] = interval(model.F, G @ model.Q[np.ix_(group, group)] @ G.T, dt).Qd
@@ -531,7 +531,7 @@ def _innovation(model: DiscreteModel, P: Array, k: int, used: Mask) -> Array:
 # The budget's sources ------------------------------------------------------------------------------------------------
 
 
-def _components(matrix: Array) -> list[list[int]]:
+def components(matrix: Array) -> list[list[int]]:
     """Indices that correlate, directly or through others."""
     count, label = scipy.sparse.csgraph.connected_components(matrix != 0, directed=False)
     return [np.flatnonzero(label == i).tolist() for i in range(count)]
@@ -548,13 +548,13 @@ def sources(model: DiscreteModel, groups: Mapping[str, ArrayLike] | None) -> dic
         if any(part.any() for part in source):
             found[name if name not in found else f"{name} ({len(found) + 1})"] = source
 
-    for group in _components(model.P0):
+    for group in components(model.P0):
         add("initial " + ", ".join(model.states[i] for i in group), nothing._replace(P0=_block(model.P0, group, group)))
     for name, part in ({} if groups is None else _given(model, groups)).items():
         add(name, nothing._replace(Qd=part))
     Qd = np.zeros((n, n)) if groups is not None else everything.Qd
     Q, R = (np.abs(stack).reshape(-1, *stack.shape[-2:]).max(axis=0) for stack in (Qd, everything.R))
-    for group in _components(np.block([[Q, everything.N], [everything.N.T, R]])):
+    for group in components(np.block([[Q, everything.N], [everything.N.T, R]])):
         w, v = [i for i in group if i < n], [i - n for i in group if i >= n]
         names = ["on " + ", ".join(model.states[i] for i in w)] if w else []
         names += ["of " + ", ".join(model.measurements[i] for i in v)] if v else []

@@ -175,19 +175,18 @@ class Cost:
         if self.outputs is None:
             return []
         H, D = model.H, np.zeros((model.m, model.r)) if model.D is None else model.D
-        if not isinstance(self.outputs, dict):
-            if H.ndim == 3 or D.ndim == 3:
-                msg = "outputs: expected a model whose H and D are constant, received ones that vary (put their weights into Qx)"
-                raise ValueError(msg)
+        named = isinstance(self.outputs, dict)
+        measured = not named or any(row is None for row, _weight in self.outputs.values())
+        if measured and (H.ndim == 3 or D.ndim == 3):
+            msg = "outputs: expected a model whose H and D are constant, received ones that vary (put their weights into Qx)"
+            raise ValueError(msg)
+        if not named:
             return [(H, D, checks.shaped("outputs", self.outputs, (model.m, model.m)))]
         found = []
         for name, (row, weight) in self.outputs.items():
             if row is None and name not in model.measurements:
                 known = ", ".join(repr(each) for each in model.measurements)
                 msg = f"outputs: expected a measurement ({known}) or a name with a row, ([...], weight), received {name!r}"
-                raise ValueError(msg)
-            if row is None and (H.ndim == 3 or D.ndim == 3):
-                msg = "outputs: expected a model whose H and D are constant, received ones that vary (put their weights into Qx)"
                 raise ValueError(msg)
             i = model.measurements.index(name) if row is None else 0
             c = H[i] if row is None else checks.shaped(f"outputs[{name!r}]", row, (model.n,))

@@ -411,6 +411,15 @@ def _labels(model: Any, put: Any, n: int, m: int) -> None:
         put(name, checks.labels(name, given, count, default))
 
 
+def input_names(r: int) -> tuple[str, ...]:
+    """What inputs without names of their own are called.
+
+    >>> input_names(1), input_names(2)
+    (('u',), ('u1', 'u2'))
+    """
+    return ("u",) if r == 1 else tuple(f"u{i + 1}" for i in range(r))
+
+
 def _inputs(model: Any) -> int:
     return next((each.shape[-1] for each in (model.B, model.D) if each is not None), 0)
 

@@ -86,7 +86,7 @@ def integrating(model: ContinuousModel, chosen: list[int]) -> ContinuousModel:
 
 
 def weighed(M: Array, size: int, own: Array | None = None) -> Array:
-    """A weight with those of further states behind it, zero unless given."""
+    """A weight or a covariance with those of further states behind it, zero unless given."""
     more = np.zeros((size, size)) if own is None else np.diag(own)
     if M.ndim == 3:
         return np.array([scipy.linalg.block_diag(each, more) for each in M])

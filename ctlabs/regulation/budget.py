@@ -14,13 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-import scipy.sparse.csgraph
 
-from ctlabs.analysis.sensitivity import Source, noise_by_input, sources
+from ctlabs.analysis.sensitivity import Source, components, noise_by_input, sources
 from ctlabs.linalg import checks, riccati
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import symmetric
-from ctlabs.models.linear import derived
+from ctlabs.models.linear import derived, input_names
+from ctlabs.regulation.augmented import weighed
 from ctlabs.regulation.closed import inner_loop, weighed_rows
 from ctlabs.regulation.continuous import ContinuousRegulator, rows_weighed
 from ctlabs.regulation.design import Regulator, about_loads, picked
@@ -57,7 +57,7 @@ def cost_budget(regulator: Regulator | ContinuousRegulator) -> CostBudget:
     Raises
     ------
     ValueError
-        Scheduled gains; a continuous regulator with loads.
+        Scheduled gains.
 
     Source: Åström, *Introduction to Stochastic Control Theory* (1970), section 8.6, for the two parts.
 
@@ -74,7 +74,7 @@ def cost_budget(regulator: Regulator | ContinuousRegulator) -> CostBudget:
         msg = "cost budget: expected a steady regulator, received one with scheduled gains"
         raise ValueError(msg)
     truth, M = regulator.plant, regulator.machine
-    unit = 1.0 if regulator.sampling is None else 1 / truth.dt
+    unit = regulator.unit
     q = regulator.design.n - truth.n
     A, rows, n = inner_loop(truth, M), weighed_rows(truth, M, q), truth.n
     to, kept = about_loads(n, len(M.xi0), regulator.loads, regulator.target)
@@ -101,12 +101,8 @@ def cost_budget(regulator: Regulator | ContinuousRegulator) -> CostBudget:
         second += np.outer(y, y)
     if regulator.cost.offset:
         found["known offset"] = regulator.cost.offset
-    names = (*regulator.design.states, *_inputs(truth.r))
+    names = (*regulator.design.states, *input_names(truth.r))
     return _budget(regulator, found, unit * (joint * second).sum(axis=1), names)
-
-
-def _inputs(r: int) -> tuple[str, ...]:
-    return ("u",) if r == 1 else tuple(f"u{i + 1}" for i in range(r))
 
 
 def _budget(regulator: Regulator | ContinuousRegulator, found: dict[str, float], by_weight: Array, names: tuple[str, ...]) -> CostBudget:
@@ -122,42 +118,25 @@ def _by_source(regulator: Regulator) -> dict[str, Source]:
     given = regulator.sampling
     if given is None or (truth.N is not None and truth.N.any()):
         return sources(model, None)
-    parts = {name: _enlarged(part, truth.n) for name, part in noise_by_input(given.model, truth.dt).items()}
+    parts = {name: weighed(part, truth.n - len(part)) for name, part in noise_by_input(given.model, truth.dt).items()}
     return sources(model, parts)
-
-
-def _enlarged(M: Array, size: int) -> Array:
-    found = np.zeros((size, size))
-    found[: len(M), : len(M)] = M
-    return found
 
 
 def _continuous(regulator: ContinuousRegulator) -> CostBudget:
     """The budget of a continuous regulator: each independent group of the noises w and v."""
     loop, truth = regulator.closed, regulator.plant
-    q = regulator.design.n - truth.n
-    rows = rows_weighed(loop, q)
-    joint = regulator.weights.joint
-    if regulator.loads:
-        msg = "cost budget: expected a steady regulator without loads, received one with loads"
-        raise ValueError(msg)
-    Z = riccati.stationary(loop.model.F.T, rows.T @ joint @ rows, continuous=True).P.high
-    G, Q = loop.model.G, loop.model.Q
+    to, kept = about_loads(truth.n, loop.model.n - truth.n, regulator.loads, regulator.target, regulator.follows)
+    back = np.linalg.inv(to)[:, kept]
+    F, G, Q = to[kept] @ loop.model.F @ back, to[kept] @ loop.model.G, loop.model.Q
+    rows, joint = rows_weighed(loop, regulator.design.n - truth.n) @ back, regulator.weights.joint
+    Z = riccati.stationary(F.T, rows.T @ joint @ rows, continuous=True).P.high
     names = [f"noise w{i + 1}" for i in range(truth.s)] + [f"noise of {name}" for name in truth.measurements]
     found: dict[str, float] = {}
-    for group in _groups(Q):
+    for group in components(Q):
         part = np.zeros_like(Q)
         part[np.ix_(group, group)] = Q[np.ix_(group, group)]
         share = float((Z * (G @ part @ G.T)).sum())
         if share:
             found[" and ".join(names[i] for i in group)] = share
-    P = loop.steady().joint
-    size = loop.model.n
-    second = rows @ (P.P[:size, :size] + np.outer(P.mean[:size], P.mean[:size])) @ rows.T
-    return _budget(regulator, found, (joint * second).sum(axis=1), (*regulator.design.states, *_inputs(truth.r)))
-
-
-def _groups(Q: Array) -> list[list[int]]:
-    """Indices that correlate, directly or through others."""
-    count, label = scipy.sparse.csgraph.connected_components(Q != 0, directed=False)
-    return [np.flatnonzero(label == i).tolist() for i in range(count)]
+    second = rows @ riccati.stationary(F, symmetric(G @ Q @ G.T), continuous=True).P.high @ rows.T
+    return _budget(regulator, found, (joint * second).sum(axis=1), (*regulator.design.states, *input_names(truth.r)))

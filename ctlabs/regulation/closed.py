@@ -20,7 +20,7 @@ from ctlabs.linalg.correlated import regression
 from ctlabs.linalg.covariance import deviations, symmetric
 from ctlabs.linalg.units import balanced
 from ctlabs.models import at, observability
-from ctlabs.models.linear import DiscreteModel
+from ctlabs.models.linear import DiscreteModel, input_names
 from ctlabs.regulation.controller import Machine
 
 
@@ -93,12 +93,7 @@ class ClosedLoop:
             msg = f"steps: expected at most {self.model.horizon}, for which the loop is given, received {steps}"
             raise ValueError(msg)
         checks.finite_start("a closed loop", self.model.P0)
-        mean, P = np.empty((steps + 1, self.model.n)), np.empty((steps + 1, self.model.n, self.model.n))
-        mean[0], P[0] = self.model.x0, self.model.P0
-        with np.errstate(over="ignore", invalid="ignore"):
-            for k in range(steps):
-                X, c, W = self.model.motion(k)
-                mean[k + 1], P[k + 1] = X @ mean[k] + c, symmetric(X @ P[k] @ X.T + W)
+        mean, P = followed(self.model, steps)
         if not np.isfinite(P).all():
             k = int(np.argmin(np.isfinite(P).all(axis=(1, 2))))
             msg = f"closed loop: expected finite covariances, received an overflow at step {k} ({self._unstable() or 'it is unstable'})"
@@ -146,6 +141,22 @@ class ClosedLoop:
         both = Signals(np.einsum("...ij,...j->...i", C, mean) + f, symmetric(C @ P @ np.swapaxes(C, -1, -2)))
         whole = Signals(mean, P)
         return LoopCovariances(t, whole.part(0, n), whole.part(n, n + q), whole.part(n + q, None), both.part(n + q, None), both)
+
+
+def followed(model: DiscreteModel, steps: int) -> Signals:
+    """Mean and covariance of a model's state over time, without measurements; what overflows is not finite.
+
+    >>> walk = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[3], P0=[[2]])
+    >>> followed(walk, 2).P.ravel(), followed(walk, 2).mean.ravel()
+    (array([2., 3., 4.]), array([3., 3., 3.]))
+    """
+    mean, P = np.empty((steps + 1, model.n)), np.empty((steps + 1, model.n, model.n))
+    mean[0], P[0] = model.x0, model.P0
+    with np.errstate(over="ignore", invalid="ignore"):
+        for k in range(steps):
+            X, c, W = model.motion(k)
+            mean[k + 1], P[k + 1] = X @ mean[k] + c, symmetric(X @ P[k] @ X.T + W)
+    return Signals(mean, P)
 
 
 def unstable(A: Array, states: tuple[str, ...], *, continuous: bool) -> str:
@@ -207,28 +218,23 @@ def closed(truth: DiscreteModel, machine: Machine, set_point: Array | None = Non
     steps = _steps(truth, machine)
     start = np.zeros(len(machine.set_points)) if set_point is None else checks.shaped("set_point", set_point, (len(machine.set_points),))
     count = 1 if steps is None else steps
-    maps = [_map(truth, machine, k, k + 1 if steps is None or k + 1 < _last(machine, steps) else k, start) for k in range(count)]
+    last = None if steps is None else (steps if machine.steps is None else machine.steps) - 1
+    maps = [_map(truth, machine, k, k + 1 if last is None else min(k + 1, last), start) for k in range(count)]
     X, c, W = (np.array([each[i] for each in maps]) if steps is not None else maps[0][i] for i in range(3))
     x0, P0 = _start(truth, machine, start)
     outputs, rest = _outputs(truth, machine, steps, start)
     states = (*truth.states, *(f"{name} (controller)" for name in machine.states), *truth.measurements)
-    inputs = ("u",) if r == 1 else tuple(f"u{i + 1}" for i in range(r))
     model = DiscreteModel(
         X, W, outputs, np.zeros((m + r, m + r)), P0=P0, x0=x0, dt=truth.dt, offset=c, measurement_offset=rest, first=0, states=states,
-        measurements=(*truth.measurements, *inputs),
+        measurements=(*truth.measurements, *input_names(r)),
     )  # fmt: skip
     poles = np.sort_complex(np.linalg.eigvals(inner_loop(truth, machine))) if steps is None else np.zeros(0, dtype=complex)
     return ClosedLoop(model, truth, machine, poles)
 
 
-def _last(machine: Machine, steps: int) -> int:
-    return steps if machine.steps is None else machine.steps
-
-
 def _steps(truth: DiscreteModel, machine: Machine) -> int | None:
     """How many steps the loop is given for."""
-    given = [n for n in (truth.horizon, None if machine.steps is None else machine.steps) if n is not None]
-    return min(given) if given else None
+    return min((n for n in (truth.horizon, machine.steps) if n is not None), default=None)
 
 
 def _map(truth: DiscreteModel, machine: Machine, k: int, after: int, r: Array) -> tuple[Array, Array, Array]:

@@ -32,7 +32,7 @@ from ctlabs.regulation.augmented import integrating
 from ctlabs.regulation.closed import LoopCovariances, Signals, unstable
 from ctlabs.regulation.controller import ContinuousMachine
 from ctlabs.regulation.costs import LoopCost, trace
-from ctlabs.regulation.design import with_integral_weights
+from ctlabs.regulation.design import about_loads, with_integral_weights
 from ctlabs.regulation.feedback import Feedback, lqr
 from ctlabs.regulation.loads import forward, loaded
 
@@ -144,7 +144,8 @@ class ContinuousRegulator:
 
     ``plant``, ``design``, the same with the integrals that the controller keeps · ``weights`` · ``L`` (r, n+q) · ``K`` (n, m), the
     filter's gain; of a reduced filter that on what its innovations are · ``P`` (n, n), covariance of the error of x̂ · ``feedback`` ·
-    ``machine`` · ``poles`` · ``cost``, per second
+    ``machine`` · ``closed``, the loop with ``plant`` · ``poles`` · ``cost``, per second · ``loads``, ``target``, the motion that they ask
+    for, and ``follows``, what of x the state of the controller estimates
     """
 
     plant: ContinuousModel
@@ -154,9 +155,12 @@ class ContinuousRegulator:
     K: Array
     P: Array
     machine: ContinuousMachine
+    closed: ContinuousLoop
     filter_poles: Array
     cost: LoopCost
-    loads: tuple[int, ...] = ()
+    loads: tuple[int, ...]
+    target: targets.Target | None
+    follows: Array
 
     @property
     def L(self) -> Array:
@@ -167,11 +171,6 @@ class ContinuousRegulator:
     def poles(self) -> Array:
         """Of the closed loop: those of the feedback and those of the filter, 1/s, ascending."""
         return np.sort_complex(np.concatenate([self.feedback.poles, self.filter_poles]))
-
-    @cached_property
-    def closed(self) -> ContinuousLoop:
-        """The loop with the plant that it was designed for."""
-        return closed_continuous(self.plant, self.machine)
 
     def loop(self, truth: ContinuousModel | None = None, set_point: ArrayLike | None = None) -> ContinuousLoop:
         """The loop with another truth, or about a set point (p,)."""
@@ -194,13 +193,19 @@ class ContinuousRegulator:
 
 
 class _Estimator(NamedTuple):
-    """K on innovations of strength R_nu, P, poles; x̂ = Cξ + Dz with ξ̇ = Aξ + B_z z + T(Bu) or None for x̂ = ξ."""
+    """K on innovations of strength R_nu, P, poles; x̂ = Cξ + Dz with ξ̇ = Aξ + B_z z + T(Bu) and ξ an estimate of Tx, or None for x̂ = ξ."""
 
     K: Array
     R_nu: Array
     P: Array
     poles: Array
     realisation: reduced.Realisation | None
+
+    def follows(self, model: ContinuousModel) -> Array:
+        """T: what of x ξ estimates, from CT + DH = I."""
+        if self.realisation is None:
+            return np.eye(model.n)
+        return np.asarray(np.linalg.lstsq(self.realisation.C, np.eye(model.n) - self.realisation.D @ model.H, rcond=None)[0])
 
 
 def _estimator(model: ContinuousModel) -> _Estimator:
@@ -242,14 +247,7 @@ def continuous_regulator(
         what = "horizon" if cost.horizon is not None else "discount"
         msg = f"{what}: expected none of a continuous regulator (give dt, or ask lqr), received one"
         raise ValueError(msg)
-    integral = integral or {}
-    chosen = targets.places("integral", list(integral), model.measurements)
-    places = targets.places("loads", loads, model.states)
-    C, names = targets.tracked(model, track, chosen, bool(places))
-    if chosen and places:
-        msg = "integral: expected none beside loads (each keeps the outputs free of a load; choose one), received both"
-        raise ValueError(msg)
-    own = np.array([checks.positive(f"integral[{name!r}]", weight) for name, weight in integral.items()])
+    chosen, places, C, names, own = targets.asked(model, integral or {}, loads, track)
     weights = with_integral_weights(cost.weights(model), own)
     e = _estimator(model)
     if chosen and e.realisation is not None:
@@ -268,10 +266,11 @@ def continuous_regulator(
     estimation = trace(feedback.weight, feedback.L, P, feedback.L.T)
     innovations = trace(weights.Qx, P) + trace(feedback.S, K, e.R_nu, K.T)
     loop = closed_continuous(model, machine)
-    whole = _about(loop, weights, places, goal) if goal is not None else _cost_of(loop, weights, len(chosen))
+    follows = e.follows(model)
+    whole = _about(loop, weights, places, goal, follows) if goal is not None else _cost_of(loop, weights, len(chosen))
     between = cost.constant
     found = LoopCost(regulation, estimation, 0.0, between, whole + between, innovations + between, "s")
-    return ContinuousRegulator(model, design, weights, feedback, e.K, e.P, machine, e.poles, found, tuple(places))
+    return ContinuousRegulator(model, design, weights, feedback, e.K, e.P, machine, loop, e.poles, found, tuple(places), goal, follows)
 
 
 def _machine(
@@ -291,7 +290,7 @@ def _machine(
     F = forward(model, f, C, places)[0] if p else np.zeros((r, 0))
     if e.realisation is not None:
         A, B, C_x, D_x = e.realisation
-        T = np.linalg.lstsq(C_x, np.eye(model.n) - D_x @ model.H, rcond=None)[0]
+        T = e.follows(model)
         TB, LC, LD = T @ design.B, f.L @ C_x, f.L @ D_x
         start = T @ model.x0
         kept = tuple(f"xi{i + 1}" for i in range(len(A)))
@@ -319,20 +318,10 @@ def _cost_of(loop: ContinuousLoop, weights: Weights, q: int) -> float:
     return float((weights.joint * (rows @ (P + np.outer(mean, mean)) @ rows.T)).sum())
 
 
-def _about(loop: ContinuousLoop, weights: Weights, places: list[int], goal: targets.Target) -> float:
-    """The cost of what differs from the motions that loads ask for: in (x − Xd, ξ − its value for x) nothing of d is left."""
-    n, size = loop.truth.n, loop.model.n
-    rest = [i for i in range(n) if i not in places]
-    to = np.eye(size)
-    to[np.ix_(rest, places)] = -goal.X
-    seen = np.vstack([np.eye(n, size), loop.U])
-    # ξ follows x as T x; for the full filter T = I. What u and x leave of d is zero.
-    T = np.eye(size - n, n) if size - n == n else np.linalg.lstsq(loop.machine.C, -np.zeros((len(loop.U), n)), rcond=None)[0]
-    to[n:, :n] = -T
-    back = np.linalg.inv(to)
-    kept = [i for i in range(size) if i not in places]
-    F = (to @ loop.model.F @ back)[np.ix_(kept, kept)]
-    W = symmetric(to @ loop.model.G @ loop.model.Q @ loop.model.G.T @ to.T)[np.ix_(kept, kept)]
-    P = riccati.stationary(F, W, continuous=True).P.high
-    rows = (seen @ back)[:, kept]
+def _about(loop: ContinuousLoop, weights: Weights, places: list[int], goal: targets.Target, follows: Array) -> float:
+    """The cost of what differs from the motions that loads ask for, which alone comes to rest."""
+    to, kept = about_loads(loop.truth.n, loop.model.n - loop.truth.n, places, goal, follows)
+    back = np.linalg.inv(to)[:, kept]
+    pushed, rows = to[kept] @ loop.model.G, rows_weighed(loop, 0) @ back
+    P = riccati.stationary(to[kept] @ loop.model.F @ back, symmetric(pushed @ loop.model.Q @ pushed.T), continuous=True).P.high
     return float((weights.joint * (rows @ P @ rows.T)).sum())

@@ -8,7 +8,6 @@ missing is replaced by what is expected of it, :math:`\hat z = \hat H\xi + \hat 
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -135,13 +134,11 @@ class Controller:
     def load(cls, path: str | Path) -> Controller:
         """The controller that was saved."""
 
-        def restore(header: dict[str, object], arrays: dict[str, Array]) -> Controller:
-            labels = json.loads(json.dumps(header["controller"]))
-            names: dict[str, Any] = {name: tuple(labels[name]) for name in ("states", "measurements", "set_points")}
-            values: dict[str, Any] = {name: arrays[name] for name in (*AXES, "xi0")}
-            machine = Machine(**values, dt=float.fromhex(str(header["dt"])), **names)
-            found = cls(machine)
-            found.k, found.xi = int(str(header["k"])), np.array(arrays["xi"])
+        def restore(header: dict[str, Any], arrays: dict[str, Array]) -> Controller:
+            names: dict[str, Any] = {name: tuple(labels) for name, labels in header["controller"].items()}
+            matrices: dict[str, Any] = {name: arrays[name] for name in (*AXES, "xi0")}
+            found = cls(Machine(**matrices, dt=float.fromhex(header["dt"]), **names))
+            found.k, found.xi = header["k"], np.array(arrays["xi"])
             return found
 
         return files.read(Path(path), restore)

@@ -13,7 +13,6 @@ import numpy as np
 
 from ctlabs.linalg.checks import Array
 from ctlabs.models import at
-from ctlabs.models.cost import Weights
 from ctlabs.models.linear import DiscreteModel
 from ctlabs.regulation.closed import Signals
 from ctlabs.regulation.estimator import Estimator
@@ -152,7 +151,3 @@ def weighed_square(weights: Array, signals: Signals) -> float:
     """E[yᵀQy]."""
     return float((weights * (signals.P + np.outer(signals.mean, signals.mean))).sum())
 
-
-def joint_weight(weights: Weights, k: int) -> Array:
-    """[[Qx, N], [Nᵀ, Qu]] of one instant."""
-    return at(weights.joint, k, 2)

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike
 from ctlabs.linalg import checks, riccati
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import symmetric
+from ctlabs.models import at
 from ctlabs.models.cost import Cost, Weights
 from ctlabs.models.interop import state_space
 from ctlabs.models.linear import ContinuousModel, DiscreteModel
@@ -30,7 +31,7 @@ from ctlabs.regulation.controller import Controller, Machine
 from ctlabs.regulation.costs import LoopCost
 from ctlabs.regulation.estimator import Estimator
 from ctlabs.regulation.feedback import Feedback
-from ctlabs.regulation.sampling import sample
+from ctlabs.regulation.sampling import SampledProblem, sample
 from ctlabs.regulation.targets import Target
 
 if TYPE_CHECKING:
@@ -49,6 +50,10 @@ class Sampling(NamedTuple):
     average: bool
     delay: float
 
+    def sampled(self, model: ContinuousModel, cost: Cost) -> SampledProblem:
+        """Another model and cost, sampled in the same way."""
+        return sample(model, cost, self.dt, R=self.R, average=self.average, delay=self.delay)
+
 
 @dataclass(eq=False)
 class Regulator:
@@ -58,8 +63,8 @@ class Regulator:
     that the controller keeps · ``weights`` of (x, q), u, about the target where there is one · ``kind``, ``"current"`` (the input answers
     the measurement of its own instant) or ``"delayed"`` (that before) · ``L`` (r, n+q) or (steps, r, n+q), on the estimate and the
     integrals · ``L_w``, on the estimated disturbance · ``K`` (n, m) or (steps+1, n, m), the filter's gain · ``feedback``,
-    ``estimator``, the two halves · ``machine``, the controller's matrices · ``poles`` of the closed loop · ``sampling``, of a
-    continuous plant
+    ``estimator``, the two halves · ``machine``, the controller's matrices · ``closed``, the loop with ``plant`` · ``poles`` of that loop ·
+    ``sampling``, of a continuous plant
     """
 
     plant: DiscreteModel
@@ -69,6 +74,7 @@ class Regulator:
     estimator: Estimator
     kind: str
     machine: Machine
+    closed: ClosedLoop
     cost: LoopCost
     between: float
     loads: tuple[int, ...] = ()
@@ -100,10 +106,10 @@ class Regulator:
         """Of the closed loop: those of the feedback and those of the filter, ascending; empty over a finite horizon."""
         return np.sort_complex(np.concatenate([self.feedback.poles, self.estimator.poles]))
 
-    @cached_property
-    def closed(self) -> ClosedLoop:
-        """The loop with the plant that it was designed for."""
-        return closed(self.plant, self.machine)
+    @property
+    def unit(self) -> float:
+        """What a cost per step is multiplied by to be in the unit of ``cost``: 1/dt of a sampled plant, whose cost is per second."""
+        return 1.0 if self.sampling is None or self.steps is not None else 1 / self.plant.dt
 
     def loop(self, truth: ContinuousModel | DiscreteModel | None = None, set_point: ArrayLike | None = None) -> ClosedLoop:
         """The loop with another truth (of the same measurements and inputs), or about a set point.
@@ -127,19 +133,18 @@ class Regulator:
         """
         model, weights, between = self.at_samples(truth)
         loop = closed(model, self.machine)
-        unit = 1.0 if self.sampling is None or self.steps is not None else 1 / self.sampling.dt
-        return unit * loop_cost(loop, weights, self.design.n - self.plant.n, self.steps, between)
+        return self.unit * loop_cost(loop, weights, self.design.n - self.plant.n, self.steps, between)
 
     def at_samples(self, truth: ContinuousModel | DiscreteModel | None) -> tuple[DiscreteModel, Weights, float]:
         """A truth at the samples, with the weights there and what noise adds between them."""
-        model = self._sampled(truth)
-        if truth is None or self.sampling is None or isinstance(truth, DiscreteModel):
+        given = self.sampling
+        if given is None or not isinstance(truth, ContinuousModel):
+            model = self._sampled(truth)
             if model.n != self.plant.n:
                 msg = f"truth: expected {self.plant.n} states, which the cost weighs, received {model.n}"
                 raise ValueError(msg)
             return model, self.weights, self.between
-        s = self.sampling
-        _, cost = sample(truth, s.cost, s.dt, R=s.R, average=s.average, delay=s.delay)
+        model, cost = given.sampled(truth, given.cost)
         q = self.design.n - self.plant.n
         of_q = np.diag(self.weights.Qx)[self.plant.n :] if self.weights.Qx.ndim == 2 else np.zeros(q)
         return model, with_integral_weights(cost.weights(model), of_q), cost.constant
@@ -154,8 +159,8 @@ class Regulator:
         if self.sampling is None:
             msg = "truth: expected a discrete model as the design's, received a continuous one"
             raise ValueError(msg)
-        s, free = self.sampling, Cost(np.zeros((truth.n, truth.n)), np.zeros((truth.r, truth.r)))
-        return sample(truth, free, s.dt, R=s.R, average=s.average, delay=s.delay).model
+        assert isinstance(truth, ContinuousModel)
+        return self.sampling.sampled(truth, Cost(np.zeros((truth.n, truth.n)), np.zeros((truth.r, truth.r)))).model
 
     @cached_property
     def _controller(self) -> Controller:
@@ -209,9 +214,9 @@ def loop_cost(
             joint = joint._replace(mean=joint.mean - pick.T @ about)
         return costs.weighed_square(pick.T @ weights.joint @ pick, joint) + between
     found = loop.covariances(steps)
-    joint, total = found.joint, between * steps
+    joint, total, weight = found.joint, between * steps, weights.joint
     for k in range(steps):
-        own = pick.T @ costs.joint_weight(weights, k) @ pick
+        own = pick.T @ at(weight, k, 2) @ pick
         total += costs.weighed_square(own, Signals(joint.mean[k], joint.P[k]))
     last = np.zeros((n + q + r,) * 2)
     last[: n + q, : n + q] = weights.Qf
@@ -233,14 +238,19 @@ def with_integral_weights(weights: Weights, own: Array) -> Weights:
     return Weights(weighed(weights.Qx, q, own), weights.Qu, N, weighed(weights.Qf, q))
 
 
-def about_loads(n: int, size: int, places: Sequence[int], target: Target | None) -> tuple[Array, list[int]]:
-    """(x − Xd, d, ξ − x) of (x, ξ), and which of them come to rest: all but the loads d. Without loads (x, ξ) itself."""
+def about_loads(
+    n: int, size: int, places: Sequence[int], target: Target | None, follows: Array | None = None
+) -> tuple[Array, list[int]]:
+    """(x − Xd, d, ξ − Tx) of (x, ξ), and which of them come to rest: all but the loads d. Without loads (x, ξ) itself.
+
+    ``follows``, T (size, n): what of x ξ estimates; all of it by default
+    """
     to = np.eye(n + size)
     if target is None:
         return to, list(range(n + size))
     rest = [i for i in range(n) if i not in places]
     to[np.ix_(rest, list(places))] = -target.X
-    to[n:, :n] = -np.eye(size, n)
+    to[n:, :n] = -np.eye(size, n) if follows is None else -follows
     return to, [i for i in range(n + size) if i not in places]
 
 

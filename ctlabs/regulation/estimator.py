@@ -20,7 +20,7 @@ class Estimator(NamedTuple):
 
     ``K`` (n, m), :math:`\hat x^+ = \hat x^- + K\nu` · ``K_w`` (n, m), :math:`\hat w = K_w\nu`, what the measurement tells of the
     disturbance of the same instant · ``P_minus``, ``P_plus`` (n, n) · ``S`` (m, m), covariance of ν · ``poles`` · ``error``, a bound of
-    that of P
+    that of P (NaN where the reduced filter was needed, whose bound is that of its own states)
     """
 
     K: Array
@@ -52,7 +52,7 @@ def steady_estimator(model: DiscreteModel) -> Estimator:
             raise
         return _reduced(model)
     S = np.where(np.isfinite(limit.S), limit.S, 0.0)
-    return Estimator(limit.K, _disturbance(model, S), limit.P_minus, limit.P_plus, S, limit.poles, limit.error)
+    return Estimator(limit.K, disturbance(model, S), limit.P_minus, limit.P_plus, S, limit.poles, limit.error)
 
 
 def _reduced(model: DiscreteModel) -> Estimator:
@@ -65,7 +65,7 @@ def _reduced(model: DiscreteModel) -> Estimator:
     before = symmetric(Phi @ P @ Phi.T + Qd)
     S = symmetric(model.H @ before @ model.H.T + model.R)
     poles = np.sort_complex(np.concatenate([found.poles, np.zeros(model.n - len(found.poles))]))
-    return Estimator(found.K, _disturbance(model, S), before, P, S, poles, np.nan)
+    return Estimator(found.K, disturbance(model, S), before, P, S, poles, np.nan)
 
 
 def scheduled_estimator(model: DiscreteModel, steps: int, first: int) -> Estimator:
@@ -76,12 +76,12 @@ def scheduled_estimator(model: DiscreteModel, steps: int, first: int) -> Estimat
     """
     plan = covariances(model, steps, first=first)
     S = np.where(np.isfinite(plan.S), plan.S, 0.0)
-    K_w = np.array([_disturbance(model, each) for each in S])
+    K_w = np.array([disturbance(model, each) for each in S])
     return Estimator(plan.K, K_w, plan.P_minus, plan.P_plus, S, np.zeros(0, dtype=complex), 0.0)
 
 
-def _disturbance(model: DiscreteModel, S: Array) -> Array:
-    """K_w = NS⁺."""
+def disturbance(model: DiscreteModel, S: Array) -> Array:
+    """K_w = NS⁺ (n, m), what an innovation of covariance S tells of the disturbance of its instant; elements without one tell nothing."""
     if model.N is None:
         return np.zeros((model.n, model.m))
     used = np.diag(S) > 0

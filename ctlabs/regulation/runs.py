@@ -24,7 +24,7 @@ from ctlabs.linalg.covariance import symmetric
 from ctlabs.models import at
 from ctlabs.models.linear import ContinuousModel, DiscreteModel
 from ctlabs.montecarlo.runner import monte_carlo
-from ctlabs.regulation.closed import ClosedLoop, Signals
+from ctlabs.regulation.closed import ClosedLoop, Signals, followed
 from ctlabs.regulation.design import Regulator, picked
 
 if TYPE_CHECKING:
@@ -49,8 +49,11 @@ class LoopEnsemble:
 
     @property
     def score(self) -> float:
-        """How far the cost is from what is expected, in its standard deviations."""
-        return (self.cost - self.cost_expected) / self.cost_sd if self.cost_sd else 0.0
+        """How far the cost is from what is expected, in its standard deviations; without noise 0, or infinite if it is another."""
+        off = self.cost - self.cost_expected
+        if self.cost_sd:
+            return off / self.cost_sd
+        return 0.0 if abs(off) <= 1e-12 * abs(self.cost_expected) else float(np.copysign(np.inf, off))
 
     @property
     def rms(self) -> Array:
@@ -95,12 +98,13 @@ def ensemble(
         msg = "steps: expected how many (the regulator works for ever), received none"
         raise ValueError(msg)
     count = checks.count("steps", regulator.steps if steps is None else steps)
-    model, weights, between = regulator.at_samples(truth)
+    _, weights, between = regulator.at_samples(truth)
     loop = regulator.loop(truth)
     q = regulator.design.n - regulator.plant.n
     whole = _with_input(loop, count)
     y = _weighed(loop, q)
-    theory = _theory(whole, y, count)
+    state = followed(whole, count)
+    theory = Signals(state.mean @ y.T, symmetric(y @ state.P @ y.T))
     nothing, claims = _nothing(whole, theory), _claims(whole, theory)
     found = monte_carlo(whole, nothing, steps=count, runs=runs, seed=seed, compare=y, gains=claims, **options)
     horizon = regulator.steps is not None
@@ -109,11 +113,10 @@ def ensemble(
     if horizon:
         last[: len(weights.Qf), : len(weights.Qf)] = weights.Qf
     every = [*(weight[min(k, len(weight) - 1)] for k in range(count)), last]
-    unit = 1.0 if regulator.sampling is None else 1 / model.dt
-    scale, added = (1.0, between * count) if horizon else (unit / count, between * unit)
+    scale, added = (1.0, between * count) if horizon else (regulator.unit / count, between * regulator.unit)
     square = theory.P + theory.mean[:, :, None] * theory.mean[:, None, :]
     measured, expected = (float((np.array(every) * of).sum()) for of in (_second(found, theory), square))
-    sd = np.sqrt(_variance(whole, y, every) / runs)
+    sd = np.sqrt(_variance(whole, state, y, every) / runs)
     names = (*regulator.design.states, *loop.model.measurements[loop.truth.m :])
     return LoopEnsemble(found, theory, names, scale * measured + added, float(scale * sd), scale * expected + added)
 
@@ -158,18 +161,6 @@ def _weighed(loop: ClosedLoop, q: int) -> Array:
     return found
 
 
-def _theory(model: DiscreteModel, y: Array, steps: int) -> Signals:
-    """Mean and covariance of y over time."""
-    mean, P = model.x0, model.P0
-    means, covariances = [y @ mean], [symmetric(y @ P @ y.T)]
-    for k in range(steps):
-        X, c, W = model.motion(k)
-        mean, P = X @ mean + c, symmetric(X @ P @ X.T + W)
-        means.append(y @ mean)
-        covariances.append(symmetric(y @ P @ y.T))
-    return Signals(np.array(means), np.array(covariances))
-
-
 def _nothing(model: DiscreteModel, theory: Signals) -> DiscreteModel:
     """A "filter" that estimates the mean, whatever happens."""
     d = theory.mean.shape[1]
@@ -187,16 +178,11 @@ def _claims(model: DiscreteModel, theory: Signals) -> Covariances:
     return Covariances(np.arange(steps + 1) * model.dt, theory.P, theory.P, np.zeros((steps + 1, d, 1)), S, used)
 
 
-def _variance(model: DiscreteModel, y: Array, weights: list[Array]) -> float:
+def _variance(model: DiscreteModel, state: Signals, y: Array, weights: list[Array]) -> float:
     """The variance of one run's cost, Σ y_kᵀW_ky_k over the instants."""
-    means, covariances = [model.x0], [model.P0]
-    for k in range(len(weights) - 1):
-        X, c, W = model.motion(k)
-        means.append(X @ means[-1] + c)
-        covariances.append(symmetric(X @ covariances[-1] @ X.T + W))
     Z, a, total = np.zeros_like(model.P0), np.zeros(model.n), 0.0
     for k in range(len(weights) - 1, -1, -1):
-        P, m, W = covariances[k], means[k], y.T @ weights[k] @ y
+        P, m, W = state.P[k], state.mean[k], y.T @ weights[k] @ y
         if k < len(weights) - 1:
             X = model.motion(k)[0]
             Z, a = symmetric(X.T @ Z @ X), X.T @ a

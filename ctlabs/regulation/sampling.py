@@ -27,6 +27,7 @@ from ctlabs.linalg.exponential import interval
 from ctlabs.models.cost import Cost, Weights
 from ctlabs.models.discretisation import discretise
 from ctlabs.models.linear import ContinuousModel, DiscreteModel
+from ctlabs.regulation.augmented import weighed
 
 #: A part of a period below this fraction of it is the rounding of the delay.
 INSTANT = 1e-12
@@ -200,20 +201,14 @@ def _delayed(
         "B": grown[:, size:],
         "D": None,
         "H": H,
-        "Qd": _enlarged(plain.Qd, size),
+        "Qd": weighed(plain.Qd, size - n),
         "N": None if plain.N is None else np.vstack([plain.N, np.zeros((size - n, model.m))]),
         "x0": np.concatenate([model.x0, np.zeros(size - n)]),
-        "P0": _enlarged(model.P0, size),
+        "P0": weighed(model.P0, size - n),
         "states": model.states + tuple(f"input {i + 1}, {j} before" for j in range(1, past + 1) for i in range(r)),
         "units": model.units + ("",) * (size - n),
     }
     Qx, N, Qu = _split(symmetric(total), size)
-    Qf = None if steps is None else _enlarged(weights.Qf, size)
+    Qf = None if steps is None else weighed(weights.Qf, size - n)
     return SampledProblem(replace(plain, **wide), Cost(Qx, Qu, N, Qf, steps, constant=constant))
 
-
-def _enlarged(M: Array, size: int) -> Array:
-    """M with zeros for further states."""
-    found = np.zeros((size, size))
-    found[: len(M), : len(M)] = M
-    return found

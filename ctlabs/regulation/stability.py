@@ -14,7 +14,7 @@ import numpy as np
 
 from ctlabs.linalg.checks import Array
 from ctlabs.models.interop import state_space
-from ctlabs.models.linear import ContinuousModel, DiscreteModel
+from ctlabs.models.linear import ContinuousModel, DiscreteModel, input_names
 from ctlabs.regulation.closed import unstable
 from ctlabs.regulation.continuous import ContinuousRegulator
 from ctlabs.regulation.design import Regulator
@@ -23,10 +23,10 @@ from ctlabs.regulation.design import Regulator
 class Margin(NamedTuple):
     r"""The margins of one loop.
 
-    ``gain`` (low, high), factors of the loop's gain between which it stays stable (0 and inf: none) · ``phase``, rad, and ``delay``, s,
-    that it bears · ``modulus``, the least distance of its frequency response from −1, 1/‖S‖∞ · ``disk``, α of the balanced disk:
-    gain and phase may vary together by :math:`(1+\alpha\delta/2)/(1-\alpha\delta/2), |\delta| \le 1` · ``crossover``, rad/s, where the
-    phase margin is (nan: nowhere)
+    ``gain`` (low, high), factors of the loop's gain between which it stays stable (0 and inf: none within a million times) ·
+    ``phase``, rad, and ``delay``, s, that it bears · ``modulus``, the least distance of its frequency response from −1, 1/‖S‖∞ ·
+    ``disk``, α of the balanced disk: gain and phase may vary together by
+    :math:`(1+\alpha\delta/2)/(1-\alpha\delta/2), |\delta| \le 1` · ``crossover``, rad/s, where the phase margin is (nan: nowhere)
     """
 
     gain: tuple[float, float]
@@ -77,10 +77,14 @@ def margins(regulator: Regulator | ContinuousRegulator, truth: ContinuousModel |
     >>> [round(value, 3) for value in found.gain]
     [0.0, 3.28]
     """
-    loop = regulator.loop(truth)  # type: ignore[arg-type]  # each kind takes a truth of its own
+    if isinstance(regulator, Regulator) and regulator.steps is not None:
+        msg = "margins are those of constant gains, and these are scheduled over a horizon"
+        raise ValueError(msg)
+    loop = regulator.closed if truth is None else regulator.loop(truth)  # type: ignore[arg-type]  # each kind takes a truth of its own
     M, r = loop.machine, loop.truth.r
-    names = ("u",) if r == 1 else tuple(f"u{i + 1}" for i in range(r))
-    rest = [i for i in range(loop.truth.n) if truth is not None or i not in regulator.loads]  # a load stays as it is, whatever u does
+    names = input_names(r)
+    loads = {regulator.plant.states[i] for i in regulator.loads}  # a load stays as it is, whatever u does
+    rest = [i for i, name in enumerate(loop.truth.states) if name not in loads]
     whole = _open(loop.truth, rest, M.A, M.B, -M.C, -M.D)
     closed = whole.closed(1.0)
     states = (*(loop.truth.states[i] for i in rest), *(f"{name} (controller)" for name in M.states))

@@ -21,7 +21,7 @@ from ctlabs.regulation.continuous import ContinuousRegulator, continuous_regulat
 from ctlabs.regulation.controller import Machine
 from ctlabs.regulation.costs import LoopCost
 from ctlabs.regulation.design import KINDS, Regulator, Sampling, loop_cost, steady_cost_about, with_integral_weights
-from ctlabs.regulation.estimator import Estimator, scheduled_estimator, steady_estimator
+from ctlabs.regulation.estimator import Estimator, disturbance, scheduled_estimator, steady_estimator
 from ctlabs.regulation.feedback import Feedback, lqr, whole_steps
 from ctlabs.regulation.loads import at_rest, forward, loaded
 from ctlabs.regulation.sampling import sample
@@ -154,18 +154,12 @@ def _designed(
     """The regulator of a discrete plant."""
     steps = whole_steps(cost)
     first = begins(plant, first)
-    chosen = targets.places("integral", list(integral), plant.measurements)
-    places = targets.places("loads", loads, plant.states)
-    C, names = targets.tracked(plant, track, chosen, bool(places))
+    unit = plant.dt if sampling is not None else 1.0
+    chosen, places, C, names, own = targets.asked(plant, integral, loads, track)
     if steps is not None and (chosen or places or len(C)):
         msg = "horizon: expected none beside integral, loads or track (they are of a regulator that works for ever), received one"
         raise ValueError(msg)
-    if chosen and places:
-        msg = "integral: expected none beside loads (each keeps the outputs free of a load; choose one), received both"
-        raise ValueError(msg)
-    unit = plant.dt if sampling is not None else 1.0
-    own = np.array([unit * checks.positive(f"integral[{name!r}]", weight) for name, weight in integral.items()])
-    weights = with_integral_weights(cost.weights(plant), own)
+    weights = with_integral_weights(cost.weights(plant), unit * own)
     design = with_integrals(plant, chosen)
     estimator = steady_estimator(plant) if steps is None else scheduled_estimator(plant, steps, first)
     known = _with_known(estimator, design, plant)
@@ -191,7 +185,7 @@ def _designed(
     if sampling is not None and steps is None:
         found = found.scaled(1 / plant.dt, "s")
     return Regulator(
-        plant, design, weights, feedback, estimator, kind, machine, found, between, tuple(places), target, sampling
+        plant, design, weights, feedback, estimator, kind, machine, loop, found, between, tuple(places), target, sampling
     )  # fmt: skip
 
 
@@ -200,15 +194,8 @@ def _with_known(e: Estimator, design: DiscreteModel, plant: DiscreteModel) -> Es
     q = design.n - plant.n
     if not q:
         return e
-    more = np.zeros((q, plant.m))
-    assert design.N is not None
-    S = e.S
-    used = np.diag(S) > 0
-    told = np.zeros((q, plant.m))
-    told[:, used] = np.linalg.solve(S[np.ix_(used, used)], design.N[plant.n :][:, used].T).T
-    return e._replace(
-        K=np.vstack([e.K, more]), K_w=np.vstack([e.K_w, told]), P_minus=weighed(e.P_minus, q), P_plus=weighed(e.P_plus, q)
-    )  # fmt: skip
+    K = np.vstack([e.K, np.zeros((q, plant.m))])
+    return e._replace(K=K, K_w=disturbance(design, e.S), P_minus=weighed(e.P_minus, q), P_plus=weighed(e.P_plus, q))
 
 
 def _machine(

@@ -118,3 +118,40 @@ def tracked(
         msg = f"track: expected at most {model.r} outputs, as many as inputs, received {len(names)}"
         raise ValueError(msg)
     return np.array(rows).reshape(len(names), model.n), tuple(names)
+
+
+class Asked(NamedTuple):
+    """What is asked of a regulator beside its cost.
+
+    ``integrals``, indices of measurements · ``loads``, of states · ``C`` (p, n) and ``names``, the tracked outputs · ``weights`` of the
+    integrals, per unit of time
+    """
+
+    integrals: list[int]
+    loads: list[int]
+    C: Array
+    names: tuple[str, ...]
+    weights: Array
+
+
+def asked(
+    model: ContinuousModel | DiscreteModel,
+    integral: Mapping[str, float],
+    loads: Sequence[str],
+    track: Sequence[str] | Mapping[str, ArrayLike],
+) -> Asked:
+    """The options of :func:`ctlabs.regulation.regulator`, by index.
+
+    Raises
+    ------
+    ValueError
+        Names that the model does not have; more outputs than inputs; integrals beside loads; weights that are not positive.
+    """
+    chosen = places("integral", list(integral), model.measurements)
+    held = places("loads", loads, model.states)
+    C, names = tracked(model, track, chosen, bool(held))
+    if chosen and held:
+        msg = "integral: expected none beside loads (each keeps the outputs free of a load; choose one), received both"
+        raise ValueError(msg)
+    own = np.array([checks.positive(f"integral[{name!r}]", weight) for name, weight in integral.items()])
+    return Asked(chosen, held, C, names, own)

@@ -84,16 +84,11 @@ def _budget(report: Report, found: Regulated) -> None:
     rows = [[name, float(value), float(value) / total] for name, value in budget.table()]
     heads = [_("source"), _each(found), _("share")]
     report.table("budget", heads, rows, _("Where the cost comes from: by source of noise."))
-    named = dict(zip(found.plain_inputs, found.inputs, strict=True))
-    weighed = [[named.get(name, name), value, value / total] for name, value in budget.weights.items()]
-    rest = budget.total - budget.between - sum(budget.weights.values())
-    if abs(rest) > SOLVER * total:
-        weighed.append([_("cross terms"), rest, rest / total])
-    if budget.between:
-        weighed.append([_("between the samples"), budget.between, budget.between / total])
-    report.table("weights", [_("weighed"), *heads[1:]], weighed, _("The same cost by what is weighed, at the samples."))
+    report.table("weights", [_("weighed"), *heads[1:]], found.weighed(), _("The same cost by what is weighed, at the samples."))
     whole = sum(budget.sources.values()) + budget.between
     report.check(_("cost budget adds up"), whole, budget.total, (_("sum over the sources"), _("separation")), SOLVER, scale=total)
+    weighed = sum(budget.weights.values()) + budget.between
+    report.check(_("weights add up"), weighed, budget.total, (_("sum over the weights"), _("separation")), SOLVER, scale=total)
     bars = {str(name): float(value) for name, value in budget.table()[:-1]}
     report.figure("budget", loops.shares(bars, _each(found)), _("The cost by source of noise."))
 

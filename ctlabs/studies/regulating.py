@@ -29,7 +29,7 @@ from ctlabs.text import _, fill
 if TYPE_CHECKING:
     from ctlabs.files.modelfile import ModelFile
 
-__all__ = ["Designed", "Regulated", "borne", "changed", "compute", "designed", "replayed"]
+__all__ = ["Designed", "Regulated", "changed", "compute", "designed", "replayed"]
 
 #: By what the inputs' weight is multiplied in the curve of trade-offs, and the period in that of periods.
 FACTORS = tuple(np.geomspace(0.01, 100, 21).tolist())
@@ -83,6 +83,14 @@ class Regulated:
         """Names of the inputs in the library's results."""
         return self.loop.model.measurements[self.truth.m :]
 
+    def weighed(self) -> list[list[str | float]]:
+        """Rows (what is weighed, cost, share) of a loop with a budget, under the file's names; last what noise adds between the samples."""
+        told, named = self.budget.value, dict(zip(self.plain_inputs, self.inputs, strict=True))
+        parts = {named.get(name, name): value for name, value in told.weights.items()}
+        if told.between:
+            parts[_("between the samples")] = told.between
+        return [[name, value, value / (told.total or 1.0)] for name, value in parts.items()]
+
     @property
     def per(self) -> str:
         """To what a cost refers: "s", "step", or "horizon"."""
@@ -128,7 +136,7 @@ def compute(
     model : the truth, with [cost] · design : what is believed instead; its own [cost] where it has one
     runs, steps, seed : of the ensemble, and for how long the loop is followed; the model file's where not given
     workers, progress : as for :func:`ctlabs.monte_carlo`
-    quick : without the ensemble, the margins (:func:`borne`) and the curves of trade-offs: what a page shows at once
+    quick : without the ensemble, the margins (:func:`ctlabs.regulation.margins`) and the curves of trade-offs: what a page shows at once
 
     Raises
     ------
@@ -169,7 +177,7 @@ def compute(
         limit=part(loop.steady),
         cost=part(lambda: _cost(chosen, told, best, design is None)),
         budget=part(lambda: cost_budget(chosen.regulator)),
-        margins=later if quick else part(lambda: borne(told, truth)),
+        margins=later if quick else part(lambda: margins(told, truth)),
         set_points=part(lambda: steps_of(loop, count)),
         initial=of(over, lambda found: start(found, truth)),
         kicks=part(lambda: kicks(loop, best.model, count)),
@@ -178,27 +186,6 @@ def compute(
         ensemble=later,
     )
     return found if quick else dataclasses.replace(found, ensemble=of(over, lambda _known: many()))
-
-
-def borne(found: Regulator, truth: DiscreteModel) -> Margins:
-    """The margins of a regulator's loop with a sampled truth; loads, which no input reaches, are left out of it.
-
-    Raises
-    ------
-    ValueError
-        Scheduled gains; a loop that is not stable.
-    """
-    if found.steps is not None:
-        msg = "margins are those of constant gains, and these are scheduled over a horizon"
-        raise ValueError(msg)
-    rest = [i for i, name in enumerate(truth.states) if name not in {found.plant.states[j] for j in found.loads}]
-    if len(rest) < truth.n:
-        truth = dataclasses.replace(
-            truth, Phi=truth.Phi[np.ix_(rest, rest)], Qd=truth.Qd[np.ix_(rest, rest)], B=None if truth.B is None else truth.B[rest],
-            H=truth.H[:, rest], N=None if truth.N is None else truth.N[rest], offset=None if truth.offset is None else truth.offset[rest],
-            x0=truth.x0[rest], P0=truth.P0[np.ix_(rest, rest)], states=tuple(truth.states[i] for i in rest), units=tuple(truth.units[i] for i in rest),
-        )  # fmt: skip
-    return margins(dataclasses.replace(found, plant=truth, loads=()))
 
 
 def _cost(chosen: Designed, told: Regulator, best: Designed, right: bool) -> float:

@@ -194,6 +194,33 @@ def test_a_loop_with_a_load_has_its_budget_and_its_margins():
         assert (np.sort(poles)[-2] < 1) == stable  # one is the load itself, which nothing moves
 
 
+@pytest.mark.parametrize("Rc", [[[0.01]], None], ids=["noisy", "perfect"])
+def test_a_continuous_loop_with_a_load_has_its_cost_on_every_route_and_its_budget(Rc):
+    """With a perfect measurement the controller carries the reduced filter's states, which estimate other combinations of x."""
+    plant = replace(TORQUE, Rc=Rc, G=np.array([[0.3, 0, 0], [0, 1, 0], [0, 0, 1]]), Q=np.diag([1.0, 1.0, 0.1]))
+    found = regulator(plant, Cost(np.diag([1.1, 0.3, 0]), [[0.7]]), loads=["torque"], track=["place"])
+    assert found.cost.spread < 1e-11
+    budget = cost_budget(found)
+    assert sum(budget.sources.values()) == pytest.approx(budget.total, rel=1e-10)
+    assert sum(budget.weights.values()) == pytest.approx(budget.total, rel=1e-10)
+
+
+def test_scheduled_gains_have_no_margins():
+    scheduled = regulator(MOTOR, replace(MOTOR_COST, horizon=2.0), dt=0.1)
+    for verb in (margins, cost_budget):
+        with pytest.raises(ValueError, match="scheduled"):
+            verb(scheduled)
+
+
+def test_an_ensemble_without_noise_that_costs_something_else_is_infinitely_far():
+    found = regulator(replace(MOTOR, x0=np.array([1.0, 0.0])), MOTOR_COST, dt=0.1, R=[[0.1]])
+    quiet = replace(found.plant, Qd=np.zeros((2, 2)), R=np.zeros((1, 1)), P0=np.zeros((2, 2)))
+    many = ensemble(found, runs=10, steps=20, seed=1, truth=quiet, progress=False)
+    assert many.cost_sd == 0.0
+    assert many.score == 0.0
+    assert replace(many, cost=many.cost * 1.01).score == np.inf
+
+
 def test_the_margin_of_all_inputs_together_does_not_depend_on_their_units():
     model, _ = discrete(3)
     plant = replace(model, B=np.random.default_rng(1).normal(size=(model.n, 2)), N=None)

@@ -10,7 +10,7 @@ import pytest
 from ctlabs.files import modelfile
 from ctlabs.files.modelfile import ModelFile, ready
 from ctlabs.models import Cost, DiscreteModel, discretise
-from ctlabs.regulation import lqr, regulator, sample
+from ctlabs.regulation import lqr, margins, regulator, sample
 from ctlabs.reporting.paper import to_matplotlib
 from ctlabs.studies import loops, regulated, regulating, second
 from ctlabs.studies.regulating import Regulated, compute
@@ -293,7 +293,7 @@ def test_a_load_is_borne_but_has_no_limit() -> None:
     assert found.stable
     assert "h_c0" in found.limit.reason
     assert sum(found.budget.value.sources.values()) + found.budget.value.between == pytest.approx(found.budget.value.total, rel=1e-9)
-    bears = regulating.borne(found.placed, found.truth)
+    bears = margins(found.placed, found.truth)
     assert bears.inputs["u"].delay > 1
 
 

@@ -23,6 +23,7 @@ from ctlabs.files.modelfile.toml import LARGEST, decoded, parsed, too_large
 from ctlabs.files.modelfile.values import BY_ROW, Instant, Regressors, Values
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, Cost, DiscreteModel
+from ctlabs.models.linear import input_names
 
 
 class Constant(NamedTuple):
@@ -167,7 +168,7 @@ class ModelFile:
     def input_names(self) -> tuple[str, ...]:
         """Names of the inputs: those of [data], or u, or u1, u2, … where [data] has none."""
         told, r = self._document.data.inputs, self.inputs
-        return told if len(told) == r else ("u",) if r == 1 else tuple(f"u{i + 1}" for i in range(r))
+        return told if len(told) == r else input_names(r)
 
     @property
     def mapping(self) -> Mapping:

@@ -16,7 +16,6 @@ from ctlabs.studies.understanding import Part
 from ctlabs.text import number
 from ctlabs.workbench.pages.showing import matrix, table
 from ctlabs.workbench.runs import figures
-from ctlabs.workbench.runs.loops import budget
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -269,7 +268,7 @@ def _cost(found: Regulated) -> str:
     if found.budget:
         told = found.budget.value.table()
         parts.append(table(["Source", *heads], [[name, value, float(value) / total] for name, value in told], "By source of noise"))
-        parts.append(table(["Weighed", *heads], budget(found), "By what is weighed"))
+        parts.append(table(["Weighed", *heads], found.weighed(), "By what is weighed"))
     else:
         parts.append(f'<p class="ctl-show-why">No budget: {escape(found.budget.reason)}.</p>')
     spread = f'<p class="ctl-show-hint">The routes differ by {number(cost.spread, 2)} of the cost.</p>'

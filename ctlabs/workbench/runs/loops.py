@@ -6,7 +6,6 @@ import csv
 import dataclasses
 import importlib
 import io
-import math
 import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -20,7 +19,7 @@ from ctlabs.files.modelfile import ModelFile, loads
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.manyfold import Manyfold
 from ctlabs.montecarlo import simulate
-from ctlabs.regulation import ensemble, periods, tradeoff
+from ctlabs.regulation import ensemble, margins, periods, tradeoff
 from ctlabs.regulation.curves import Tradeoff
 from ctlabs.regulation.runs import LoopEnsemble
 from ctlabs.studies import designing, regulating
@@ -52,7 +51,7 @@ def regulated(text: str) -> Regulated:
     """
     file = loads(text, "")
     found = regulating.compute(file, steps=steps(file), quick=True)
-    return dataclasses.replace(found, margins=part(lambda: regulating.borne(found.placed, found.truth)))
+    return dataclasses.replace(found, margins=part(lambda: margins(found.placed, found.truth)))
 
 
 def elsewhere(design: str, truth: str) -> Regulated:
@@ -214,16 +213,3 @@ def warm() -> None:
     whole = Manyfold((np.eye(2), np.zeros((2, 2))))
     _ = whole @ whole
 
-
-def budget(found: Regulated) -> list[list[str | float]]:
-    """Rows (what is weighed, cost, share) by weight; the rest are cross terms and what happens between the samples."""
-    told = found.budget.value
-    total = told.total or math.nan
-    named = dict(zip(("u",) if found.truth.r == 1 else (f"u{i + 1}" for i in range(found.truth.r)), found.inputs, strict=True))
-    rows: list[list[str | float]] = [[named.get(name, name), value, value / total] for name, value in told.weights.items()]
-    rest = told.total - told.between - sum(told.weights.values())
-    if abs(rest) > 1e-9 * abs(told.total):
-        rows.append(["cross terms", rest, rest / total])
-    if told.between:
-        rows.append(["between the samples", told.between, told.between / total])
-    return rows
