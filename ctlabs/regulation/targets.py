@@ -120,7 +120,7 @@ def tracked(
     return np.array(rows).reshape(len(names), model.n), tuple(names)
 
 
-class Asked(NamedTuple):
+class Tracking(NamedTuple):
     """What is asked of a regulator beside its cost.
 
     ``integrals``, indices of measurements · ``loads``, of states · ``C`` (p, n) and ``names``, the tracked outputs · ``weights`` of the
@@ -139,7 +139,7 @@ def asked(
     integral: Mapping[str, float],
     loads: Sequence[str],
     track: Sequence[str] | Mapping[str, ArrayLike],
-) -> Asked:
+) -> Tracking:
     """The options of :func:`ctlabs.regulation.regulator`, by index.
 
     Raises
@@ -154,4 +154,4 @@ def asked(
         msg = "integral: expected none beside loads (each keeps the outputs free of a load; choose one), received both"
         raise ValueError(msg)
     own = np.array([checks.positive(f"integral[{name!r}]", weight) for name, weight in integral.items()])
-    return Asked(chosen, held, C, names, own)
+    return Tracking(chosen, held, C, names, own)

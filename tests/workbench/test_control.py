@@ -312,7 +312,7 @@ def test_margins_are_called_little_by_phase_and_by_gain() -> None:
 def test_the_budget_by_weight_adds_up() -> None:
     for name in (CART, "dc_motor", "two_tanks"):
         found = loops.regulated(ready(name).dumps())
-        assert sum(float(value) for _, value, _ in loops.budget(found)) == pytest.approx(found.regulator.cost.value, rel=1e-9)
+        assert sum(float(value) for _, value, _ in found.weighed()) == pytest.approx(found.regulator.cost.value, rel=1e-9)
 
 
 def test_a_horizon_has_a_schedule_and_no_curves_of_periods(session: Session) -> None:
