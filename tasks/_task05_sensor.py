@@ -9,7 +9,7 @@ from ctlabs.tasks._task05_model import LETTERS, STATES, STEP, UNITS, covariance,
 from ctlabs.tasks.answers import task05 as by_hand
 
 from ctlabs.analysis import sensitivity
-from ctlabs.filtering import updates
+from ctlabs.filtering import pairing, updates
 from ctlabs.filtering.extended import Extended
 from ctlabs.labs.portrait import agreement, rms
 from ctlabs.models.nonlinear import NonlinearModel
@@ -130,9 +130,9 @@ def nonlinear(r, p, experiment):
         if name == names[-1]:
             exact(r, p, experiment, velocity, steps, P)
         stats = [experiment.statistics(polar(p, theory), design(p, theory), steps=steps, stream=10 + n) for design in FILTERS.values()]
-        together = experiment.statistics(polar(p, theory), lambda m=theory: updates.Together(*(Extended(design(p, m)) for design in FILTERS.values())),
+        together = experiment.statistics(polar(p, theory), lambda m=theory: pairing.Together(*(Extended(design(p, m)) for design in FILTERS.values())),
                                          steps=steps, stream=10 + n, compare=np.vstack([np.eye(4)] * 3))
-        shown[name] = (stats, P, [updates.paired(together.second_moment[-1][pick], together.runs) for pick in PAIRS])
+        shown[name] = (stats, P, [pairing.paired(together.second_moment[-1][pick], together.runs) for pick in PAIRS])
     compared(r, experiment, shown, steps)
     return {"sensor": judged(r, shown)}
 

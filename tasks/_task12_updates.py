@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ctlabs.filtering import updates
+from ctlabs.filtering import pointmass, relinearised, updates
 from ctlabs.labs.portrait import mean_error
 from ctlabs.models.nonlinear import NonlinearModel
 from ctlabs.montecarlo import chance
@@ -78,12 +78,12 @@ def pair(estimate):
 def extended(r, p, answer, x, P, z, R):
     """The literal reading, with the exact posterior as the judge."""
     r.says("**Second reading, literally** ({ref:jazwinski, chapter 8}) $z_2 = \\sin(x(t_i)) + v_2$. The extended filter replaces the sine by a straight line, $\\sin x \\approx \\sin\\xi + \\cos\\xi\\,(x - \\xi)$. For one straight line the proof above holds, so sequential and simultaneous agree **if the point ξ is the same**, $\\xi = \\hat{x}^-$; the second innovation is then $z_2 - \\sin\\hat{x}^- - \\cos\\hat{x}^-(\\hat{x}_1 - \\hat{x}^-)$. The ordinary sequential filter takes the newest estimate, $\\xi = \\hat{x}_1$, which is another line and gives another result.")
-    found = {order: updates.extended(x, P, z, sensor, slope_at, R, order) for order in updates.ORDERS}
+    found = {order: relinearised.extended(x, P, z, sensor, slope_at, R, order) for order in relinearised.ORDERS}
     r.value("ekf_joint", pair(found["joint"]), agrees=answer, routes=("both at once", "closed form, P·R1·R2/Δ"))
     r.value("ekf_sequential_fixed", pair(found["fixed"]), agrees=answer, routes=("one after another, line at x̂⁻", "closed form, P·R1·R2/Δ"))
     r.check("extended: sequential with a fixed line = joint", pair(found["fixed"]), pair(found["joint"]), ("one after another", "both at once"))
     r.value("ekf_sequential_relinearised", pair(found["relinearised"]), agrees=answer, routes=("one after another, line at x̂1", "two scalar updates by hand"))
-    reverse = updates.extended(x, P, z[::-1], lambda y: sensor(y)[::-1], lambda y: slope_at(y)[::-1], R[::-1, ::-1], "relinearised")
+    reverse = relinearised.extended(x, P, z[::-1], lambda y: sensor(y)[::-1], lambda y: slope_at(y)[::-1], R[::-1, ::-1], "relinearised")
     judge = exact(answer["after_z1"], p.z2, R[1, 1])
     r.value("exact_posterior", judge)
     # A variance far below the square of the mean is the difference of two moments in the second route, and has their rounding.
@@ -129,7 +129,7 @@ def exact(first, z2, R2):
         return [m, 0.0]
     points, (low, high) = solutions(m, P, z2)
     if not perfect(z2, R2):
-        return pair(updates.posterior_by_quadrature(lambda x: log_posterior(x, m, P, z2, R2), [m, *points], low, high))
+        return pair(pointmass.posterior_by_quadrature(lambda x: log_posterior(x, m, P, z2, R2), [m, *points], low, high))
     logs = -0.5 * (points - m) ** 2 / P
     weights = np.exp(logs - logs.max()) / np.exp(logs - logs.max()).sum()
     mean = float(weights @ points)
@@ -185,9 +185,9 @@ def literal(r, p, answer, experiment):
     for level in LEVELS:
         system = one_update(x, level * P, R2)
         grid = points(x, level * P, R2)
-        designs = {"both at once": system, "$z_1$, then $z_2$ relinearised": lambda s=system: updates.SequentialExtended(s)}
+        designs = {"both at once": system, "$z_1$, then $z_2$ relinearised": lambda s=system: relinearised.SequentialExtended(s)}
         if grid is not None:
-            designs["exact posterior mean"] = lambda s=system, g=grid: updates.PointMass(s, g)
+            designs["exact posterior mean"] = lambda s=system, g=grid: pointmass.PointMass(s, g)
         first = level * P / (1 + H1**2 * level * P)
         for name, design in designs.items():
             stats = experiment.statistics(system, design, steps=1, first=0, stream=1)

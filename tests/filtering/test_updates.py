@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from ctlabs.filtering import covariances, kalman_filter, update, updates
+from ctlabs.filtering import covariances, kalman_filter, pairing, pointmass, relinearised, update, updates
 from ctlabs.filtering.extended import Extended
 from ctlabs.models import DiscreteModel
 from ctlabs.models.nonlinear import NonlinearModel
@@ -122,7 +122,7 @@ def slope(x):
 @pytest.mark.parametrize(("x", "P", "z", "r1", "r2"), CASES)
 def test_a_fixed_linearisation_keeps_sequential_and_joint_equal(x, P, z, r1, r2):
     """Along one straight line the order does not matter; relinearised it does."""
-    one, other, again = (updates.extended([x], [[P]], z, sensor, slope, np.diag([r1, r2]), o) for o in updates.ORDERS)
+    one, other, again = (relinearised.extended([x], [[P]], z, sensor, slope, np.diag([r1, r2]), o) for o in relinearised.ORDERS)
     assert agree(one, other, 1e-12)
     assert not agree(one, again, 1e-3)
     first = updates.joint([x], [[P]], z[:1], [[2.0]], [[r1]])
@@ -134,8 +134,8 @@ def test_a_linear_sensor_makes_all_orders_equal():
     """For h(x) = Hx the extended filter is the linear one, in every order."""
     x, P, z, H, R = drawn(3, 3, 2, correlated=False)
     expected = updates.joint(x, P, z, H, R)
-    for order in updates.ORDERS:
-        assert agree(updates.extended(x, P, z, lambda y: H @ y, lambda _: H, R, order), expected)
+    for order in relinearised.ORDERS:
+        assert agree(relinearised.extended(x, P, z, lambda y: H @ y, lambda _: H, R, order), expected)
 
 
 @pytest.mark.parametrize("width", [1.0, 1e-3, 1e-7])
@@ -148,11 +148,11 @@ def test_quadrature_finds_peaks_however_narrow(width):
             np.log(share) - 0.5 * ((x - a) / width) ** 2, np.log1p(-share) - 0.5 * ((x - b) / width) ** 2
         )
 
-    found = updates.posterior_by_quadrature(logs, [a, b], -20.0, 20.0)
+    found = pointmass.posterior_by_quadrature(logs, [a, b], -20.0, 20.0)
     mean = share * a + (1 - share) * b
     assert close(found.x, mean, 1e-10)
     assert close(found.P, width**2 + share * (1 - share) * (a - b) ** 2, 1e-10)
-    assert not close(updates.posterior_by_quadrature(logs, [a, 1.05 * b], -20.0, 20.0).x, mean, 1e-10) or width == 1
+    assert not close(pointmass.posterior_by_quadrature(logs, [a, 1.05 * b], -20.0, 20.0).x, mean, 1e-10) or width == 1
 
 
 @pytest.mark.parametrize("width", [1.0, 1e-3])
@@ -166,7 +166,7 @@ def test_quadrature_agrees_with_mpmath(width):
         edges = mpmath.linspace(-5, 9, 141)
         mass, first = mpmath.quad(density, edges), mpmath.quad(lambda x: x * density(x), edges)
         wanted = float(first / mass)
-    found = updates.posterior_by_quadrature(
+    found = pointmass.posterior_by_quadrature(
         lambda x: -((x - 2) ** 2) * 3 - (1 - np.sin(x)) ** 2 / (2 * width),
         [np.pi / 2, -1.5 * np.pi, 2.5 * np.pi],
         -5,
@@ -195,7 +195,7 @@ def data(model, steps, runs, seed=3):
 def test_the_sequential_filter_of_many_runs_is_that_of_each():
     """Every run's recursion by instants, with a missing element left out."""
     model = scalar(steps=4)
-    many, each = updates.SequentialExtended(model), [updates.Estimate(model.x0, model.P0)] * 3
+    many, each = relinearised.SequentialExtended(model), [updates.Estimate(model.x0, model.P0)] * 3
     many.start(3)
     for k, z in enumerate(data(model, 4, 3), start=1):
         many.predict(k)
@@ -205,7 +205,7 @@ def test_the_sequential_filter_of_many_runs_is_that_of_each():
         for run_, (x, P) in enumerate(each):
             before = updates.Estimate(0.7 * x + 0.2, 0.49 * P + 0.05)
             some, rows = (lambda y, m=m: sensor(y)[:m]), (lambda y, m=m: slope(y)[:m])
-            each[run_] = updates.extended(*before, z[:m, run_], some, rows, model.R[k, :m, :m], "relinearised")
+            each[run_] = relinearised.extended(*before, z[:m, run_], some, rows, model.R[k, :m, :m], "relinearised")
         assert close(many.x, np.array([e.x for e in each]).T, 1e-12)
         assert close(many.P[0, 0], [e.P[0, 0] for e in each], 1e-12)
         assert (nis > 0).all()
@@ -219,7 +219,7 @@ def test_with_a_linear_sensor_it_is_the_extended_filter_of_montecarlo():
         f=lambda k, x, w: Phi @ x + w, h=lambda k, x, v: H @ x + v, F=lambda k, x: Phi, H=lambda k, x: H,
         Qd=np.diag([0.1, 0.2]), R=np.diag([0.5, 0.0]), x0=[1, 2], P0=np.eye(2),
     )  # fmt: skip
-    one, other = updates.SequentialExtended(model), Extended(model)
+    one, other = relinearised.SequentialExtended(model), Extended(model)
     for each in (one, other):
         each.start(5)
     for k, z in enumerate(data(model, 3, 5), start=1):
@@ -242,7 +242,7 @@ def test_the_point_mass_filter_is_the_kalman_filter_of_a_linear_system():
     z = data(model, 4, 3)
     record = np.array([np.full((2, 3), np.nan), *z])
     expected = kalman_filter(linear, record[1:], algorithm="filterpy")
-    bayes = updates.PointMass(model, np.linspace(-8, 16, 321))
+    bayes = pointmass.PointMass(model, np.linspace(-8, 16, 321))
     bayes.start(3)
     for k in range(1, 5):
         bayes.predict(k)
@@ -257,7 +257,7 @@ def test_the_point_mass_filter_is_the_kalman_filter_of_a_linear_system():
 def test_the_point_mass_filter_agrees_with_quadrature():
     """One update through the sine equals the posterior integrated by panels."""
     model, z = scalar(), np.array([[3.0, 5.0], [1.0, -0.4]])
-    bayes = updates.PointMass(model, np.linspace(-4, 10, 281))
+    bayes = pointmass.PointMass(model, np.linspace(-4, 10, 281))
     bayes.start(2)
     bayes.predict(1)
     bayes.update(1, z)
@@ -267,7 +267,7 @@ def test_the_point_mass_filter_agrees_with_quadrature():
         def logs(x, z=z[:, each]):
             return -0.5 * ((x - 3) ** 2 / P_minus + (z[0] - 2 * x) ** 2 + (z[1] - np.sin(x)) ** 2 / 0.3)
 
-        exact = updates.posterior_by_quadrature(logs, [2.0], -5.0, 11.0)
+        exact = pointmass.posterior_by_quadrature(logs, [2.0], -5.0, 11.0)
         assert close(bayes.x[0, each], exact.x[0], 1e-9)
         assert close(bayes.P[0, 0, each], exact.P[0, 0], 1e-9)
 
@@ -277,11 +277,11 @@ def test_the_exact_filter_is_best_and_its_gaussianised_innovations_are_chi_squar
     model = scalar(r2=0.1, Q=0.3)
     grid = np.linspace(-8, 14, 221)
     common = {"steps": 3, "runs": 2000, "seed": 4, **QUIET}
-    exact = monte_carlo(model, lambda: updates.PointMass(model, grid), **common)
+    exact = monte_carlo(model, lambda: pointmass.PointMass(model, grid), **common)
     assert chance.nis(exact)
     wrong = scalar(r2=0.2, Q=0.3)
-    assert not chance.nis(monte_carlo(model, lambda: updates.PointMass(wrong, grid), **common))
-    for design in (model, lambda: updates.SequentialExtended(model)):
+    assert not chance.nis(monte_carlo(model, lambda: pointmass.PointMass(wrong, grid), **common))
+    for design in (model, lambda: relinearised.SequentialExtended(model)):
         assert (exact.rms[1:] < monte_carlo(model, design, **common).rms[1:]).all()
 
 
@@ -291,16 +291,16 @@ def test_filters_run_together_give_what_they_give_alone():
     common = {"steps": 3, "runs": 3000, "seed": 8, **QUIET}
 
     def both():
-        return updates.Together(Extended(model), updates.SequentialExtended(model))
+        return pairing.Together(Extended(model), relinearised.SequentialExtended(model))
 
     stats = monte_carlo(model, both, compare=[[1.0], [1.0]], **common)
-    alone = [monte_carlo(model, design, **common) for design in (model, lambda: updates.SequentialExtended(model))]
+    alone = [monte_carlo(model, design, **common) for design in (model, lambda: relinearised.SequentialExtended(model))]
     assert close(stats.rms, np.hstack([each.rms for each in alone]), EXACT)
-    clear = updates.paired(stats.second_moment, stats.runs)
+    clear = pairing.paired(stats.second_moment, stats.runs)
     assert clear.shape == (4, 1)
     assert clear[0] == 0
     assert clear[1] > 5  # the line at the prediction is worse
-    assert updates.paired(stats.second_moment[..., ::-1, ::-1], stats.runs) == pytest.approx(-clear)
+    assert pairing.paired(stats.second_moment[..., ::-1, ::-1], stats.runs) == pytest.approx(-clear)
 
 
 def test_a_paired_comparison_has_unit_variance_for_equal_filters():
@@ -308,7 +308,7 @@ def test_a_paired_comparison_has_unit_variance_for_equal_filters():
     rng = np.random.default_rng(2)
     e = rng.normal(size=(2, 400, 2000))
     e[1] = 0.9 * e[0] + np.sqrt(1 - 0.81) * e[1]
-    scores = updates.paired(np.einsum("anr,bnr->rab", e, e) / 400, 400)[:, 0]
+    scores = pairing.paired(np.einsum("anr,bnr->rab", e, e) / 400, 400)[:, 0]
     assert abs(scores.mean()) < 5 / np.sqrt(2000)
     assert abs(scores.std() - 1) < 5 / np.sqrt(4000)
 
@@ -352,22 +352,22 @@ CORRELATED = [[1, 0.5], [0.5, 1]]
     ("call", "message"),
     [
         (lambda: updates.sequential([0], [[1]], [1, 2], [[1], [1]], CORRELATED), "R: expected independent noises"),
-        (lambda: updates.extended([0], [[1]], [1], sensor, slope, [[1]], "up"), "order: expected one of joint, fixed"),
-        (lambda: updates.extended([0], [[1]], [1, 2], sensor, slope, CORRELATED, "relinearised"), "R: expected indep"),
+        (lambda: relinearised.extended([0], [[1]], [1], sensor, slope, [[1]], "up"), "order: expected one of joint, fixed"),
+        (lambda: relinearised.extended([0], [[1]], [1, 2], sensor, slope, CORRELATED, "relinearised"), "R: expected indep"),
         (lambda: updates.decorrelate([[1]], [[np.inf]]), "R: expected finite numbers"),
         (lambda: updates.decorrelate(np.ones((3, 1, 1)), np.ones((2, 1, 1))), "R: expected 3 entries"),
         (lambda: updates.decorrelated(varying()), "model: expected a constant R beside N"),
-        (lambda: updates.posterior_by_quadrature(lambda x: x, [0.0], 1.0, 1.0), "low, high: expected low < high"),
+        (lambda: pointmass.posterior_by_quadrature(lambda x: x, [0.0], 1.0, 1.0), "low, high: expected low < high"),
         (
-            lambda: updates.posterior_by_quadrature(lambda x: x - np.inf, [0.0], 0.0, 1.0),
+            lambda: pointmass.posterior_by_quadrature(lambda x: x - np.inf, [0.0], 0.0, 1.0),
             "log_density: expected finite",
         ),
         (lambda: updates.flops(2, 2, "up"), "way: expected one of"),
-        (lambda: updates.paired(np.eye(3), 5), "second_moment: expected shape"),
-        (lambda: updates.PointMass(scalar(), [0.0, 1.0, 3.0]), "grid: expected at least three evenly spaced"),
-        (lambda: updates.PointMass(scalar(r2=0.0), np.arange(4.0)), "model: expected R > 0 and P0 > 0"),
-        (lambda: updates.PointMass(plain(2), np.arange(4.0)), "model: expected a scalar state"),
-        (lambda: updates.SequentialExtended(plain(1)), "model: expected derivatives F, H"),
+        (lambda: pairing.paired(np.eye(3), 5), "second_moment: expected shape"),
+        (lambda: pointmass.PointMass(scalar(), [0.0, 1.0, 3.0]), "grid: expected at least three evenly spaced"),
+        (lambda: pointmass.PointMass(scalar(r2=0.0), np.arange(4.0)), "model: expected R > 0 and P0 > 0"),
+        (lambda: pointmass.PointMass(plain(2), np.arange(4.0)), "model: expected a scalar state"),
+        (lambda: relinearised.SequentialExtended(plain(1)), "model: expected derivatives F, H"),
     ],
 )
 def test_bad_input_is_refused_with_what_was_expected(call, message):
@@ -378,7 +378,7 @@ def test_bad_input_is_refused_with_what_was_expected(call, message):
 
 def test_a_motion_without_noise_is_refused_by_the_grid():
     """A density on a fixed grid cannot follow x' = 0.7x exactly."""
-    bayes = updates.PointMass(scalar(Q=0.0), np.linspace(-2, 8, 101))
+    bayes = pointmass.PointMass(scalar(Q=0.0), np.linspace(-2, 8, 101))
     bayes.start(1)
     with pytest.raises(ValueError, match="Qd: expected > 0 at step 0"):
         bayes.predict(1)
@@ -386,7 +386,7 @@ def test_a_motion_without_noise_is_refused_by_the_grid():
 
 def test_far_innovations_stay_finite():
     """A measurement twenty standard deviations off has a finite Gaussianised innovation, not an infinite one."""
-    bayes = updates.PointMass(scalar(), np.linspace(-10, 26, 721))
+    bayes = pointmass.PointMass(scalar(), np.linspace(-10, 26, 721))
     bayes.start(1)
     bayes.predict(1)
     sd = np.sqrt(4 * 0.54 + 1)
