@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any, overload
 
-from ctlabs.analysis import sensitivity
-from ctlabs.analysis.sensitivity import Actual, ActualSteady, Budget
+from ctlabs.analysis import budgets, sensitivity
+from ctlabs.analysis.budgets import Budget
+from ctlabs.analysis.sensitivity import Actual, ActualSteady
 from ctlabs.models.linear import DiscreteModel
 
 
@@ -37,12 +38,12 @@ def error_budget(model: DiscreteModel, steps: int | None = None, **options: Any)
     Parameters
     ----------
     model : the truth
-    steps : over so many periods (:func:`ctlabs.analysis.sensitivity.budget`); ``None``: the one row of the result is
-        the steady state (:func:`ctlabs.analysis.sensitivity.steady_budget`)
+    steps : over so many periods (:func:`ctlabs.analysis.budgets.budget`); ``None``: the one row of the result is
+        the steady state (:func:`ctlabs.analysis.budgets.steady_budget`)
     options : design, groups, compare, and over time gains, first
 
     >>> walk = DiscreteModel([[1]], [[1]], [[1]], [[1]], P0=[[10]], states=["x"], measurements=["z"])
     >>> [(name, round(variance, 6)) for name, variance in error_budget(walk).table()]
     [('noise on x', 0.17082), ('noise of z', 0.447214), ('total', 0.618034)]
     """
-    return sensitivity.steady_budget(model, **options) if steps is None else sensitivity.budget(model, steps, **options)
+    return budgets.steady_budget(model, **options) if steps is None else budgets.budget(model, steps, **options)

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from ctlabs.analysis.sensitivity import Source, components, noise_by_input, sources
+from ctlabs.analysis.sources import Source, components, noise_by_input, sources
 from ctlabs.linalg import checks, riccati
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.covariance import symmetric

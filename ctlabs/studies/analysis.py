@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ctlabs.analysis import sensitivity
+from ctlabs.analysis import budgets
 from ctlabs.filtering import bucy, steady
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
@@ -173,7 +173,7 @@ def _budget(report: Report, model: DiscreteModel, P: Array, steps: int, first: i
     if not np.isfinite(model.P0).all():
         report.says(_("No error budget: nothing is known of a state at the start (`inf` in P0), so that it has no size."))
         return
-    budget = sensitivity.budget(model, steps, first=first)
+    budget = budgets.budget(model, steps, first=first)
     report.table(
         "budget",
         [_("source"), *(fill(_("variance of {name}"), name=name) for name in budget.states)],

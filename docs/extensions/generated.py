@@ -64,6 +64,8 @@ REFERENCE = {
         [
             "ctlabs.analysis",
             "ctlabs.analysis.sensitivity",
+            "ctlabs.analysis.budgets",
+            "ctlabs.analysis.sources",
             "ctlabs.analysis.scheduling",
             "ctlabs.analysis.fitting",
             "ctlabs.analysis.diagnosis",

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from numpy.typing import NDArray
 
-from ctlabs.analysis import sensitivity
+from ctlabs.analysis import budgets, sensitivity, sources
 from ctlabs.filtering import steady
 from ctlabs.labs.experiment import covariances
 from ctlabs.models import ContinuousModel, DiscreteModel
@@ -175,8 +175,8 @@ def test_the_budget_adds_up(model: DiscreteModel, seed: int) -> None:
     """The contributions of the sources sum to the covariance that is computed with all of them at work."""
     design, C = other(model, seed)
     for result in (
-        sensitivity.budget(model, STEPS),
-        sensitivity.budget(model, STEPS, design=design, compare=C),
+        budgets.budget(model, STEPS),
+        budgets.budget(model, STEPS, design=design, compare=C),
     ):
         assert len(result.names) == len(result.parts)
         assert close(result.parts.sum(axis=0), result.P_plus, EXACT)
@@ -191,7 +191,7 @@ def test_each_source_of_the_budget_is_what_it_is_alone() -> None:
         [[1.0, 0.5], [0.0, 0.9]], np.diag([0.3, 0.7]), np.eye(2), np.diag([1.0, 2.0]),
         x0=[0, 0], P0=np.diag([4.0, 5.0]), states=["x", "v"], measurements=["range", "speed"],
     )  # fmt: skip
-    result = sensitivity.budget(model, 8)
+    result = budgets.budget(model, 8)
     none = np.zeros((2, 2))
     quiet = {"P0": none, "Qd": none, "R": none}
     one, two = np.diag([1.0, 0.0]), np.diag([0.0, 1.0])
@@ -214,9 +214,9 @@ def test_correlated_quantities_are_one_source() -> None:
     """Correlated initial states, process noises and measurement noises are grouped, across w and v too."""
     full = np.array([[2.0, 0.5], [0.5, 1.0]])
     model = DiscreteModel(0.9 * np.eye(2), full, np.eye(2), full, x0=[0, 0], P0=full, states=["a", "b"])
-    assert sensitivity.budget(model, 3).names == ("initial a, b", "noise on a, b", "noise of z1, z2")
+    assert budgets.budget(model, 3).names == ("initial a, b", "noise on a, b", "noise of z1, z2")
     mixed = replace(model, Qd=np.diag([2.0, 1.0]), R=np.diag([2.0, 1.0]), N=[[0.0, 0.5], [0.0, 0.0]])
-    result = sensitivity.budget(mixed, 3)
+    result = budgets.budget(mixed, 3)
     assert result.names == ("initial a, b", "noise on a and of z2", "noise on b", "noise of z1")
     assert close(result.parts.sum(axis=0), result.P_plus, EXACT)
 
@@ -225,24 +225,24 @@ def test_given_groups_split_the_process_noise_by_its_physical_inputs() -> None:
     """The parts of Qd by noise input add up to Qd, and their contributions to the total."""
     plant = ContinuousModel([[0, 1], [0, -0.5]], np.eye(2), np.diag([0.2, 3.0]), [[1, 0]], P0=np.eye(2))
     model = discretise(plant, 0.5, [[1.0]])
-    groups = sensitivity.noise_by_input(plant, 0.5)
+    groups = sources.noise_by_input(plant, 0.5)
     assert close(sum(groups.values()), model.Qd, EXACT)
-    result = sensitivity.budget(model, 10, groups=groups)
+    result = budgets.budget(model, 10, groups=groups)
     assert "noise w1" in result.names
     assert "noise w2" in result.names
     assert close(result.parts.sum(axis=0), result.P_plus, EXACT)
     assert result.table()[-1][0] == "total"
     assert np.allclose(np.sum([row[1:] for row in result.table()[:-1]], axis=0), result.table()[-1][1:], rtol=EXACT)
     with pytest.raises(ValueError, match="groups: expected parts that add up to Qd"):
-        sensitivity.budget(model, 10, groups={"all": broken(model.Qd)})
+        budgets.budget(model, 10, groups={"all": broken(model.Qd)})
     with pytest.raises(ValueError, match="groups: expected a model without N"):
-        sensitivity.budget(replace(model, N=[[0.01], [0.0]]), 10, groups=groups)
+        budgets.budget(replace(model, N=[[0.01], [0.0]]), 10, groups=groups)
 
 
 def test_states_of_one_name_are_still_two_sources() -> None:
     """Equal labels do not make one source overwrite another."""
     model = DiscreteModel(0.9 * np.eye(2), np.eye(2), np.eye(2), np.eye(2), x0=[0, 0], P0=np.eye(2), states=["x", "x"])
-    result = sensitivity.budget(model, 2)
+    result = budgets.budget(model, 2)
     assert len(set(result.names)) == 6
     assert close(result.parts.sum(axis=0), result.P_plus, EXACT)
 

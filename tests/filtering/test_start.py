@@ -9,7 +9,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from ctlabs.analysis import diagnosis, fitting, sensitivity
+from ctlabs.analysis import budgets, diagnosis, fitting, sensitivity
 from ctlabs.files import modelfile
 from ctlabs.filtering import Smoothed, covariances, kalman_filter, log_likelihood, smooth
 from ctlabs.filtering.algorithms.catalogue import FORMS
@@ -355,7 +355,7 @@ def test_verbs_without_data_ask_for_a_start():
     for verb in (
         lambda: simulate(LINE, 3, 2, 1),
         lambda: sensitivity.actual(LINE, finite, 3),
-        lambda: sensitivity.budget(LINE, 3),
+        lambda: budgets.budget(LINE, 3),
     ):
         with pytest.raises(ValueError, match=r"^P0: expected finite variances .*, received inf \(nothing known\)$"):
             verb()
