@@ -8,7 +8,7 @@ from ctlabs.tasks.answers import slow_error as by_hand
 from numpy.polynomial import Polynomial
 
 from ctlabs.analysis import sensitivity
-from ctlabs.filtering import bayes
+from ctlabs.filtering import bayes, bias, hypotheses
 from ctlabs.labs.experiment import covariances
 from ctlabs.labs.portrait import agreement, mean_error, portrait, rms
 from ctlabs.reporting import plots
@@ -101,7 +101,7 @@ def considered(r, p):
     """The Schmidt–Kalman filter."""
     steps = min(p.k, DENSE)
     signal = bayes.model(constants(p, count=1).ignoring())
-    whole, plan_ = bayes.consider(signal, [[1.0]], [[p.sigma_mu2]], steps)
+    whole, plan_ = bias.consider(signal, [[1.0]], [[p.sigma_mu2]], steps)
     actual = sensitivity.actual(whole, whole, steps, gains=plan_).P_plus
     best = covariances(whole, steps).P_plus[:, 0, 0]
     ignored = sensitivity.actual(whole, signal, steps, compare=[[1.0, 0.0]]).P_plus[:, 0, 0]
@@ -156,14 +156,14 @@ def doubted(r, p, counts, noise, poly, experiment):
     """Is there a slow error? Two filters and the probability of each."""
     problem = constants(p, noise=noise)
     some = experiment.histories(truth(p, bayes.model(problem)), bayes.model(problem), steps=len(counts), runs=1, stream=5)
-    bank = bayes.hypotheses([bayes.model(problem), bayes.model(problem.ignoring())], some.z[1:])
+    bank = hypotheses.hypotheses([bayes.model(problem), bayes.model(problem.ignoring())], some.z[1:])
     sizes = np.diff([0, *counts])
     averages = np.cumsum(sizes * some.z[1:, 0, 0]) / counts
     exact = [by_hand.posterior_odds(a, k, p.sigma_w2, p.sigma_lambda2, p.sigma_mu2) for a, k in zip(averages, counts, strict=True)]
     r.check("probability of a slow error, (i)", bank.probability[1:, 0, 0], exact, ("innovations of two filters", "average of the samples"), scale=rounding(p))
     ending = by_hand.posterior_odds(p.lam + p.mu, 1e300, p.sigma_w2, p.sigma_lambda2, p.sigma_mu2) if p.sigma_lambda2 else (1.0 if p.sigma_mu2 and p.lam + p.mu else 0.5)
     drift, y = polynomial(), poly.z[1:, 0, 0]
-    other = bayes.hypotheses([bayes.model(drift), bayes.model(drift.ignoring())], poly.z[1:])
+    other = hypotheses.hypotheses([bayes.model(drift), bayes.model(drift.ignoring())], poly.z[1:])
     r.says("**Is there a slow error at all?** Two filters, one with μ and one without, even odds, and Bayes' rule on their innovations {ref:magill}. In {fig:hypotheses} the probability of a slow error in (i) is followed over the measurements. The data hold one value of λ + μ, however many the samples, so that the question is never decided; a drift as in (ii), which the signal cannot imitate, is found: its probability after the last sample is {last}.", last=float(other.probability[-1, 0, 0]))
     common, noise_ = drift.phi @ drift.K_lambda @ drift.phi.T, drift.noise * np.eye(drift.N)
     densities = [by_hand.log_density(y, drift.phi @ drift.m_lambda, K) for K in (common + drift.psi @ drift.K_mu @ drift.psi.T + noise_, common + noise_)]

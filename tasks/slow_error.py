@@ -37,7 +37,7 @@ from ctlabs.tasks.answers import slow_error as by_hand
 from ctlabs.tasks.answers.slow_error import AR_BEYOND, AR_DT, AR_N
 
 from ctlabs import montecarlo
-from ctlabs.filtering import bayes, kalman_filter, update
+from ctlabs.filtering import bayes, bias, kalman_filter, update
 from ctlabs.filtering.bayes import SlowError
 from ctlabs.labs.experiment import Experiment, filtered
 from ctlabs.labs.skeleton import Skeleton
@@ -209,11 +209,11 @@ def separate(r, p, y, experiment):
     r.says("**Separate bias.** The augmented filter splits in two {ref:friedland}: one filter of the signal that knows of no error, and one of the error that takes the innovations of the first for measurements. For a constant error in (i), and in (iii) with a constant error of variance {v} in the place of the AR(1) sequence, both forms give the same estimates and covariances.", v=AR_SLOW_VARIANCE)
     signal = bayes.model(constants(p, count=1).ignoring())
     plane, G = moving_state(slow=False), [[1.0]]
-    biased = bayes.augmented(plane, G, [[AR_SLOW_VARIANCE]], [AR_SLOW_MEAN])
+    biased = bias.augmented(plane, G, [[AR_SLOW_VARIANCE]], [AR_SLOW_MEAN])
     some = experiment.histories(biased, steps=AR_N, runs=3, stream=4)
     for name, model, prior, mean, z in (("(i)", signal, p.sigma_mu2, 0.0, y[:, None, None]), ("(iii)", plane, AR_SLOW_VARIANCE, AR_SLOW_MEAN, some.z[1:])):
-        apart = bayes.separate_bias(model, G, [[prior]], z, [mean])
-        both = filtered(bayes.augmented(model, G, [[prior]], [mean]), z)
+        apart = bias.separate_bias(model, G, [[prior]], z, [mean])
+        both = filtered(bias.augmented(model, G, [[prior]], [mean]), z)
         routes = ("two filters", "augmented filter")
         r.check(text("estimates, {name}, by separate filters", name=name), np.concatenate([apart.x, apart.b], axis=1), both.x_plus, routes, scale=float(np.abs(both.x_plus).max() + np.abs(apart.free.x_plus).max()) or 1.0)
         r.check(text("covariance, {name}, by separate filters", name=name), apart.P, both.P_plus, routes)

@@ -5,17 +5,16 @@ r"""Estimating a signal under a slowly varying error of measurement.
 
 φ and ψ are known functions of the time, λ, μ and n independent. :func:`batch` takes all samples at once, with noise of
 any covariance K; :func:`recursion` and the discrete filter of :func:`model` take one after the other, with white noise.
-The rest is for a signal and an error that are states: an error estimated beside the signal (:func:`augmented`), in a
-filter of its own (:func:`separate_bias`), taken into account without being estimated (:func:`consider`), or doubted
-(:func:`hypotheses`).
+Where signal and error are states, :mod:`ctlabs.filtering.bias` estimates the error or takes it into account, and
+:mod:`ctlabs.filtering.hypotheses` doubts it.
 
 Source: Shapiro & Shchelkanovtsev, *Avtometriya* 1968, no. 6.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
@@ -24,15 +23,11 @@ import scipy.linalg
 from numpy.typing import ArrayLike
 
 from ctlabs.filtering import measured
-from ctlabs.filtering.filter import covariances, kalman_filter
-from ctlabs.filtering.measured import begins
-from ctlabs.filtering.problem import rows_of
-from ctlabs.filtering.results import Covariances, Filtered, consistency
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import kernel
 from ctlabs.linalg.factors import factor
-from ctlabs.models import DiscreteModel, at
+from ctlabs.models import DiscreteModel
 from ctlabs.models.linear import DEFAULT
 
 #: Samples that are whitened and triangularised at a time, so that memory stays small.
@@ -260,6 +255,7 @@ def model(problem: SlowError) -> DiscreteModel:
 
     Source: Shapiro & Shchelkanovtsev 1968, eq. (16)–(19) with Φ = Ψ = I.
 
+    >>> from ctlabs import kalman_filter
     >>> s = SlowError([[1]] * 4, [[1]] * 4, 1000, [[100]], [[50]])
     >>> kalman_filter(model(s), [13, 13, 13, 13]).x_plus[-1].round(4)
     array([3.25 , 1.625])
@@ -271,7 +267,7 @@ def model(problem: SlowError) -> DiscreteModel:
     n = problem.M + problem.L
     return DiscreteModel(
         np.eye(n), np.zeros((n, n)), H[0] if constant else H, R[0] if constant else np.concatenate([R[:1], R]),
-        x0=problem.mean, P0=problem.covariance, states=[*_names("λ", problem.M), *_names("μ", problem.L)], measurements=["y"],
+        x0=problem.mean, P0=problem.covariance, states=[*names("λ", problem.M), *names("μ", problem.L)], measurements=["y"],
     )  # fmt: skip
 
 
@@ -323,235 +319,6 @@ def recursion(problem: SlowError, y: ArrayLike, keep: ArrayLike | None = None) -
     variances = np.ascontiguousarray(np.broadcast_to(problem.noise, problem.N))
     compiled()(rows, variances, data[:, 0], problem.mean, np.ascontiguousarray(S), kept, x, P, K)
     return Recursion(kept, x, P, K)
-
-
-# A slow error that is a state ----------------------------------------------------------------------------------------
-
-
-def augmented(signal: DiscreteModel, G: ArrayLike, P_b: ArrayLike, m_b: ArrayLike | None = None) -> DiscreteModel:
-    r"""The signal's model with a constant error of measurement b as further states: z = Hx + Gb + v.
-
-    Parameters
-    ----------
-    signal : model of the signal and its noises (the error need not be constant: put a varying one into the signal)
-    G : (m, L) or (steps+1, m, L), how b enters the measurements
-    P_b, m_b : (L, L), (L,), prior covariance and mean of b
-
-    Source: Shapiro & Shchelkanovtsev 1968, the block matrices before eq. (30).
-
-    >>> walk = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]])
-    >>> augmented(walk, [[1]], [[4]]).H
-    array([[1., 1.]])
-    """
-    P_b, m_b, G = _bias(signal, G, P_b, m_b)
-    L = len(m_b)
-    return replace(
-        signal,
-        Phi=_corner(signal.Phi, L, 1.0),
-        Qd=_corner(signal.Qd, L, 0.0),
-        H=_beside(signal.H, G),
-        x0=np.concatenate([signal.x0, m_b]),
-        P0=scipy.linalg.block_diag(signal.P0, P_b),
-        offset=None if signal.offset is None else np.pad(signal.offset, [*[(0, 0)] * (signal.offset.ndim - 1), (0, L)]),
-        N=None if signal.N is None else np.vstack([signal.N, np.zeros((L, signal.m))]),
-        states=(*signal.states, *_names("b", L)),
-        units=(*signal.units, *[""] * L),
-    )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SeparateBias:
-    """Friedland's two filters and what they give together.
-
-    ``x`` (steps+1, n, runs), signal · ``b`` (steps+1, L, runs), slow error · ``P`` (steps+1, n+L, n+L), covariance of
-    both after the update · ``free``, the filter that knows no error · ``bias``, the filter of the error, whose
-    measurements are the innovations of the first · ``V`` (steps+1, n, L), what the error b does to the first
-    """
-
-    x: Array
-    b: Array
-    P: Array
-    free: Filtered
-    bias: Filtered
-    V: Array
-
-
-def separate_bias(
-    signal: DiscreteModel, G: ArrayLike, P_b: ArrayLike, z: ArrayLike, m_b: ArrayLike | None = None, first: int | None = None
-) -> SeparateBias:
-    r"""The augmented filter in two: one of the signal as if there were no error, one of the error alone.
-
-    The innovations of the error-free filter are :math:`\nu_k = B_kb + (\text{white, covariance } \tilde S_k)` with
-
-    .. math:: U_k = \Phi V_{k-1}, \quad B_k = HU_k + G, \quad V_k = U_k - \tilde KB_k, \qquad
-              \hat x = \tilde x + V\hat b, \quad P_x = \tilde P + VMV^T, \quad P_{xb} = VM
-
-    where M is the covariance of b̂. The error filter has L states instead of n + L.
-
-    Parameters
-    ----------
-    signal, G, P_b, m_b : as for :func:`augmented` (signal without N)
-    z : (rows, m[, runs]), measurements; NaN = none
-
-    Raises
-    ------
-    ValueError
-        A signal with correlated noises N.
-
-    Source: Friedland, "Treatment of bias in recursive filtering", *IEEE Trans. AC-14* (1969).
-
-    >>> walk = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]])
-    >>> z = [[[1.0]], [[2.0]]]
-    >>> both = kalman_filter(augmented(walk, [[1]], [[4]]), z)
-    >>> bool(np.allclose(separate_bias(walk, [[1]], [[4]], z).x[-1], both.x_plus[-1, :1]))
-    True
-    """
-    P_b, m_b, G = _bias(signal, G, P_b, m_b)
-    _uncorrelated(signal, "separate_bias")
-    data, first = rows_of(z, signal.m)[0], begins(signal, first)
-    free = kalman_filter(signal, data, first=first)
-    plan, L = free, len(m_b)
-    V, B = np.zeros((plan.steps + 1, signal.n, L)), np.zeros((plan.steps + 1, signal.m, L))
-    for k in range(plan.steps + 1):
-        U = at(signal.Phi, k - 1, 2) @ V[k - 1] if k else V[0]
-        B[k] = at(signal.H, k, 2) @ U + at(G, k, 2)
-        V[k] = U - plan.K[k] @ B[k]
-    still = DiscreteModel(np.eye(L), np.zeros((L, L)), B, plan.S, x0=m_b, P0=P_b, dt=signal.dt, states=_names("b", L))
-    bias = kalman_filter(still, free.innovation[first:], first=first)
-    M, b = bias.P_plus, bias.x_plus
-    cross = V @ M
-    P = np.block([[plan.P_plus + cross @ np.swapaxes(V, 1, 2), cross], [np.swapaxes(cross, 1, 2), M]])
-    return SeparateBias(free.x_plus + V @ b, b, P, free, bias, V)
-
-
-def consider(
-    signal: DiscreteModel, G: ArrayLike, P_b: ArrayLike, steps: int, first: int | None = None
-) -> tuple[DiscreteModel, Covariances]:
-    r"""The Schmidt–Kalman filter: the error b is never estimated, but its variance and correlation are accounted for.
-
-    .. math:: K = \begin{pmatrix} (P_{xx}H^T + P_{xb}G^T)S^{-1} \\ 0 \end{pmatrix}, \quad S = TPT^T + R,\ T = (H\ G)
-
-    with P by Joseph's form, which is right for any gain. Returns the augmented model and the gains; apply them by
-    ``kalman_filter(model, z, gains=gains)``, or give both to :mod:`ctlabs.analysis.sensitivity` and :mod:`ctlabs.montecarlo`.
-
-    Raises
-    ------
-    ValueError
-        A signal with correlated noises N.
-
-    Source: Schmidt (1966); Bierman, *Factorization Methods* (1977), section VIII.2.
-
-    >>> walk = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[0], P0=[[10]])
-    >>> whole, plan = consider(walk, [[1]], [[4]], 3)
-    >>> plan.K[1].round(4).tolist(), plan.P_plus[3, 1, 1].round(9)
-    ([[0.6875], [0.0]], np.float64(4.0))
-    """
-    _uncorrelated(signal, "consider")
-    whole = augmented(signal, G, P_b)
-    own = covariances(whole, steps, first=first)  # which elements are used, and nothing else
-    n, P = whole.n, whole.P0
-    P_minus, P_plus, K, S = np.empty((steps + 1, n, n)), np.empty((steps + 1, n, n)), np.zeros_like(own.K), own.S.copy()
-    for k in range(steps + 1):
-        if k:
-            Phi = at(whole.Phi, k - 1, 2)
-            P = Phi @ P @ Phi.T + at(whole.Qd, k - 1, 2)
-        P_minus[k], used = P, own.used[k]
-        T, R = at(whole.H, k, 2)[used], at(whole.R, k, 2)[np.ix_(used, used)]
-        inner = T @ P @ T.T + R
-        S[k][np.ix_(used, used)] = inner
-        K[k][: signal.n, used] = np.linalg.solve(inner, T @ P[:, : signal.n]).T
-        rest = np.eye(n) - K[k][:, used] @ T
-        P = rest @ P @ rest.T + K[k][:, used] @ R @ K[k][:, used].T
-        P = P_plus[k] = 0.5 * (P + P.T)
-    return whole, Covariances(own.t, P_minus, P_plus, K, S, own.used)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Hypotheses:
-    """How probable each model is, given the measurements up to k.
-
-    ``t`` (steps+1,) s · ``probability`` (steps+1, models, runs) · ``log_likelihood`` (steps+1, models, runs), of all
-    measurements up to k · ``filters``, one :class:`~ctlabs.filtering.results.Filtered` for each model
-    """
-
-    t: Array
-    probability: Array
-    log_likelihood: Array
-    filters: tuple[Filtered, ...]
-
-    def mixture(self, compare: Sequence[ArrayLike]) -> tuple[Array, Array]:
-        """Mean (steps+1, d, runs) and covariance (steps+1, d, d, runs) of what ``compare`` (d, n_i) selects of each state.
-
-        The covariance adds the spread of the estimates about their common mean to the filters' own.
-        """
-        selected = [np.asarray(C, dtype=np.float64) for C in compare]
-        means = [C @ one.x_plus for C, one in zip(selected, self.filters, strict=True)]
-        own = [C @ one.P_plus @ C.T for C, one in zip(selected, self.filters, strict=True)]
-        weights = [self.probability[:, i, None, :] for i in range(len(self.filters))]
-        mean = sum((w * x for w, x in zip(weights, means, strict=True)), np.zeros_like(means[0]))
-        cov = np.zeros((*own[0].shape, mean.shape[-1]))
-        for w, x, P in zip(weights, means, own, strict=True):
-            e = x - mean
-            cov += w[:, None] * (P[..., None] + e[:, :, None] * e[:, None])
-        return mean, cov
-
-
-def hypotheses(
-    models: Sequence[DiscreteModel], z: ArrayLike, prior: ArrayLike | None = None, first: int | None = None
-) -> Hypotheses:
-    r"""A bank of filters, one of which is right all the time, and the probability of each.
-
-    .. math:: p_i(k) \propto p_i(0)\prod_{j\le k} N(\nu_j^{(i)}; 0, S_j^{(i)})
-
-    in logarithms, so that a model that looked hopeless can recover. (filterpy's ``MMAEFilterBank`` is not used: it
-    multiplies likelihoods, which underflow, gives one H to all filters, and sums P over states instead of filters.)
-
-    Parameters
-    ----------
-    models : discrete models of the same measurements, of any orders
-    z : (rows, m[, runs]), measurements; NaN = none
-    prior : probabilities before any measurement, equal by default
-
-    Raises
-    ------
-    ValueError
-        Fewer than two models; probabilities that are negative or do not add up to 1; models that measure different things; a
-        record that contradicts them all (:mod:`ctlabs.filtering.contradictions`).
-
-    Source: Magill, "Optimal adaptive estimation of sampled stochastic processes", *IEEE Trans. AC-10* (1965).
-
-    >>> still = DiscreteModel([[1]], [[0]], [[1]], [[1]], x0=[0], P0=[[1]])
-    >>> other = DiscreteModel([[1]], [[0]], [[1]], [[1]], x0=[5], P0=[[1]])
-    >>> hypotheses([still, other], [[4.0], [6.0]]).probability[:, :, 0].round(3)
-    array([[0.5  , 0.5  ],
-           [0.023, 0.977],
-           [0.   , 1.   ]])
-    """
-    if len(models) < 2:
-        msg = f"models: expected two or more, received {len(models)}"
-        raise ValueError(msg)
-    p = np.full(len(models), 1 / len(models)) if prior is None else checks.shaped("prior", prior, (len(models),))
-    if (p < 0).any() or abs(p.sum() - 1) > 1e-9:
-        msg = f"prior: expected probabilities that add up to 1, received {p.tolist()}"
-        raise ValueError(msg)
-    first = begins(models[0], first)
-    filters = tuple(kalman_filter(one, rows_of(z, one.m)[0], first=first) for one in models)
-    if any(not np.array_equal(one.used, filters[0].used) for one in filters):
-        msg = "models: expected the same elements measured by all, received models that use different ones"
-        raise ValueError(msg)
-    log = np.stack([np.cumsum(_log_likelihoods(one, first), axis=0) for one in filters], axis=1)
-    with np.errstate(divide="ignore"):  # a probability of 0 stays 0
-        score = log + np.log(p)[:, None]
-    best = score.max(axis=1, keepdims=True)
-    if np.isneginf(best).any():
-        k = int(np.argwhere(np.isneginf(best))[0, 0]) - first
-        msg = f"z: expected a record that is possible for one of the models, received one that contradicts all by row {k}"
-        raise ValueError(msg)
-    weight = np.exp(score - best)
-    return Hypotheses(filters[0].t, weight / weight.sum(axis=1, keepdims=True), log, filters)
-
-
-# Parts ---------------------------------------------------------------------------------------------------------------
 
 
 def _noise(noise: ArrayLike, N: int) -> Array:
@@ -620,54 +387,6 @@ def _white(problem: SlowError, who: str) -> None:
         raise ValueError(msg)
 
 
-def _uncorrelated(signal: DiscreteModel, who: str) -> None:
-    if signal.N is not None and signal.N.any():
-        msg = f"{who}: expected a signal without N (noises that correlate), received one"
-        raise ValueError(msg)
-
-
-def _names(letter: str, count: int) -> list[str]:
-    return [letter] if count == 1 else [f"{letter}{i}" for i in range(count)]
-
-
-def _bias(signal: DiscreteModel, G: ArrayLike, P_b: ArrayLike, m_b: ArrayLike | None) -> tuple[Array, Array, Array]:
-    """P_b, m_b, G, checked against the signal."""
-    checks.instance("signal", signal, DiscreteModel)
-    P_b = checks.covariance("P_b", P_b, ("L", "L"))
-    L = len(P_b)
-    m_b = np.zeros(L) if m_b is None else checks.shaped("m_b", m_b, (L,))
-    return P_b, m_b, checks.shaped("G", G, (signal.m, L), ("steps+1", signal.m, L))
-
-
-def _beside(H: Array, G: Array) -> Array:
-    """(H G), either of which may vary with time."""
-    spans = [len(one) for one in (H, G) if one.ndim == 3]
-    if not spans:
-        return np.hstack([H, G])
-    if len(set(spans)) > 1:
-        msg = f"G: expected {spans[0]} instants as H has, received {spans[1]}"
-        raise ValueError(msg)
-    return np.concatenate([np.broadcast_to(one, (spans[0], *one.shape[-2:])) for one in (H, G)], axis=-1)
-
-
-def _corner(matrix: Array, L: int, diagonal: float) -> Array:
-    """The matrix, or each of a stack, with L more rows and columns that hold ``diagonal`` on theirs."""
-    n = matrix.shape[-1]
-    result = np.zeros((*matrix.shape[:-2], n + L, n + L))
-    result[..., :n, :n] = matrix
-    result[..., n:, n:] = diagonal * np.eye(L)
-    return result
-
-
-def _log_likelihoods(one: Filtered, first: int) -> Array:
-    """log N(ν; 0, S) of every step and run, (steps+1, runs); 0 where nothing is measured."""
-    found = np.zeros((len(one.t), one.z.shape[2]))
-    found += consistency(one.innovation, one.S, one.used & ~np.isnan(one.innovation).all(axis=2))[1]
-    for each in one.contradictions:  # impossible for this model from there on
-        found[each.row + first, each.run] = -np.inf
-    return found
-
-
 def potter(rows: Array, r: Array, y: Array, x0: Array, S: Array, keep: Array, xs: Array, Ps: Array, Ks: Array) -> None:
     """Potter's update for one sample after another; plain Python that numba compiles."""
     n, x, f, K, kept = len(x0), x0.copy(), np.zeros(len(x0)), np.zeros(len(x0)), 0
@@ -705,3 +424,8 @@ def compiled() -> Callable[..., None]:
     """:func:`potter` compiled once, and kept on disk."""
     quick: Callable[..., None] = kernel(potter)
     return quick
+
+
+def names(letter: str, count: int) -> list[str]:
+    """Names of so many parameters: the letter, with an index where there are several."""
+    return [letter] if count == 1 else [f"{letter}{i}" for i in range(count)]

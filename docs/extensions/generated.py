@@ -47,6 +47,8 @@ REFERENCE = {
             "ctlabs.filtering.varying",
             "ctlabs.filtering.reduced",
             "ctlabs.filtering.bayes",
+            "ctlabs.filtering.bias",
+            "ctlabs.filtering.hypotheses",
             "ctlabs.filtering.between",
             "ctlabs.filtering.updates",
             "ctlabs.filtering.relinearised",

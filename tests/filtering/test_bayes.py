@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ctlabs import montecarlo
 from ctlabs.analysis import sensitivity
-from ctlabs.filtering import bayes, kalman_filter
+from ctlabs.filtering import bayes, bias, hypotheses, kalman_filter
 from ctlabs.filtering.bayes import SlowError
 from ctlabs.labs.experiment import covariances
 from ctlabs.models import DiscreteModel
@@ -268,18 +268,18 @@ def disturbed(draw: st.DrawFn) -> tuple[DiscreteModel, Array, Array, Array, Arra
 def test_friedlands_two_filters_are_the_augmented_one(drawn: tuple[DiscreteModel, Array, Array, Array, Array]) -> None:
     """State, error and all covariances of the separate-bias form equal those of the filter of both."""
     model, G, P_b, m_b, z = drawn
-    both = kalman_filter(bayes.augmented(model, G, P_b, m_b), z)
-    apart = bayes.separate_bias(model, G, P_b, z, m_b)
+    both = kalman_filter(bias.augmented(model, G, P_b, m_b), z)
+    apart = bias.separate_bias(model, G, P_b, z, m_b)
     size = max(np.abs(both.x_plus).max(), np.abs(apart.free.x_plus).max())
     assert close(np.concatenate([apart.x, apart.b], axis=1), both.x_plus, SOLVER, size=size)
     assert close(apart.P, both.P_plus, SOLVER)
-    assert not close(bayes.separate_bias(model, broken(G), P_b, z, m_b).P, both.P_plus, EXACT)
+    assert not close(bias.separate_bias(model, broken(G), P_b, z, m_b).P, both.P_plus, EXACT)
 
 
 def test_the_consider_filter_knows_its_own_error() -> None:
     """Its covariance is the true one, lies between the optimal and the naive filter's, and its gain on the error is 0."""
     walk = DiscreteModel([[0.9]], [[0.5]], [[1]], [[2]], x0=[0], P0=[[10]])
-    whole, plan = bayes.consider(walk, [[1]], [[3]], 20)
+    whole, plan = bias.consider(walk, [[1]], [[3]], 20)
     assert not plan.K[:, 1].any()
     assert close(plan.P_plus, sensitivity.actual(whole, whole, 20, gains=plan).P_plus, EXACT * 10)
     best = covariances(whole, 20).P_plus[:, 0, 0]
@@ -295,7 +295,7 @@ def test_the_consider_filter_without_an_error_is_the_filter() -> None:
     """With P_b = 0 nothing is left to consider, gaps in the measurements included."""
     R = np.array([[[1.0]], [[1.0]], [[np.inf]], [[1.0]]])
     walk = DiscreteModel([[1]], [[1]], [[1]], R, x0=[0], P0=[[10]])
-    _, plan = bayes.consider(walk, [[1]], [[0]], 3)
+    _, plan = bias.consider(walk, [[1]], [[0]], 3)
     own = covariances(walk, 3)
     assert close(plan.P_plus[:, :1, :1], own.P_plus, EXACT)
     assert close(plan.K[:, :1], own.K, EXACT)
@@ -309,7 +309,7 @@ def test_the_bank_has_the_likelihood_of_the_joint_distribution(model: DiscreteMo
     rng = np.random.default_rng(seed)
     z = record(model, 5, rng)
     other = replace(model, x0=model.x0 + 0.3)
-    bank = bayes.hypotheses([model, other], z[1:], prior=[0.3, 0.7])
+    bank = hypotheses.hypotheses([model, other], z[1:], prior=[0.3, 0.7])
     exact = np.array([log_likelihood(one, z) for one in (model, other)])
     assert close(bank.log_likelihood[-1, :, 0], exact, SOLVER, size=1.0)
     odds = np.log(0.7 / 0.3) + exact[1] - exact[0]
@@ -320,11 +320,11 @@ def test_the_mixture_of_one_certain_model_is_that_model() -> None:
     """With prior 1 and 0 the mixture is the first filter; with doubt the spread of the estimates adds to P."""
     one, two = (DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[x], P0=[[1]]) for x in (0.0, 3.0))
     z = [[1.0], [2.0]]
-    sure = bayes.hypotheses([one, two], z, prior=[1, 0])
+    sure = hypotheses.hypotheses([one, two], z, prior=[1, 0])
     mean, cov = sure.mixture([[[1]], [[1]]])
     assert close(mean, sure.filters[0].x_plus, EXACT)
     assert close(cov[..., 0], sure.filters[0].P_plus, EXACT)
-    unsure = bayes.hypotheses([one, two], z)
+    unsure = hypotheses.hypotheses([one, two], z)
     p, x = unsure.probability[1, :, 0], [f.x_plus[1, 0, 0] for f in unsure.filters]
     mean, cov = unsure.mixture([[[1]], [[1]]])
     assert mean[1, 0, 0] == pytest.approx(p @ x, rel=EXACT)
@@ -336,18 +336,18 @@ def test_augmenting_keeps_what_varies_and_what_is_known() -> None:
     """A varying G, an offset and N of the signal come through; G of another length is refused."""
     walk = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[1], P0=[[10]], offset=[2], N=[[0.5]])
     G = np.arange(4.0).reshape(4, 1, 1)
-    whole = bayes.augmented(walk, G, [[4]])
+    whole = bias.augmented(walk, G, [[4]])
     assert whole.H[3].tolist() == [[1.0, 3.0]]
     assert whole.offset is not None
     assert whole.offset.tolist() == [2.0, 0.0]
     assert whole.N is not None
     assert whole.N.tolist() == [[0.5], [0.0]]
     with pytest.raises(ValueError, match="G: expected 4 instants as H has, received 3"):
-        bayes.augmented(replace(walk, H=np.ones((4, 1, 1))), G[:3], [[4]])
+        bias.augmented(replace(walk, H=np.ones((4, 1, 1))), G[:3], [[4]])
     with pytest.raises(ValueError, match="separate_bias: expected a signal without N"):
-        bayes.separate_bias(walk, [[1]], [[4]], [[0.0], [1.0]])
+        bias.separate_bias(walk, [[1]], [[4]], [[0.0], [1.0]])
     with pytest.raises(ValueError, match="consider: expected a signal without N"):
-        bayes.consider(walk, [[1]], [[4]], 2)
+        bias.consider(walk, [[1]], [[4]], 2)
 
 
 ONE = [[1.0], [1.0]]
@@ -368,13 +368,13 @@ REFUSED: dict[str, tuple[Callable[[], object], str]] = {
     "coloured model": (lambda: bayes.model(SlowError(ONE, None, np.eye(2), [[1]])), "white noise"),
     "keep out of order": (lambda: bayes.recursion(constants(2), [1, 2], keep=[2, 1]), "keep: expected increasing"),
     "keep too long": (lambda: bayes.recursion(constants(2), [1, 2], keep=[3]), "from 1 to 2"),
-    "one hypothesis": (lambda: bayes.hypotheses([bayes.model(constants(2))], bayes.record([1, 2])), "two or more"),
+    "one hypothesis": (lambda: hypotheses.hypotheses([bayes.model(constants(2))], bayes.record([1, 2])), "two or more"),
     "no probabilities": (
-        lambda: bayes.hypotheses([bayes.model(constants(2))] * 2, bayes.record([1, 2]), prior=[0.5, 0.4]),
+        lambda: hypotheses.hypotheses([bayes.model(constants(2))] * 2, bayes.record([1, 2]), prior=[0.5, 0.4]),
         "add up to 1",
     ),
     "different measurements": (
-        lambda: bayes.hypotheses(
+        lambda: hypotheses.hypotheses(
             [bayes.model(constants(2)), bayes.model(constants(2, noise=[1, np.inf]))], bayes.record([1, 2])
         ),
         "the same elements",

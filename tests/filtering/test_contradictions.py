@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from ctlabs import cli
 from ctlabs.analysis import diagnosis, fitting
-from ctlabs.filtering import Filtered, bayes, contradictions, kalman_filter, log_likelihood, smooth
+from ctlabs.filtering import Filtered, contradictions, hypotheses, kalman_filter, log_likelihood, smooth
 from ctlabs.filtering.algorithms.catalogue import FORMS
 from ctlabs.filtering.contradictions import Contradiction
 from ctlabs.filtering.online import Filter
@@ -461,9 +461,9 @@ def test_a_diagnosis_and_hypotheses_know_of_it() -> None:
     assert "row 2" in told.suggestion
     exact, wrong = undriven([[0.5]], [1.0]), undriven([[0.5]], [1.5])
     halves = [[0.5], [0.25]]
-    assert bayes.hypotheses([exact, wrong], halves).probability[-1, :, 0].tolist() == [1.0, 0.0]
+    assert hypotheses.hypotheses([exact, wrong], halves).probability[-1, :, 0].tolist() == [1.0, 0.0]
     with pytest.raises(ValueError, match="received one that contradicts all by row 0"):
-        bayes.hypotheses([wrong, wrong], halves)
+        hypotheses.hypotheses([wrong, wrong], halves)
 
 
 def test_the_filter_goes_on_as_if_the_element_were_not_measured() -> None:
