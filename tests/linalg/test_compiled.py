@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 #: A filter with a gap and correlated noises, a perfect measurement, a vague start, a smoother and an experiment; a record that needs
-#: square roots, a perfect measurement of what is known, the slopes of a likelihood, and what a record says of jumps.
+#: square roots, also with noises that correlate, perfect measurements of what is known, a record so long that its covariances rest, the
+#: slopes of a likelihood, and what a record says of jumps.
 PROGRAM = """
 import json
 import numpy as np
@@ -34,9 +35,18 @@ assert roots.algorithm == "array", roots.algorithm
 known = DiscreteModel([[1, 1], [0, 1]], np.zeros((2, 2)), [[1, 0]], [[0]], x0=[1 / 3, 1 / 7], P0=np.zeros((2, 2)))
 wrong = kalman_filter(known, [1 / 3 + 1 / 7, 2, 1 / 3 + 3 / 7])
 assert [each.row for each in wrong.contradictions] == [1], wrong.contradictions
+still = DiscreteModel(np.eye(2), np.zeros((2, 2)), [[1, 0], [1, 1]], np.zeros((2, 2)), x0=[1, 0], P0=np.eye(2))
+torn = kalman_filter(still, [[1 / 3, 1 / 7], [1 / 3, 2], [1 / 3, 1 / 7]])
+assert [each.row for each in torn.contradictions] == [1], torn.contradictions
+apart = kalman_filter(DiscreteModel([[1, 1], [0, 1]], 1e-3 * np.eye(2), [[1, 0], [0, 1]], 1e-13 * np.eye(2), P0=np.eye(2),
+                                    N=1e-9 * np.eye(2)), [[1, 2], [np.nan, 1], [2, 1], [1, 1]])
+assert apart.algorithm == "array", apart.algorithm
+long = kalman_filter(m, 5 + np.sin(np.arange(300.0)))
+back = smooth(m, long)
 parts = [slope.Phi, slope.Qd, slope.H, slope.R, slope.x0, slope.P0, told.outlier, told.outlier_size, told.shock, told.shock_size,
          roots.P_plus, roots.x_plus, [each.innovation for each in wrong.contradictions],
          [each.allowed for each in wrong.contradictions],
+         torn.x_plus, [each.allowed for each in torn.contradictions], apart.x_plus, apart.P_plus, long.x_plus, long.P_plus, back.x, back.P,
          found.x_plus, found.P_plus, found.K, [found.log_likelihood], whole.x, whole.P,
          smooth(perfect, [1, 2, 4]).x,
          smooth(vague, [1, 2, 4]).x, smooth(m, [5, 5, 5, 4], lag=1).x, steady_state(m).P_plus, stats.rms, stats.nees]
