@@ -21,6 +21,7 @@ A Lyapunov equation is one without measurements.
 from __future__ import annotations
 
 import warnings
+from contextlib import nullcontext
 from typing import NamedTuple
 
 import numpy as np
@@ -31,8 +32,11 @@ from ctlabs.linalg.correlated import regression
 from ctlabs.linalg.lyapunov import Operator, lost, prove
 from ctlabs.linalg.manyfold import Manyfold, Matrix, high
 from ctlabs.linalg.starts import Uncorrelated, starts
+from ctlabs.linalg.threads import one_thread
 from ctlabs.linalg.units import balanced
 
+#: Below this number of states a second thread of BLAS only waits.
+SMALL = 128
 #: A solution counts as one below this bound of its error, in standard deviations.
 SOLVED = 1e-6
 #: Bound that a solution in doubles must reach to be left at that.
@@ -139,7 +143,8 @@ def solve(A: Array, H: Array, Q: Matrix, R: Array, N: Matrix | None = None, *, c
     given = RiccatiEquation(A, H, Manyfold.of(Q), R, Manyfold.of(np.zeros((len(A), len(H))) if N is None else N), continuous)
     key = given.key()
     if key not in _KNOWN:
-        found = _found(given)
+        with one_thread() if len(A) < SMALL else nullcontext():  # threads that wait for each other take ten times as long
+            found = _found(given)
         while len(_KNOWN) >= KEPT:
             _KNOWN.pop(next(iter(_KNOWN)), None)
         _KNOWN[key] = found

@@ -12,6 +12,7 @@ _CONTROLLER: list[Any] = []
 @contextmanager
 def one_thread() -> Iterator[None]:
     """BLAS on one thread, for the workers are the parallel part; the setting before is put back."""
+    import scipy.linalg  # noqa: F401  # brings a BLAS of its own, which is to be found
     from threadpoolctl import ThreadpoolController
 
     if not _CONTROLLER:
