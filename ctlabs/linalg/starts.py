@@ -1,9 +1,9 @@
 r"""First solutions of a Riccati equation, from which Newton's method converges: the gain of each has a stable loop.
 
-python-control's solver comes first (always scipy's method, whatever else is installed). Where it fails, the equation with a little
-noise added to every state and measurement has a stabilising gain that serves as well; it is solved by doubling the number of steps
-(structure-preserving doubling; Chu, Fan, Lin & Wang 2004, Int. J. Control 77), a continuous one after Cayley's transform
-(Chu, Fan & Lin 2005, Linear Algebra Appl. 396).
+Doubling the number of steps from zero comes first (structure-preserving doubling; Chu, Fan, Lin & Wang 2004, Int. J. Control 77; a
+continuous equation after Cayley's transform: Chu, Fan & Lin 2005, Linear Algebra Appl. 396): some ten products of small matrices.
+Where it fails, python-control's solver follows (always scipy's method, whatever else is installed); where both do, the equation with a
+little noise added to every state and measurement has a stabilising gain that serves as well.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import scipy.linalg
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.manyfold import Manyfold, Matrix, high, inverse, solve, symmetric
 
-#: Above this number of states doubling is the faster one.
+#: Above this number of states only doubling is fast enough to be tried.
 LARGE = 60
 #: Noise added, in units in which the elements of the equation are near 1.
 ADDED = 1e-9
@@ -42,9 +42,9 @@ def starts(
     ``precise`` : the equation in a multiple of the working precision. Beside a quiet sensor whose noise is correlated with that of
     the states, A − NR⁻¹H has lost A in doubles.
     """
+    yield 2, partial(doubled, eq, 0.0, 1, continuous=continuous)
     if eq.H.shape[1] <= LARGE and len(eq.H):
         yield 2, partial(by_control, eq, continuous=continuous)
-    yield 2, partial(doubled, eq, 0.0, 1, continuous=continuous)
     yield 2, partial(doubled, eq, ADDED, 1, continuous=continuous)
     if eq.H.shape[1] <= LARGE:
         yield 2, partial(doubled, eq, 0.0, 2, continuous=continuous)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -267,10 +267,25 @@ def continuous_regulator(
     innovations = trace(weights.Qx, P) + trace(feedback.S, K, e.R_nu, K.T)
     loop = closed_continuous(model, machine)
     follows = e.follows(model)
-    whole = _about(loop, weights, places, goal, follows) if goal is not None else _cost_of(loop, weights, len(chosen))
     between = cost.constant
-    found = LoopCost(regulation, estimation, 0.0, between, whole + between, innovations + between, "s")
+    of_loop = partial(_of_loop, loop, weights, len(chosen), between, places, goal, follows)
+    found = LoopCost(regulation, estimation, 0.0, between, innovations + between, of_loop, "s")
     return ContinuousRegulator(model, design, weights, feedback, e.K, e.P, machine, loop, e.poles, found, tuple(places), goal, follows)
+
+
+def _of_loop(
+    loop: ContinuousLoop,
+    weights: Weights,
+    integrals: int,
+    between: float,
+    places: list[int],
+    goal: targets.Target | None,
+    follows: Array,
+) -> float:
+    """The cost from the covariances of the closed loop."""
+    if goal is not None:
+        return _about(loop, weights, places, goal, follows) + between
+    return _cost_of(loop, weights, integrals) + between
 
 
 def _machine(

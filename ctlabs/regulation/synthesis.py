@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TypedDict, Unpack, overload
 
 import numpy as np
@@ -172,21 +173,32 @@ def _designed(
     machine, offset = _machine(design, plant, feedback, known, kind, steps, C, names, chosen, places)
     regulation, estimation, innovations = _parts(design, weights, feedback, known, kind, steps)
     between = cost.constant
-    loop = closed(plant, machine)
-    if places:
-        assert target is not None
-        whole_loop = steady_cost_about(loop, weights, places, target) + between
-    else:
-        about = at_rest(plant, C, len(chosen)) if len(C) and plant.offset is not None else None
-        whole_loop = loop_cost(loop, weights, len(chosen), steps, between, about)
+    about = at_rest(plant, C, len(chosen)) if len(C) and plant.offset is not None and not places else None
+    of_loop = partial(_of_loop, plant, machine, weights, len(chosen), steps, between, about, places, target)
     added = between * (steps or 1)
     unit_of = "step" if steps is None else "horizon"
-    found = LoopCost(regulation, estimation, offset, added, whole_loop, innovations + offset + added, unit_of)
+    found = LoopCost(regulation, estimation, offset, added, innovations + offset + added, of_loop, unit_of)
     if sampling is not None and steps is None:
         found = found.scaled(1 / plant.dt, "s")
-    return Regulator(
-        plant, design, weights, feedback, estimator, kind, machine, loop, found, between, tuple(places), target, sampling
-    )  # fmt: skip
+    return Regulator(plant, design, weights, feedback, estimator, kind, machine, found, between, tuple(places), target, sampling)
+
+
+def _of_loop(
+    plant: DiscreteModel,
+    machine: Machine,
+    weights: Weights,
+    integrals: int,
+    steps: int | None,
+    between: float,
+    about: Array | None,
+    places: list[int],
+    target: targets.Target | None,
+) -> float:
+    """The cost from the covariances of the closed loop."""
+    loop = closed(plant, machine)
+    if target is not None:
+        return steady_cost_about(loop, weights, places, target) + between
+    return loop_cost(loop, weights, integrals, steps, between, about)
 
 
 def _with_known(e: Estimator, design: DiscreteModel, plant: DiscreteModel) -> Estimator:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ctlabs.linalg.checks import Array
-from ctlabs.regulation.curves import Tradeoff
+from ctlabs.regulation.curves import Periods, Tradeoff
 from ctlabs.regulation.runs import LoopEnsemble
 from ctlabs.reporting.drawing import Curve, Drawing, Mark, Panel, labelled, line_styles
 from ctlabs.reporting.plots import frequency
@@ -127,7 +127,7 @@ def tradeoff(found: Regulated, state: int, u: int = 0) -> Drawing:
 
 def periods(found: Regulated) -> Drawing:
     """The cost per second against the period."""
-    family: Tradeoff = found.periods.value
+    family: Periods = found.periods.value
     here = int(np.argmin(np.abs(np.log(family.values / found.regulator.plant.dt))))
     curves = (
         Curve(_("optimal for each period"), family.values, family.cost, "blue", "line"),

@@ -118,7 +118,7 @@ class LoopResults:
             self.state.set_options(names, value=names[foremost(found)])
         self._draw_tradeoff()
         if len(curves.periods.values):
-            self.periods.show(pictures.periods(dataclasses.replace(found, periods=Part(curves.periods.tradeoff))))
+            self.periods.show(pictures.periods(dataclasses.replace(found, periods=Part(curves.periods.periods))))
         else:
             self.periods.hide()
         families = (("Weights", curves.weights), ("Periods", curves.periods))
