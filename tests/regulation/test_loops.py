@@ -363,7 +363,8 @@ def test_longer_periods_cost_more():
 
 def test_the_equation_of_the_closed_loop_is_solved_when_it_is_asked_for(monkeypatch):
     asked = []
-    monkeypatch.setattr(riccati, "stationary", lambda *given, solve=riccati.stationary, **more: asked.append(given) or solve(*given, **more))
+    solve = riccati.stationary
+    monkeypatch.setattr(riccati, "stationary", lambda *given, **more: asked.append(given) or solve(*given, **more))
     found = periods(MOTOR, MOTOR_COST, [0.1, 0.2]).members[0]
     whole = regulator(MOTOR, MOTOR_COST)
     assert not asked
