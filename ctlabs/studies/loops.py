@@ -66,7 +66,7 @@ def step(found: Regulated, response: Response) -> Drawing:
     order = [i for i in (names.index(response.name),) if i < len(names)] if response.name in names else []
     order += [i for i in range(len(names)) if i not in order]
     panels = [
-        _signal(response.t, response.z[:, i], names[i], units[i], (Mark(_("set point"), 1.0, "orange", "dash"),) if names[i] == response.name else ())
+        _signal(response.t, response.z[:, i], names[i], units[i], (Mark(_("set point"), response.size, "orange", "dash"),) if names[i] == response.name else ())
         for i in order[:SHOWN]
     ]
     return Drawing(_("Step of a set point"), "t, s", (*panels, *_inputs(found, response)), verbatim=True)
