@@ -29,7 +29,7 @@ from ctlabs.models.interop import state_space
 from ctlabs.models.linear import ContinuousModel
 from ctlabs.regulation import export, targets
 from ctlabs.regulation.augmented import integrating
-from ctlabs.regulation.closed import LoopCovariances, Signals, unstable
+from ctlabs.regulation.closed import LoopCovariances, Signals, decaying
 from ctlabs.regulation.controller import ContinuousMachine
 from ctlabs.regulation.costs import LoopCost, trace
 from ctlabs.regulation.design import about_loads, with_integral_weights
@@ -83,9 +83,7 @@ class ContinuousLoop:
         ValueError
             A loop that is not stable: the mode is named.
         """
-        if reason := unstable(self.model.F, self.model.states, continuous=True):
-            msg = f"closed loop: expected every mode to decay, received {reason}"
-            raise ValueError(msg)
+        decaying(self.model.F, self.model.states, continuous=True)
         P = riccati.stationary(self.model.F, self.model.G @ self.model.Q @ self.model.G.T, continuous=True).P.high
         return self._signals(np.array(np.inf), -np.linalg.solve(self.model.F, self.drive), np.array(P))
 
@@ -267,6 +265,9 @@ def continuous_regulator(
     innovations = trace(weights.Qx, P) + trace(feedback.S, K, e.R_nu, K.T)
     loop = closed_continuous(model, machine)
     follows = e.follows(model)
+    to, kept = about_loads(model.n, loop.model.n - model.n, places, goal, follows)
+    moves = (to @ loop.model.F @ np.linalg.inv(to))[np.ix_(kept, kept)]
+    decaying(moves, tuple(loop.model.states[i] for i in kept), continuous=True)
     between = cost.constant
     of_loop = partial(_of_loop, loop, weights, len(chosen), between, places, goal, follows)
     found = LoopCost(regulation, estimation, 0.0, between, innovations + between, of_loop, "s")

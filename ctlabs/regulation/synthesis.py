@@ -17,11 +17,19 @@ from ctlabs.models.cost import Cost, Weights
 from ctlabs.models.linear import ContinuousModel, DiscreteModel
 from ctlabs.regulation import costs, targets
 from ctlabs.regulation.augmented import weighed, with_integrals
-from ctlabs.regulation.closed import closed
+from ctlabs.regulation.closed import closed, decaying, inner_loop
 from ctlabs.regulation.continuous import ContinuousRegulator, continuous_regulator
 from ctlabs.regulation.controller import Machine
 from ctlabs.regulation.costs import LoopCost
-from ctlabs.regulation.design import KINDS, Regulator, Sampling, loop_cost, steady_cost_about, with_integral_weights
+from ctlabs.regulation.design import (
+    KINDS,
+    Regulator,
+    Sampling,
+    about_loads,
+    loop_cost,
+    steady_cost_about,
+    with_integral_weights,
+)
 from ctlabs.regulation.estimator import Estimator, disturbance, scheduled_estimator, steady_estimator
 from ctlabs.regulation.feedback import Feedback, lqr, whole_steps
 from ctlabs.regulation.loads import at_rest, forward, loaded
@@ -171,6 +179,8 @@ def _designed(
         whole = Cost(weights.Qx, weights.Qu, weights.N, weights.Qf if steps is not None else None, steps)
         feedback = lqr(design, whole, stabilise=stabilise)
     machine, offset = _machine(design, plant, feedback, known, kind, steps, C, names, chosen, places)
+    if steps is None:
+        _decaying(plant, machine, places, target)
     regulation, estimation, innovations = _parts(design, weights, feedback, known, kind, steps)
     between = cost.constant
     about = at_rest(plant, C, len(chosen)) if len(C) and plant.offset is not None and not places else None
@@ -181,6 +191,14 @@ def _designed(
     if sampling is not None and steps is None:
         found = found.scaled(1 / plant.dt, "s")
     return Regulator(plant, design, weights, feedback, estimator, kind, machine, found, between, tuple(places), target, sampling)
+
+
+def _decaying(plant: DiscreteModel, machine: Machine, places: list[int], target: targets.Target | None) -> None:
+    """Refuse a loop with a mode that does not decay; loads, which stay as they are, are none of its."""
+    to, kept = about_loads(plant.n, len(machine.xi0), places, target)
+    moves = (to @ inner_loop(plant, machine) @ np.linalg.inv(to))[np.ix_(kept, kept)]
+    modes = (*plant.states, *(f"{name} (controller)" for name in machine.states))
+    decaying(moves, tuple(modes[i] for i in kept), continuous=False)
 
 
 def _of_loop(
