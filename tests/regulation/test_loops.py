@@ -17,6 +17,8 @@ from ctlabs.montecarlo import chance
 from ctlabs.regulation import Controller, cost_budget, ensemble, lqr, margins, periods, tradeoff
 from tests.regulation.plants import INTEGRATOR, MOTOR, MOTOR_COST, continuous, discrete
 
+pytestmark = pytest.mark.numerical
+
 SEEDS = range(6)
 MANY = {
     "plain": {},
