@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from ctlabs import Cost, DiscreteModel, discretise, regulator
-from ctlabs.regulation import lqr, sample
-from ctlabs.regulation.augmented import with_integrals
+from ctlabs.regulation import Margin, lqr, margins, sample, tradeoff
+from ctlabs.regulation.augmented import integrating, with_integrals
 from tests.regulation.plants import MOTOR, MOTOR_COST, continuous, discrete
 from tests.strategies import covariance
 
@@ -145,3 +145,71 @@ def test_what_a_measurement_tells_of_the_plant_it_does_not_tell_of_inputs_on_the
     found = sample(model, cost, 0.2, delay=0.3).model
     np.testing.assert_array_equal(found.N[: model.n], discretise(model, 0.2).N)
     assert not found.N[model.n :].any()
+
+
+# Integrals, continuous loops, margins, curves ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_an_integral_adds_up_what_is_measured(seed):
+    """q' = q + h(Hx + Du + d + v): its motion, its noise h v, and what of that the measurement tells; the same per second."""
+    model, _ = discrete(seed, offset=True, through=True)
+    rng, h = np.random.default_rng(seed), 0.3
+    model = replace(model, dt=h, measurement_offset=rng.normal(size=model.m))
+    whole = with_integrals(model, [model.m - 1])
+    x, q, u = rng.normal(size=model.n), rng.normal(size=1), rng.normal(size=model.r)
+    z = model.H @ x + model.D @ u + model.measurement_offset
+    expected = np.concatenate([model.Phi @ x + model.B @ u + model.offset, q + h * z[-1:]])
+    np.testing.assert_allclose(whole.Phi @ np.append(x, q) + whole.B @ u + whole.offset, expected, rtol=0, atol=1e-12)
+    pick = np.eye(model.n + model.m)[[*range(model.n), model.n + model.m - 1]]
+    pick[-1] *= h
+    joint = np.block([[model.Qd, model.N], [model.N.T, model.R]])
+    np.testing.assert_allclose(whole.Qd, pick @ joint @ pick.T, rtol=1e-13)
+    np.testing.assert_allclose(whole.N, (pick @ joint)[:, model.n :], rtol=1e-13)
+    plant, _ = continuous(seed)
+    plant = replace(plant, D=rng.normal(size=(plant.m, plant.r)))
+    slow = integrating(plant, [plant.m - 1])
+    np.testing.assert_allclose(slow.B[-1], plant.D[-1])
+    np.testing.assert_allclose(slow.F[-1, : plant.n], plant.H[-1])
+    np.testing.assert_allclose(slow.Q[-1], np.append(plant.N[:, -1], plant.Rc[-1, -1]))
+    np.testing.assert_allclose(slow.N, np.vstack([plant.N, plant.Rc[-1:]]))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_a_continuous_measurement_that_contains_the_input_costs_nothing_more(seed):
+    """Du is known and taken off: every route, and the cost without D."""
+    model, cost = continuous(seed)
+    through = replace(model, D=np.random.default_rng(seed).normal(size=(model.m, model.r)))
+    found, plain = regulator(through, cost).cost, regulator(model, cost).cost
+    assert found.spread < 1e-10
+    assert found.closed_loop == pytest.approx(plain.closed_loop, rel=1e-10)
+
+
+def test_two_loops_that_do_not_meet_bear_together_what_the_weaker_bears():
+    """A block of two scalar plants: the disk of all inputs at once is the smaller one."""
+    plant = DiscreteModel(np.diag([1.1, 0.9]), np.eye(2), np.eye(2), np.diag([1.0, 4.0]), B=np.diag([1.0, 2.0]), P0=np.eye(2))
+    found = margins(regulator(plant, Cost(np.eye(2), np.eye(2))))
+    assert found.together == pytest.approx(min(each.disk for each in found.inputs.values()), rel=1e-6)
+
+
+def test_a_disk_of_one_is_a_third_to_three_and_53_degrees():
+    """(1 ± α/2)/(1 ∓ α/2), 2 arctan α/2."""
+    found = Margin((0.0, np.inf), 1.0, 1.0, 1.0, 1.0, 1.0)
+    assert found.disk_gain == pytest.approx((1 / 3, 3.0), rel=1e-15)
+    assert np.degrees(found.disk_phase) == pytest.approx(53.13010235415598, rel=1e-15)
+
+
+def test_a_cross_weight_goes_with_the_root_of_the_inputs_weight():
+    """[[Qx, √ρN], [√ρNᵀ, ρQu]] is definite for every ρ."""
+    model, cost = discrete(3)
+    found = tradeoff(model, cost, [4.0]).members[0]
+    np.testing.assert_array_equal(found.L, regulator(model, Cost(cost.Qx, 4 * cost.Qu, 2 * cost.N)).L)
+
+
+def test_a_perfect_measurement_follows_its_set_point():
+    """The controller carries what the reduced filter estimates; the place comes to rest at 3, the estimate with it."""
+    exact = replace(MOTOR, Rc=None, G=np.array([[0, 0.3], [1, 0]]), Q=np.eye(2))
+    loop = regulator(exact, MOTOR_COST, track=["place"]).loop(set_point=[3.0])
+    np.testing.assert_allclose(loop.steady().x.mean, [3.0, 0.0], atol=1e-10)
+    over = loop.covariances([0.0, 50.0])
+    np.testing.assert_allclose(over.x.mean[-1], [3.0, 0.0], atol=1e-8)
