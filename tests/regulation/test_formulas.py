@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from ctlabs import Cost, DiscreteModel, discretise, regulator
-from ctlabs.regulation import Margin, lqr, margins, sample, tradeoff
+from ctlabs.regulation import Margin, ensemble, lqr, margins, sample, tradeoff
 from ctlabs.regulation.augmented import integrating, with_integrals
+from ctlabs.regulation.closed import followed
 from tests.regulation.plants import MOTOR, MOTOR_COST, continuous, discrete
 from tests.strategies import covariance
 
@@ -213,3 +214,20 @@ def test_a_perfect_measurement_follows_its_set_point():
     np.testing.assert_allclose(loop.steady().x.mean, [3.0, 0.0], atol=1e-10)
     over = loop.covariances([0.0, 50.0])
     np.testing.assert_allclose(over.x.mean[-1], [3.0, 0.0], atol=1e-8)
+
+
+def test_the_variance_of_a_runs_cost_is_that_of_a_sum_of_gaussian_squares():
+    """var Σ y'Wy = 2ΣΣ tr WC_klWC_lk + 4ΣΣ m_k'WC_klWm_l, over all pairs of instants."""
+    steps, runs = 6, 10
+    found = regulator(replace(MOTOR, x0=np.array([1.0, -0.5])), MOTOR_COST, dt=0.1)
+    loop = found.closed
+    n, size, m, _r = loop.sizes
+    over, rows = followed(loop.model, steps), np.vstack([np.eye(n, n + size + m), loop.model.H[m:]])
+    W, X, total = rows.T @ found.weights.joint @ rows, loop.model.Phi, 0.0
+    for k in range(steps):
+        for j in range(steps):
+            first, last = min(k, j), max(k, j)
+            C = np.linalg.matrix_power(X, last - first) @ over.P[first]  # cov(s_last, s_first)
+            total += 2 * float(np.trace(W @ C @ W @ C.T)) + 4 * float(over.mean[last] @ W @ C @ W @ over.mean[first])
+    many = ensemble(found, runs=runs, steps=steps, seed=1, progress=False)
+    assert many.cost_sd == pytest.approx(np.sqrt(total / runs) / (steps * 0.1), rel=1e-12)
