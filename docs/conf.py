@@ -51,7 +51,9 @@ sphinx_gallery_conf = {
     "examples_dirs": "gallery",
     "gallery_dirs": "generated/gallery",
     "filename_pattern": r"\.py$",
-    "subsection_order": [f"gallery/{name}" for name in ("noise", "filters", "smoothing", "data", "design", "fields", "schedules")] + ["*"],
+    "subsection_order": [
+        *(f"gallery/{name}" for name in ("noise", "filters", "smoothing", "data", "design", "regulators", "fields", "schedules")), "*",
+    ],
     "within_subsection_order": "FileNameSortKey",
     "reset_modules": ("matplotlib", "gallery_style.styled"),
     "reset_modules_order": "before",

@@ -80,6 +80,40 @@ def test_one_version_everywhere():
     assert PROJECT["tool"]["setuptools"]["dynamic"]["version"]["attr"] == "ctlabs.__version__"
 
 
+#: The sections of Keep a Changelog, in its order.
+SECTIONS = ("Added", "Changed", "Deprecated", "Removed", "Fixed", "Security")
+
+
+def test_the_changelog_is_kept():
+    """Each version has sections of these names in this order, none of them empty, and its entries in the order of what they are about."""
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    versions = re.split(r"^## ", text, flags=re.MULTILINE)[1:]
+    assert len(versions) >= 3
+    for version in versions:
+        heading, *parts = re.split(r"^### ", version, flags=re.MULTILINE)
+        assert "\n- " not in heading, "an entry stands in no section"
+        names = [part.partition("\n")[0] for part in parts]
+        assert names == [name for name in SECTIONS if name in names]
+        for part in parts:
+            entries = re.findall(r"^- (.*)", part, re.MULTILINE)
+            assert entries
+            about = [re.sub(r"[*`_.-]", "", entry).strip().casefold() for entry in entries]
+            assert about == sorted(about)
+
+
+def test_what_the_project_says_of_itself_is_true():
+    """The Pythons of the classifiers begin with the oldest that is admitted and are tried by the matrix; the marker of types is there."""
+    project, told = PROJECT["project"], PROJECT["project"]["classifiers"]
+    pythons = [version[1] for line in told if (version := re.fullmatch(r"Programming Language :: Python :: (3\.\d+)", line))]
+    versions = re.search(r"^VERSIONS = (.*)$", (ROOT / ".ci/matrix.py").read_text(encoding="utf-8"), re.MULTILINE)
+    assert set(pythons) <= set(ast.literal_eval(versions[1]))
+    assert project["requires-python"] == f">={pythons[0]}"
+    assert ("Typing :: Typed" in told) == (ROOT / "ctlabs/py.typed").exists()
+    assert set(project.get("urls", {})) == set() or all(url.startswith("https://") for url in project["urls"].values())
+    installing = (ROOT / "docs/howto/install.md").read_text(encoding="utf-8")
+    assert ("not on a package index" in installing) == ("urls" not in project)  # RELEASING.md: both change together
+
+
 @cache
 def imported(folder: str) -> set[str]:
     """Top-level names of everything a folder's modules import, wherever in the file."""
@@ -314,19 +348,38 @@ def test_types_are_known_outside(checker: str, wheel: Path, tmp_path: Path):
     assert '"nothing"' in done.stdout
 
 
+def installations() -> set[tuple[str, str]]:
+    """What every page, and every message of the package, types behind ``pip install``, and where."""
+    from tests.test_docs import PAGES
+
+    found = set()
+    sources = (path for path in source_files() if path.suffix == ".py")
+    for path in (*PAGES, ROOT / "SUPPORT.md", ROOT / "RELEASING.md", ROOT / "SECURITY.md", *sources):
+        for line in re.findall(r"\bpip install ([^`#&\n]+)", path.read_text(encoding="utf-8")):
+            words = re.sub(r"[\"')].*$", "", line.replace("-e ", "").strip(" '\"")).split()
+            found |= {(word.removeprefix("dist/"), path.name) for word in words[:1]}
+    return found
+
+
+def test_every_line_that_installs_it_names_what_there_is():
+    """No index has ctlabs: a clone, a wheel of this version, or an extra by name of what is installed; and the extras exist."""
+    found, extras = installations(), set(PROJECT["project"]["optional-dependencies"])
+    assert {".", "ctlabs-*.whl"} <= {what for what, _ in found}
+    assert {"README.md", "install.md", "own-data.md", "CONTRIBUTING.md", "RELEASING.md"} <= {where for _, where in found}
+    others = distributions(PROJECT["project"]["dependencies"])
+    for what, where in found:
+        if what in others:  # which an index has
+            continue
+        told = re.fullmatch(r"(\.|ctlabs-(\*|[\d.]+-py3-none-any)\.whl|ctlabs(?=\[))(?:\[([\w,]+)\])?", what)
+        assert told, f"{where} installs {what}"
+        assert told[2] in {None, "*", f"{ctlabs.__version__}-py3-none-any"}
+        assert set((told[3] or "test").split(",")) <= extras
+
+
 @pytest.mark.slow
 @pytest.mark.xdist_group("wheel")
 def test_the_lines_that_install_it_are_true(wheel: Path, tmp_path: Path):
     """Every way to install that a page types works: from a clone, editable, from a wheel, with extras that there are."""
-    from tests.test_docs import PAGES, commands
-
-    lines = [words for page in PAGES for words in commands(page) if "install" in words and "pip" in words]
-    places = {word for words in lines for word in words[words.index("install") + 1 :] if not word.startswith("-")}
-    assert {".", "ctlabs-*.whl"} <= places
-    extras = set(PROJECT["project"]["optional-dependencies"])
-    for word in places:
-        assert re.fullmatch(r"(\.|ctlabs-\S*\.whl)(\[[\w,]+\])?|ctlabs\[[\w,]+\]", word), f"{word} is on no index"
-        assert set((word.partition("[")[2].rstrip("]") or "test").split(",")) <= extras
     clone = tmp_path / "clone"
     clone.mkdir()
     for name in ("pyproject.toml", "README.md", "LICENSE"):

@@ -2,7 +2,10 @@
 
 import ast
 import importlib.util
+import shutil
 import statistics
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -13,13 +16,25 @@ ROOT = Path(__file__).parents[1]
 EXAMPLES = sorted((ROOT / "docs" / "gallery").rglob("*.py"))
 
 
-@pytest.fixture(scope="module")
-def usage():
-    """The module that reads where names are used."""
-    spec = importlib.util.spec_from_file_location("usage", ROOT / "docs" / "extensions" / "usage.py")
+def extension(name: str):
+    """A module of the site's own."""
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / "extensions" / f"{name}.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@pytest.fixture(scope="module")
+def usage():
+    """The module that reads where names are used."""
+    return extension("usage")
+
+
+@pytest.fixture(scope="module")
+def links():
+    """The module that follows the site's links."""
+    pytest.importorskip("sphinx", reason="sphinx is not installed: pip install -e '.[docs]'")
+    return extension("links")
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=[path.stem for path in EXAMPLES])
@@ -42,6 +57,32 @@ def test_the_gallery_is_large_and_its_examples_small():
     assert len(EXAMPLES) >= 25
     assert statistics.median(len(path.read_text(encoding="utf-8").splitlines()) for path in EXAMPLES) <= 40
     assert all((folder / "GALLERY_HEADER.rst").exists() for folder in {path.parent for path in EXAMPLES})
+
+
+def test_a_link_that_leads_nowhere_is_found(links, tmp_path: Path):
+    """A page, a place on it and a picture that are not there; what is there, and what is elsewhere, is none."""
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "a.html").write_text('<p id="here"><a href="sub/b.html#place">', encoding="utf-8")
+    page = '<p id="place"><a href="../a.html#here"><a href="#place"><a href="https://example.org/x"><a href="../a.html#gone">'
+    (tmp_path / "sub" / "b.html").write_text(page + '<a href="c.html"><img src="../d.png">', encoding="utf-8")
+    assert links.broken(tmp_path) == ["sub/b.html: ../a.html#gone", "sub/b.html: ../d.png", "sub/b.html: c.html"]
+
+
+@pytest.mark.slow
+def test_the_site_is_built_without_a_warning_and_its_links_lead_somewhere(links, tmp_path: Path):
+    """All pages and every link inside them, in a copy; the examples of the gallery are not run here."""
+    for name in ("furo", "myst_parser", "sphinx_gallery", "sphinx_copybutton"):
+        pytest.importorskip(name, reason=f"{name} is not installed: pip install -e '.[docs]'")
+    for path in ROOT.iterdir():
+        if path.name != "docs" and not path.name.startswith("."):
+            (tmp_path / path.name).symlink_to(path, target_is_directory=path.is_dir())
+    shutil.copytree(ROOT / "docs", tmp_path / "docs", ignore=shutil.ignore_patterns("generated", "__pycache__"))
+    site, quick = tmp_path / "site", ("-D", "sphinx_gallery_conf.plot_gallery=0")
+    command = [sys.executable, "-m", "sphinx", "-W", "-n", "-q", "--keep-going", *quick, "docs", site]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert len(list(site.rglob("*.html"))) > 100
+    assert links.broken(site) == []
 
 
 def test_a_use_is_found_by_whatever_path_it_is_reached(usage):

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from ctlabs.regulation.closed import ClosedLoop
     from ctlabs.regulation.continuous import ContinuousRegulator
     from ctlabs.regulation.controller import Controller
-    from ctlabs.regulation.curves import Tradeoff, periods, tradeoff
+    from ctlabs.regulation.curves import Periods, Tradeoff, periods, tradeoff
     from ctlabs.regulation.design import Regulator
     from ctlabs.regulation.feedback import Feedback, lqr
     from ctlabs.regulation.runs import LoopEnsemble, ensemble
@@ -28,6 +28,7 @@ _HOME = {
     "LoopEnsemble": "runs",
     "Margin": "stability",
     "Margins": "stability",
+    "Periods": "curves",
     "Regulator": "design",
     "SampledProblem": "sampling",
     "Tradeoff": "curves",
@@ -50,6 +51,7 @@ __all__ = [
     "LoopEnsemble",
     "Margin",
     "Margins",
+    "Periods",
     "Regulator",
     "SampledProblem",
     "Tradeoff",

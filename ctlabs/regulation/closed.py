@@ -111,9 +111,8 @@ class ClosedLoop:
         if self.model.horizon is not None:
             msg = f"closed loop: expected constant gains and a constant truth, received some for {self.model.horizon} steps"
             raise ValueError(msg)
-        if reason := self._unstable():
-            msg = f"closed loop: expected every mode to decay, received {reason}"
-            raise ValueError(msg)
+        n, q, _, _ = self.sizes
+        decaying(inner_loop(self.truth, self.machine), self.model.states[: n + q], continuous=False)
         X, c, W = self.model.motion(0)
         P = riccati.stationary(X, W, continuous=False).P.high
         mean = np.linalg.solve(np.eye(len(X)) - X, c)
@@ -174,6 +173,13 @@ def unstable(A: Array, states: tuple[str, ...], *, continuous: bool) -> str:
         return ""
     value = complex(values[i])
     return f"the mode {observability.Mode(value, np.abs(vectors[:, i])).name(states)}"
+
+
+def decaying(A: Array, states: tuple[str, ...], *, continuous: bool) -> None:
+    """Refuse a loop with a mode that does not decay: it is named."""
+    if reason := unstable(A, states, continuous=continuous):
+        msg = f"closed loop: expected every mode to decay, received {reason}"
+        raise ValueError(msg)
 
 
 def inner_loop(truth: DiscreteModel, M: Machine) -> Array:

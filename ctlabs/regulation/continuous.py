@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -29,7 +29,7 @@ from ctlabs.models.interop import state_space
 from ctlabs.models.linear import ContinuousModel
 from ctlabs.regulation import export, targets
 from ctlabs.regulation.augmented import integrating
-from ctlabs.regulation.closed import LoopCovariances, Signals, unstable
+from ctlabs.regulation.closed import LoopCovariances, Signals, decaying
 from ctlabs.regulation.controller import ContinuousMachine
 from ctlabs.regulation.costs import LoopCost, trace
 from ctlabs.regulation.design import about_loads, with_integral_weights
@@ -83,9 +83,7 @@ class ContinuousLoop:
         ValueError
             A loop that is not stable: the mode is named.
         """
-        if reason := unstable(self.model.F, self.model.states, continuous=True):
-            msg = f"closed loop: expected every mode to decay, received {reason}"
-            raise ValueError(msg)
+        decaying(self.model.F, self.model.states, continuous=True)
         P = riccati.stationary(self.model.F, self.model.G @ self.model.Q @ self.model.G.T, continuous=True).P.high
         return self._signals(np.array(np.inf), -np.linalg.solve(self.model.F, self.drive), np.array(P))
 
@@ -267,10 +265,28 @@ def continuous_regulator(
     innovations = trace(weights.Qx, P) + trace(feedback.S, K, e.R_nu, K.T)
     loop = closed_continuous(model, machine)
     follows = e.follows(model)
-    whole = _about(loop, weights, places, goal, follows) if goal is not None else _cost_of(loop, weights, len(chosen))
+    to, kept = about_loads(model.n, loop.model.n - model.n, places, goal, follows)
+    moves = (to @ loop.model.F @ np.linalg.inv(to))[np.ix_(kept, kept)]
+    decaying(moves, tuple(loop.model.states[i] for i in kept), continuous=True)
     between = cost.constant
-    found = LoopCost(regulation, estimation, 0.0, between, whole + between, innovations + between, "s")
+    of_loop = partial(_of_loop, loop, weights, len(chosen), between, places, goal, follows)
+    found = LoopCost(regulation, estimation, 0.0, between, innovations + between, of_loop, "s")
     return ContinuousRegulator(model, design, weights, feedback, e.K, e.P, machine, loop, e.poles, found, tuple(places), goal, follows)
+
+
+def _of_loop(
+    loop: ContinuousLoop,
+    weights: Weights,
+    integrals: int,
+    between: float,
+    places: list[int],
+    goal: targets.Target | None,
+    follows: Array,
+) -> float:
+    """The cost from the covariances of the closed loop."""
+    if goal is not None:
+        return _about(loop, weights, places, goal, follows) + between
+    return _cost_of(loop, weights, integrals) + between
 
 
 def _machine(

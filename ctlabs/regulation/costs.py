@@ -7,6 +7,9 @@ estimate, :math:`\mathrm{tr}\,SKS_\nu K^T`. Closed loop: the covariances of (x, 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -19,22 +22,25 @@ from ctlabs.regulation.estimator import Estimator
 from ctlabs.regulation.feedback import Feedback
 
 
-class LoopCost(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class LoopCost:
     """What a loop costs, and the ways on which that was found.
 
     ``regulation``, what the disturbances (and over a finite horizon the start) cost a regulator that knows the state · ``estimation``,
     what not knowing it adds · ``offset``, the cost of a known constant load · ``between``, what noise adds between the samples ·
-    ``closed_loop``, the whole from the covariances of the closed loop · ``innovations``, the whole from the errors of the estimate and
-    the innovations that move it · ``per`` : ``"s"``, ``"step"`` or ``"horizon"``, to which the numbers refer
+    ``innovations``, the whole from the errors of the estimate and the innovations that move it · ``of_loop``, what computes the whole
+    per step or horizon from the closed loop, and ``unit``, by which that is multiplied · ``per`` : ``"s"``, ``"step"`` or
+    ``"horizon"``, to which the numbers refer
     """
 
     regulation: float
     estimation: float
     offset: float
     between: float
-    closed_loop: float
     innovations: float
+    of_loop: Callable[[], float]
     per: str
+    unit: float = 1.0
 
     @property
     def value(self) -> float:
@@ -43,6 +49,11 @@ class LoopCost(NamedTuple):
 
     def __float__(self) -> float:
         return self.value
+
+    @cached_property
+    def closed_loop(self) -> float:
+        """The whole from the covariances of the closed loop, whose equation is solved when this is first asked for."""
+        return self.unit * self.of_loop()
 
     @property
     def routes(self) -> dict[str, float]:
@@ -62,9 +73,10 @@ class LoopCost(NamedTuple):
             factor * self.estimation,
             factor * self.offset,
             factor * self.between,
-            factor * self.closed_loop,
             factor * self.innovations,
+            self.of_loop,
             per,
+            factor * self.unit,
         )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,7 +19,7 @@ from ctlabs.regulation.synthesis import regulator
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tradeoff:
-    """A family of regulators.
+    """Regulators of other weights.
 
     ``values`` (k,), of what was varied · ``x_rms`` (k, n), ``u_rms`` (k, r), limits · ``cost`` (k,) · ``members``
     """
@@ -30,6 +29,15 @@ class Tradeoff:
     u_rms: Array
     cost: Array
     members: tuple[Regulator | ContinuousRegulator, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Periods:
+    """Regulators of other periods: ``values`` (k,), the periods, s · ``cost`` (k,), per second · ``members``."""
+
+    values: Array
+    cost: Array
+    members: tuple[Regulator, ...]
 
 
 def tradeoff(model: ContinuousModel | DiscreteModel, cost: Cost, factors: ArrayLike, **options: Any) -> Tradeoff:
@@ -52,10 +60,13 @@ def tradeoff(model: ContinuousModel | DiscreteModel, cost: Cost, factors: ArrayL
         N = None if cost.N is None else np.sqrt(factor) * cost.N
         return regulator(model, replace(cost, Qu=factor * cost.Qu, N=N), **options)
 
-    return _family(rho, member)
+    members = tuple(member(factor) for factor in rho.tolist())
+    limits = [each.closed.steady() for each in members]
+    x, u = np.array([each.x.rms for each in limits]), np.array([each.u.rms for each in limits])
+    return Tradeoff(rho, x, u, np.array([each.cost.value for each in members]), members)
 
 
-def periods(model: ContinuousModel, cost: Cost, dt: ArrayLike, **options: Any) -> Tradeoff:
+def periods(model: ContinuousModel, cost: Cost, dt: ArrayLike, **options: Any) -> Periods:
     """The cost per second against the period, what happens between the samples included.
 
     Parameters
@@ -67,7 +78,9 @@ def periods(model: ContinuousModel, cost: Cost, dt: ArrayLike, **options: Any) -
     >>> periods(walk, Cost([[1]], [[0]]), [0.5, 1.0], R=[[0]]).cost.round(6)
     array([0.394338, 0.788675])
     """
-    return _family(_positive("dt", dt), lambda h: regulator(model, cost, dt=h, **options))
+    values = _positive("dt", dt)
+    members = tuple(regulator(model, cost, dt=h, **options) for h in values.tolist())
+    return Periods(values, np.array([each.cost.value for each in members]), members)
 
 
 def _positive(name: str, values: ArrayLike) -> Array:
@@ -76,10 +89,3 @@ def _positive(name: str, values: ArrayLike) -> Array:
         msg = f"{name}: expected numbers > 0, received {found.tolist()}"
         raise ValueError(msg)
     return found
-
-
-def _family(values: Array, member: Callable[[float], Regulator | ContinuousRegulator]) -> Tradeoff:
-    members = tuple(member(float(value)) for value in values)
-    limits = [each.closed.steady() for each in members]
-    x, u = np.array([each.x.rms for each in limits]), np.array([each.u.rms for each in limits])
-    return Tradeoff(values, x, u, np.array([each.cost.value for each in members]), members)

@@ -74,12 +74,16 @@ class Regulator:
     estimator: Estimator
     kind: str
     machine: Machine
-    closed: ClosedLoop
     cost: LoopCost
     between: float
     loads: tuple[int, ...] = ()
     target: Target | None = None
     sampling: Sampling | None = None
+
+    @cached_property
+    def closed(self) -> ClosedLoop:
+        """The loop with ``plant``."""
+        return closed(self.plant, self.machine)
 
     @property
     def L(self) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TypedDict, Unpack, overload
 
 import numpy as np
@@ -16,11 +17,19 @@ from ctlabs.models.cost import Cost, Weights
 from ctlabs.models.linear import ContinuousModel, DiscreteModel
 from ctlabs.regulation import costs, targets
 from ctlabs.regulation.augmented import weighed, with_integrals
-from ctlabs.regulation.closed import closed
+from ctlabs.regulation.closed import closed, decaying, inner_loop
 from ctlabs.regulation.continuous import ContinuousRegulator, continuous_regulator
 from ctlabs.regulation.controller import Machine
 from ctlabs.regulation.costs import LoopCost
-from ctlabs.regulation.design import KINDS, Regulator, Sampling, loop_cost, steady_cost_about, with_integral_weights
+from ctlabs.regulation.design import (
+    KINDS,
+    Regulator,
+    Sampling,
+    about_loads,
+    loop_cost,
+    steady_cost_about,
+    with_integral_weights,
+)
 from ctlabs.regulation.estimator import Estimator, disturbance, scheduled_estimator, steady_estimator
 from ctlabs.regulation.feedback import Feedback, lqr, whole_steps
 from ctlabs.regulation.loads import at_rest, forward, loaded
@@ -170,23 +179,44 @@ def _designed(
         whole = Cost(weights.Qx, weights.Qu, weights.N, weights.Qf if steps is not None else None, steps)
         feedback = lqr(design, whole, stabilise=stabilise)
     machine, offset = _machine(design, plant, feedback, known, kind, steps, C, names, chosen, places)
+    if steps is None:
+        _decaying(plant, machine, places, target)
     regulation, estimation, innovations = _parts(design, weights, feedback, known, kind, steps)
     between = cost.constant
-    loop = closed(plant, machine)
-    if places:
-        assert target is not None
-        whole_loop = steady_cost_about(loop, weights, places, target) + between
-    else:
-        about = at_rest(plant, C, len(chosen)) if len(C) and plant.offset is not None else None
-        whole_loop = loop_cost(loop, weights, len(chosen), steps, between, about)
+    about = at_rest(plant, C, len(chosen)) if len(C) and plant.offset is not None and not places else None
+    of_loop = partial(_of_loop, plant, machine, weights, len(chosen), steps, between, about, places, target)
     added = between * (steps or 1)
     unit_of = "step" if steps is None else "horizon"
-    found = LoopCost(regulation, estimation, offset, added, whole_loop, innovations + offset + added, unit_of)
+    found = LoopCost(regulation, estimation, offset, added, innovations + offset + added, of_loop, unit_of)
     if sampling is not None and steps is None:
         found = found.scaled(1 / plant.dt, "s")
-    return Regulator(
-        plant, design, weights, feedback, estimator, kind, machine, loop, found, between, tuple(places), target, sampling
-    )  # fmt: skip
+    return Regulator(plant, design, weights, feedback, estimator, kind, machine, found, between, tuple(places), target, sampling)
+
+
+def _decaying(plant: DiscreteModel, machine: Machine, places: list[int], target: targets.Target | None) -> None:
+    """Refuse a loop with a mode that does not decay; loads, which stay as they are, are none of its."""
+    to, kept = about_loads(plant.n, len(machine.xi0), places, target)
+    moves = (to @ inner_loop(plant, machine) @ np.linalg.inv(to))[np.ix_(kept, kept)]
+    modes = (*plant.states, *(f"{name} (controller)" for name in machine.states))
+    decaying(moves, tuple(modes[i] for i in kept), continuous=False)
+
+
+def _of_loop(
+    plant: DiscreteModel,
+    machine: Machine,
+    weights: Weights,
+    integrals: int,
+    steps: int | None,
+    between: float,
+    about: Array | None,
+    places: list[int],
+    target: targets.Target | None,
+) -> float:
+    """The cost from the covariances of the closed loop."""
+    loop = closed(plant, machine)
+    if target is not None:
+        return steady_cost_about(loop, weights, places, target) + between
+    return loop_cost(loop, weights, integrals, steps, between, about)
 
 
 def _with_known(e: Estimator, design: DiscreteModel, plant: DiscreteModel) -> Estimator:

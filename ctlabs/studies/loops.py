@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ctlabs.linalg.checks import Array
-from ctlabs.regulation.curves import Tradeoff
+from ctlabs.regulation.curves import Periods, Tradeoff
 from ctlabs.regulation.runs import LoopEnsemble
 from ctlabs.reporting.drawing import Curve, Drawing, Mark, Panel, labelled, line_styles
 from ctlabs.reporting.plots import frequency
@@ -66,7 +66,7 @@ def step(found: Regulated, response: Response) -> Drawing:
     order = [i for i in (names.index(response.name),) if i < len(names)] if response.name in names else []
     order += [i for i in range(len(names)) if i not in order]
     panels = [
-        _signal(response.t, response.z[:, i], names[i], units[i], (Mark(_("set point"), 1.0, "orange", "dash"),) if names[i] == response.name else ())
+        _signal(response.t, response.z[:, i], names[i], units[i], (Mark(_("set point"), response.size, "orange", "dash"),) if names[i] == response.name else ())
         for i in order[:SHOWN]
     ]
     return Drawing(_("Step of a set point"), "t, s", (*panels, *_inputs(found, response)), verbatim=True)
@@ -127,7 +127,7 @@ def tradeoff(found: Regulated, state: int, u: int = 0) -> Drawing:
 
 def periods(found: Regulated) -> Drawing:
     """The cost per second against the period."""
-    family: Tradeoff = found.periods.value
+    family: Periods = found.periods.value
     here = int(np.argmin(np.abs(np.log(family.values / found.regulator.plant.dt))))
     curves = (
         Curve(_("optimal for each period"), family.values, family.cost, "blue", "line"),

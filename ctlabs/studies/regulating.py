@@ -17,7 +17,7 @@ from ctlabs.models import DiscreteModel
 from ctlabs.regulation import cost_budget, ensemble, margins, periods, tradeoff
 from ctlabs.regulation.budget import CostBudget
 from ctlabs.regulation.closed import ClosedLoop, LoopCovariances, inner_loop, unstable
-from ctlabs.regulation.curves import Tradeoff
+from ctlabs.regulation.curves import Periods, Tradeoff
 from ctlabs.regulation.design import Regulator
 from ctlabs.regulation.runs import LoopEnsemble
 from ctlabs.regulation.stability import Margins
@@ -65,7 +65,7 @@ class Regulated:
     initial: Part[Response]
     kicks: Part[tuple[Response, ...]]
     tradeoff: Part[Tradeoff]
-    periods: Part[Tradeoff]
+    periods: Part[Periods]
     ensemble: Part[LoopEnsemble]
 
     @property
@@ -199,7 +199,7 @@ def _weights(chosen: Designed) -> Tradeoff:
     return tradeoff(chosen.model, chosen.cost, FACTORS, **options)
 
 
-def _periods(chosen: Designed) -> Tradeoff:
+def _periods(chosen: Designed) -> Periods:
     """The cost per second of longer and shorter periods."""
     if isinstance(chosen.model, DiscreteModel) or chosen.cost.horizon is not None:
         what = "a discrete model has the one period" if isinstance(chosen.model, DiscreteModel) else "a horizon has its own periods"

@@ -16,7 +16,8 @@ from ctlabs.text import _, fill
 
 class Response(NamedTuple):
     """One motion of a loop: ``name`` · ``cause``, in words · ``t`` (steps+1,) s · ``x`` (steps+1, n), the plant's states · ``z`` (steps+1, m)
-    · ``u`` (steps+1, r).
+    · ``u`` (steps+1, r) · ``size``, so many
+    times the cause.
     """
 
     name: str
@@ -25,6 +26,11 @@ class Response(NamedTuple):
     x: Array
     z: Array
     u: Array
+    size: float = 1.0
+
+    def scaled(self, size: float) -> Response:
+        """The motion after so many times the cause: the loop is linear."""
+        return self._replace(x=size * self.x, z=size * self.z, u=size * self.u, size=size * self.size)
 
     def settled(self, values: Array, final: float, part: float = 0.02) -> float | None:
         """From when on ``values`` stay within a ``part`` of their way to ``final``, s; ``None``: not within these steps."""

@@ -5,9 +5,10 @@ import pytest
 
 from ctlabs.files.modelfile import ModelFileError, gallery, loads, ready
 from ctlabs.models import ContinuousModel, DiscreteModel
-from ctlabs.regulation import regulator, sample
+from ctlabs.regulation import margins, regulator, sample
+from ctlabs.studies.designing import designed
 
-PLANTS = ("autopilot", "cart_pendulum", "dc_motor", "double_integrator", "satellite_thrust", "two_tanks")
+PLANTS = ("autopilot", "cart_pendulum", "dc_motor", "double_integrator", "satellite_thrust", "task24", "task25", "task26", "two_tanks")
 TEXT = """format = 1
 kind = "continuous"
 [constants]
@@ -208,7 +209,7 @@ horizon = 3
 
 
 def test_the_plants_are_those_with_a_cost() -> None:
-    """Six of them."""
+    """Six of them, and three of labs."""
     assert sorted(entry.name for entry in gallery() if ready(entry.name).cost is not None) == list(PLANTS)
 
 
@@ -216,13 +217,26 @@ def test_the_plants_are_those_with_a_cost() -> None:
 def test_a_plant_of_the_gallery_is_regulated(name: str) -> None:
     """One cost by three routes, a loop whose poles are inside the circle, and names and units of everything."""
     file = ready(name)
-    model = file.plant()
-    R = None if model.Rc is not None else file.matrix("R")
-    found = regulator(model, file.cost, dt=file.dt, R=R, **file.regulator._asdict())
+    found = designed(file).regulator
     assert found.cost.spread < 1e-12
     assert np.abs(found.poles).max() < 1
     assert all(file.units)
     assert all(file.measurement_units)
+
+
+def test_the_labs_plants_cost_what_is_found_by_hand() -> None:
+    """Labs 24 to 26: the root of a square, J = q√(ρ + h²/12) + √(qr + q²h²/4) + qτ, Doyle's gains and his margin in the limit of dt."""
+    lab = {name: ready(name) for name in ("task24", "task25", "task26")}
+    Qu, b, Phi, Q, R = (lab["task24"].constants[name] for name in ("input_weight", "b", "Phi", "Q", "R"))
+    S = np.max(np.roots([b**2, Qu * (1 - Phi**2) - b**2, -Qu]))
+    P_minus = np.max(np.roots([1, R * (1 - Phi**2) - Q, -Q * R]))
+    L, P_plus = b * Phi * S / (Qu + b**2 * S), P_minus * R / (P_minus + R)
+    assert designed(lab["task24"]).regulator.cost.value == pytest.approx(S * Q + L**2 * (Qu + b**2 * S) * P_plus, rel=1e-12)
+    q, r, h, rho, tau = (lab["task25"].constants[name] for name in ("q", "r", "h", "input_weight", "tau"))
+    J = q * np.sqrt(rho + h**2 / 12) + np.sqrt(q * r + q**2 * h**2 / 4) + q * tau
+    assert designed(lab["task25"]).regulator.cost.value == pytest.approx(J, rel=1e-12)
+    f = 10.0  # 2 + √(4 + 60)
+    assert margins(designed(lab["task26"]).regulator).inputs["u"].gain[1] == pytest.approx(1 + 1 / f**2, rel=1e-5)
 
 
 @pytest.mark.parametrize(("dt", "expected"), [(0.025, 1.038359), (0.1, 1.040965), (0.25, 1.055809), (0.5, 1.111583)])

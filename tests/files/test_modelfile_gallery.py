@@ -110,6 +110,9 @@ LABS = {
     "task21": lambda m, p: [m.model(p, 40)],
     "task22": lambda m, p: [m.model(p), discretise(m.model(p), p.dt, R=[[0]])],
     "task23": lambda m, p: [m.model(p), discretise(m.model(p), p.dt, R=[[0]])],
+    "task24": lambda m, p: [m.model(p)],
+    "task25": lambda m, p: [m.integrator(p), discretise(m.integrator(p), p.dt)],
+    "task26": lambda m, p: [m.plant(p)],
     "coloured_plant": lambda m, p: [m.models(p)["example"]],
     "slow_error": lambda m, p: [bayes.model(m.constants(p, count=10))],
 }  # fmt: skip

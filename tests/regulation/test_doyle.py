@@ -6,6 +6,8 @@ import pytest
 from ctlabs import ContinuousModel, Cost, regulator
 from ctlabs.regulation import margins
 
+pytestmark = pytest.mark.numerical
+
 
 @pytest.mark.parametrize(("q", "sigma"), [(60.0, 60.0), (1.0, 5.0), (1e4, 1e2), (0.01, 1e3)])
 def test_the_margins_of_doyles_plant(q, sigma):

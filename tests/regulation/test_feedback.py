@@ -12,6 +12,8 @@ from ctlabs import ContinuousModel, Cost, DiscreteModel, discretise, steady_stat
 from ctlabs.regulation import lqr, sample
 from tests.regulation.plants import INTEGRATOR, MOTOR, MOTOR_COST, continuous, discrete
 
+pytestmark = pytest.mark.numerical
+
 SEEDS = range(12)
 
 

@@ -12,9 +12,12 @@ import numpy as np
 import pytest
 
 from ctlabs import ContinuousModel, Cost, DiscreteModel, kalman_filter, regulator, simulate
+from ctlabs.linalg import riccati
 from ctlabs.montecarlo import chance
 from ctlabs.regulation import Controller, cost_budget, ensemble, lqr, margins, periods, tradeoff
 from tests.regulation.plants import INTEGRATOR, MOTOR, MOTOR_COST, continuous, discrete
+
+pytestmark = pytest.mark.numerical
 
 SEEDS = range(6)
 MANY = {
@@ -358,6 +361,18 @@ def test_longer_periods_cost_more():
     assert (np.diff(curve.cost) > 0).all()
     assert curve.cost[0] > regulator(MOTOR, MOTOR_COST).cost.value
     assert lqr(MOTOR, MOTOR_COST).L.shape == (1, 2)
+
+
+def test_the_equation_of_the_closed_loop_is_solved_when_it_is_asked_for(monkeypatch):
+    asked = []
+    solve = riccati.stationary
+    monkeypatch.setattr(riccati, "stationary", lambda *given, **more: asked.append(given) or solve(*given, **more))
+    found = periods(MOTOR, MOTOR_COST, [0.1, 0.2]).members[0]
+    whole = regulator(MOTOR, MOTOR_COST)
+    assert not asked
+    assert found.cost.closed_loop == pytest.approx(found.cost.value, rel=1e-12)
+    assert whole.cost.spread < 1e-12
+    assert len(asked) == 2
 
 
 def test_scheduled_gains_end_with_their_horizon():

@@ -14,6 +14,8 @@ from ctlabs.regulation.closed import closed
 from ctlabs.regulation.design import loop_cost
 from tests.regulation.plants import MOTOR, MOTOR_COST, continuous, discrete
 
+pytestmark = pytest.mark.numerical
+
 SEEDS = range(10)
 KINDS = ("current", "delayed")
 

@@ -16,6 +16,8 @@ from ctlabs.regulation.design import loop_cost
 from ctlabs.regulation.sampling import between
 from tests.regulation.plants import INTEGRATOR, MOTOR, MOTOR_COST, continuous
 
+pytestmark = pytest.mark.numerical
+
 ROOT = np.sqrt(3.0)
 
 

@@ -153,6 +153,13 @@ def test_a_step_is_what_plant_and_controller_do_in_turn(motor: Regulated) -> Non
     assert near(response.u, u)
     assert near(response.z, z)
     assert abs(z[-1, 0] - 1) < 0.01
+    x, u, z = by_hand(motor, np.zeros(2), motor.steps, np.array([-0.3]))
+    other = response.scaled(-0.3)
+    assert near(other.x, x)
+    assert near(other.u, u)
+    assert near(other.z, z)
+    [told] = [each for panel in loops.step(motor, other).panels for each in panel.levels if each.name]
+    assert told.at == other.size == -0.3
     after = response.settled(response.z[:, 0], 1.0)
     assert after is not None
     assert (np.abs(response.z[response.t >= after, 0] - 1) <= 0.02).all()

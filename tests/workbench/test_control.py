@@ -13,9 +13,10 @@ import pytest
 
 pytest.importorskip("nicegui", reason="the workbench is not installed: pip install 'ctlabs[workbench]'")
 
-from ctlabs import Cost, regulator
+from ctlabs import Cost, discretise, regulator
 from ctlabs.files.modelfile import gallery, loads, new, ready
 from ctlabs.models import ContinuousModel
+from ctlabs.studies.designing import designed
 from ctlabs.workbench.desk import commands
 from ctlabs.workbench.desk.costing import AddInput, BeginCost, EndCost, SetRegulator, Weigh
 from ctlabs.workbench.desk.session import Session
@@ -143,7 +144,6 @@ def test_a_table_that_is_none_is_shown_as_far_as_it_goes(told: str) -> None:
         (AddInput(7), "model.B: expected one of the 4 states, received number 8"),
         (SetRegulator("speed", "1"), "cost: expected one of kind, delay"),
         (commands.AddPart("u"), "model.u: expected a model without [cost]"),
-        (commands.SetKind("discrete"), "kind: expected a model without [cost]"),
     ],
 )
 def test_what_is_impossible_is_refused_in_one_line(session: Session, command: Any, told: str) -> None:
@@ -153,6 +153,105 @@ def test_what_is_impossible_is_refused_in_one_line(session: Session, command: An
     assert str(why.value).startswith(told)
     assert "\n" not in str(why.value)
     assert session.text == text
+
+
+PLANTS = ("double_integrator", "dc_motor", CART, "autopilot", "satellite_thrust", "two_tanks")
+
+
+@pytest.mark.parametrize("late", [0.0, 0.4])
+@pytest.mark.parametrize("name", PLANTS)
+def test_a_cost_goes_with_its_model_to_the_samples(session: Session, name: str, late: float) -> None:
+    """The regulator of the samples is that of the plant, delays, integrals, loads and what noise adds between them included."""
+    opened(session, name)
+    if late:
+        session.do(SetRegulator("delay", str(late * session.file.dt)))
+    plant = designed(session.file).regulator
+    session.do(commands.SetKind("discrete"))
+    sampled = designed(session.file).regulator
+    assert session.file.kind == "discrete"
+    assert sampled.plant.states == plant.plant.states
+    assert (sampled.kind, sampled.machine.set_points) == (plant.kind, plant.machine.set_points)
+    np.testing.assert_array_equal(sampled.L, plant.L)
+    np.testing.assert_array_equal(sampled.K, plant.K)
+    assert sampled.cost.value == pytest.approx(plant.cost.value * session.file.dt, rel=1e-13)
+    if "delay" not in ready(name).data()["cost"] and not late:
+        session.do(commands.SetKind("continuous"))
+        again = designed(session.file).regulator
+        np.testing.assert_allclose(again.L, plant.L, rtol=0, atol=1e-10 * np.abs(plant.L).max())
+        assert again.cost.value == pytest.approx(plant.cost.value, rel=1e-9)
+        assert session.file.cost is not None
+        assert session.file.cost.constant == 0.0
+    else:
+        with pytest.raises(ValueError, match="Phi: expected the samples of a continuous model"):
+            session.do(commands.SetKind("continuous"))
+
+
+STEPWISE = """format = 1
+kind = "discrete"
+[model]
+Phi = [[1]]
+Qd = [[1]]
+B = [[1]]
+H = [[1]]
+R = [[1]]
+P0 = [[1]]
+dt = 2
+[cost]
+horizon = 10
+Qx = [[2]]
+Qf = [[3]]
+N = [["N"]]
+Qu = [["Qu"]]
+constant = "constant"
+discount = "discount"
+[constants]
+N = 1
+Qu = 1
+constant = 1.5
+discount = 1
+"""
+
+
+def test_a_cost_per_step_becomes_that_per_second_of_which_it_is_the_sample(session: Session) -> None:
+    """ẋ = u/2 + w with Q = ½ and the weights 1 and 1/6: ∫₀² (x + us/2)² + u²/6 ds = 2x² + 2xu + (2/3 + 1/3) u²; noise adds 1 of the 1.5."""
+    session.do(commands.Rewrite(STEPWISE))
+    session.do(commands.SetKind("continuous"))
+    found, plant = session.file.cost, session.file.plant()
+    assert found is not None
+    assert isinstance(plant, ContinuousModel)
+    np.testing.assert_allclose(plant.B, [[0.5]], rtol=1e-12)
+    np.testing.assert_allclose(found.weights(plant).joint, [[1, 0], [0, 1 / 6]], rtol=1e-12, atol=1e-12)
+    assert (found.horizon, found.constant) == (20.0, pytest.approx(0.25, rel=1e-12))
+    np.testing.assert_array_equal(found.Qf, [[3.0]])
+
+
+@pytest.mark.parametrize(
+    ("constants", "told"),
+    [
+        ({"constant": 0.5}, "cost.constant: expected at least 1, what noise between the samples costs in each step"),
+        ({"Qu": 0.5}, "cost: expected the weights of a step to be what some weights per second come to in a period"),
+        ({"discount": 0.9}, "cost.discount: expected 1 in a cost that goes to the other time, received 0.9"),
+    ],
+)
+def test_a_cost_per_step_that_is_no_sample_stays_one(session: Session, constants: dict[str, float], told: str) -> None:
+    session.do(commands.Rewrite(loads(STEPWISE).replace(constants).dumps()))
+    with pytest.raises(ValueError, match="expected") as why:
+        session.do(commands.SetKind("continuous"))
+    assert str(why.value).startswith(told)
+    assert session.file.kind == "discrete"
+
+
+def test_an_input_that_nothing_makes_and_the_names_of_a_record_go_with_the_model(session: Session) -> None:
+    opened(session)
+    session.do(EndCost())
+    session.do(commands.Rewrite(session.text + '\n[data]\ninputs = ["force"]\n'))
+    plant = session.file.plant()
+    assert isinstance(plant, ContinuousModel)
+    session.do(commands.SetKind("discrete"))
+    assert session.file.input_names == ("force",)
+    np.testing.assert_array_equal(session.file.plant().B, discretise(plant, session.file.dt, R=session.file.matrix("R")).B)
+    session.do(commands.SetKind("continuous"))
+    np.testing.assert_allclose(session.file.plant().B, plant.B, rtol=0, atol=1e-12)
 
 
 def test_a_regulator_takes_the_place_of_a_known_input(session: Session) -> None:

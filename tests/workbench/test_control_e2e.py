@@ -183,6 +183,29 @@ def test_settings_curves_runs_and_another_plant(visit: Visits) -> None:
     assert "integral = {position = 1}" in tab.field("text").input_value()
 
 
+def test_the_response_follows_the_set_point_that_is_typed(visit: Visits) -> None:
+    """The lower tank comes to rest where it is told, 0.2 or −0.05 m, also after the weights have moved; a word is refused."""
+    tab = begun(visit, "two_tanks")
+
+    def ends() -> float:
+        tab.curves("plot-control-step-0")
+        last = "document.querySelector(\"[data-test='plot-control-step-0'] .js-plotly-plot\")._fullData[0].y.slice(-1)[0]"
+        return float(tab.page.evaluate(last))
+
+    until(lambda: abs(ends() - 1.0) < 0.05)
+    tab.field("set-point-0").fill("0.2")
+    until(lambda: abs(ends() - 0.2) < 0.01)
+    tab.field("set-point-0").fill("half")
+    tab.page.wait_for_selector("text=expected a number, such as 0.2")
+    tab.field("set-point-0").fill("-0.05")
+    until(lambda: abs(ends() + 0.05) < 0.0025)
+    before = verdict(tab)
+    tab.get("weight-Qu-0").fill("1e8")
+    until(lambda: verdict(tab) != before)
+    until(lambda: abs(ends() + 0.05) < 0.02)
+    assert tab.field("set-point-0").input_value() == "-0.05"
+
+
 def test_a_known_input_is_given_to_a_regulator_and_back(visit: Visits) -> None:
     tab = begun(visit, "dc_motor")
     tab.get("control-end").click()

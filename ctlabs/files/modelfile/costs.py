@@ -95,7 +95,7 @@ def _matrix(name: str, value: Any, shape: str, size: dict[str, int]) -> Iterator
 
 def cells(told: CostTable) -> Iterator[tuple[Path, Expression]]:
     """Every expression of the table, with its place."""
-    for name in (*WEIGHTS, "horizon", "discount", "delay"):
+    for name in (*WEIGHTS, "horizon", "discount", "constant", "delay"):
         if (value := getattr(told, name)) is not None:
             for index, cell in leaves(value):
                 yield ("cost", name, *index), cell
@@ -149,9 +149,9 @@ def cost(found: Values) -> Cost | None:
     outputs = {name: _output(found, name, each) for name, each in told.outputs.items()}
     given: dict[str, Any] = {name: _filled(found, name) for name in WEIGHTS if getattr(told, name) is not None}
     horizon = None if told.horizon is None else _number(found, told.horizon, "horizon")
-    discount = _number(found, told.discount, "discount")
+    discount, constant = _number(found, told.discount, "discount"), _number(found, told.constant, "constant")
     try:
-        return Cost(**given, horizon=horizon, outputs=outputs or None, discount=discount)
+        return Cost(**given, horizon=horizon, outputs=outputs or None, discount=discount, constant=constant)
     except ValueError as error:
         raise _told(found, error) from None
 

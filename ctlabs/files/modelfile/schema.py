@@ -258,6 +258,7 @@ class CostTable(_Table):
     horizon: Cell | None = None
     outputs: dict[Annotated[str, PlainValidator(_name)], Weighed] = {}
     discount: Cell = ONE
+    constant: Cell = ZERO
     delay: Cell = ZERO
     kind: Annotated[str, PlainValidator(_answer)] = "current"
     integral: dict[Annotated[str, PlainValidator(_name)], Cell] = {}

@@ -18,9 +18,11 @@ from ctlabs.models import ContinuousModel, DiscreteModel
 COMMENTS = {
     "F": "dx/dt = F x + B u + G w",
     "Q": "strength of the white noise w, unit²·s",
-    "Phi": "x(k+1) = Phi x(k) + offset + w(k)",
+    "Phi": "x(k+1) = Phi x(k) + B u(k) + offset + w(k)",
     "Qd": "covariance of w(k), unit²",
     "H": "z = H x + v",
+    "D": "what the inputs u add to z",
+    "measurement_offset": "a constant in z",
     "R": "covariance of a sampled measurement's noise v, unit²",
     "Rc": "strength of a continuous measurement's noise v, unit²·s; a sampled one has R = Rc/dt",
     "N": "what w and v have in common",
@@ -79,19 +81,19 @@ def from_model(
     array([[0.1]])
     """
     if isinstance(model, ContinuousModel):
-        names = ["F", "G", "Q", "B", "H", "Rc", "N", "x0", "P0"]
+        names = ["F", "G", "Q", "B", "H", "D", "measurement_offset", "Rc", "N", "x0", "P0"]
         if dt is None:
             raise ValueError("dt: expected the period of the measurements, s, received None")
         if (R is None) == (model.Rc is None):
             raise ValueError(f"R: expected R or the model's Rc, received {'neither' if R is None else 'both'}")
     else:
         checks.instance("model", model, DiscreteModel)
-        names = ["Phi", "Qd", "offset", "H", "R", "N", "x0", "P0"]
+        names = ["Phi", "Qd", "B", "offset", "H", "D", "measurement_offset", "R", "N", "x0", "P0"]
         if dt is not None or R is not None:
             raise ValueError("model: expected a discrete model with its own dt and R, received others beside it")
     matrices = {name: getattr(model, name) for name in names if getattr(model, name) is not None}
     for name, matrix in matrices.items():
-        if matrix.ndim != (1 if name in {"offset", "x0"} else 2):
+        if matrix.ndim != (1 if name in {"offset", "measurement_offset", "x0"} else 2):
             raise ValueError(
                 f"{name}: expected a constant matrix, received one that varies with time (write it as expressions of t or k)"
             )

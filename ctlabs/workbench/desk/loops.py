@@ -21,7 +21,7 @@ class LoopDesk:
     """The regulator of one draft.
 
     ``running``, the ensemble · ``ensemble`` and ``curves``, the last ones, with the texts that they are of · ``runs`` and ``seed``, asked
-    for last
+    for last · ``set_points``, of the outputs whose set point was given, 1 elsewhere
     """
 
     def __init__(self, session: Drafted) -> None:
@@ -30,6 +30,7 @@ class LoopDesk:
         self.ensemble: tuple[str, LoopEnsemble] | None = None
         self.curves: tuple[str, LoopCurves] | None = None
         self.runs, self.seed = 1000, 1
+        self.set_points: dict[str, float] = {}
 
     async def run(self, runs: int, seed: int, progress: Show | None = None, cancel: Cancel | None = None) -> None:
         """Run the loop of the present model many times."""

@@ -108,7 +108,7 @@ class _Control:
                 self.constants = Constants(self.editor)
             with ui.element("div").classes("ctl-column"):
                 self._draw_summary()
-                self.results = LoopResults(self.show)
+                self.results = LoopResults(self.show, self.session.loops)
                 with ui.element("div").classes("ctl-show-grid"):
                     self.many = Many(self.show, self.session, self.shell)
                     self.export = Export(self.show, self.session, self.shell)

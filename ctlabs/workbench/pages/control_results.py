@@ -14,6 +14,7 @@ from ctlabs.reporting.drawing import Band, Curve, Drawing, Mark, Panel, labelled
 from ctlabs.studies import loops as pictures
 from ctlabs.studies.understanding import Part
 from ctlabs.text import number
+from ctlabs.workbench.pages.control_set_points import SetPoints
 from ctlabs.workbench.pages.showing import matrix, table
 from ctlabs.workbench.runs import figures
 
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
 
     from ctlabs.regulation.stability import Margin
     from ctlabs.studies.regulating import Regulated
-    from ctlabs.workbench.pages.showing import Plot, Show
+    from ctlabs.workbench.desk.loops import LoopDesk
+    from ctlabs.workbench.pages.showing import Show
     from ctlabs.workbench.runs.loops import LoopCurves
 
 #: States that a figure shows at most.
@@ -34,8 +36,8 @@ PHASE, GAIN = 30.0, 2.0
 class LoopResults:
     """The cards of results, empty until :meth:`show`."""
 
-    def __init__(self, show: Show) -> None:
-        self.show_, self.found = show, None  # type: Show, Regulated | None
+    def __init__(self, show: Show, desk: LoopDesk) -> None:
+        self.found: Regulated | None = None
         self.curves: LoopCurves | None = None
         with ui.element("div").classes("ctl-show-grid") as self.box:
             with show.card("Gains", "control.gains", wide=True, test="control-gains") as card:
@@ -50,8 +52,7 @@ class LoopResults:
             with show.card("Standard deviations in the loop", "control.sigma", test="control-sigma"):
                 self.sigma = _html()
             with show.card("Responses", "control.responses", wide=True, test="control-responses"):
-                self.steps = ui.element("div").classes("w-full")
-                self.step_plots: list[Plot] = []
+                self.set_points = SetPoints(show, desk)
                 self.course = show.plot(test="plot-control-course")
                 self.kicks = show.plot(test="plot-control-kicks")
             with show.card("What it costs", "control.cost", wide=True, test="control-cost"):
@@ -89,15 +90,7 @@ class LoopResults:
             self.shares.hide()
 
     def _responses(self, found: Regulated) -> None:
-        steps = found.set_points.found or ()
-        while len(self.step_plots) > len(steps):
-            self.step_plots.pop().box.delete()
-        with self.steps:
-            while len(self.step_plots) < len(steps):
-                self.step_plots.append(self.show_.plot(test=f"plot-control-step-{len(self.step_plots)}"))
-        for plot, response in zip(self.step_plots, steps, strict=True):
-            drawing = pictures.step(found, response)
-            plot.show(dataclasses.replace(drawing, name=f"{drawing.name}: {response.name}"))
+        self.set_points.show(found)
         (self.course.show(course(found)) if found.over else self.course.hide())
         kicked = bool(found.kicks and found.kicks.value)
         (self.kicks.show(pictures.kicked(found, range(min(found.truth.n, SHOWN)))) if kicked else self.kicks.hide())
@@ -118,7 +111,7 @@ class LoopResults:
             self.state.set_options(names, value=names[foremost(found)])
         self._draw_tradeoff()
         if len(curves.periods.values):
-            self.periods.show(pictures.periods(dataclasses.replace(found, periods=Part(curves.periods.tradeoff))))
+            self.periods.show(pictures.periods(dataclasses.replace(found, periods=Part(curves.periods.periods))))
         else:
             self.periods.hide()
         families = (("Weights", curves.weights), ("Periods", curves.periods))

@@ -20,7 +20,7 @@ from ctlabs.linalg.checks import Array
 from ctlabs.linalg.manyfold import Manyfold
 from ctlabs.montecarlo import simulate
 from ctlabs.regulation import ensemble, margins, periods, tradeoff
-from ctlabs.regulation.curves import Tradeoff
+from ctlabs.regulation.curves import Periods, Tradeoff
 from ctlabs.regulation.runs import LoopEnsemble
 from ctlabs.studies import designing, regulating
 from ctlabs.studies.regulating import Regulated
@@ -90,19 +90,25 @@ def _weighed(plant: ModelFile, believed: ModelFile) -> ModelFile:
 class Family:
     """Regulators of other weights or periods.
 
-    ``values`` (k,) of what varied · ``x`` (k, n) and ``u`` (k, r), RMS in the limit · ``cost`` (k,) · ``reason`` where there are none
+    ``values`` (k,) of what varied · ``cost`` (k,) · ``x`` (k, n) and ``u`` (k, r), RMS in the limit, of weights · ``reason`` where there
+    are none
     """
 
     values: Array
+    cost: Array
     x: Array
     u: Array
-    cost: Array
     reason: str = ""
 
     @property
     def tradeoff(self) -> Tradeoff:
         """As the library has it, without the regulators."""
         return Tradeoff(self.values, self.x, self.u, self.cost, ())
+
+    @property
+    def periods(self) -> Periods:
+        """The same of periods."""
+        return Periods(self.values, self.cost, ())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -127,7 +133,7 @@ def curves(model: str, progress: Callable[[int, int], object] | None = None) -> 
         if progress is not None:
             progress(done, total)
 
-    def family(values: tuple[float, ...], one: Callable[[float], Tradeoff]) -> Family:
+    def family(values: tuple[float, ...], one: Callable[[float], Tradeoff | Periods]) -> Family:
         members, kept, reason = [], [], ""
         for value in values:
             made = part(lambda value=value: one(value))  # type: ignore[misc]  # the value of this round
@@ -138,8 +144,10 @@ def curves(model: str, progress: Callable[[int, int], object] | None = None) -> 
             tell()
         if not members:
             return _none(reason)
-        x, u, cost = (np.concatenate([getattr(each, name) for each in members]) for name in ("x_rms", "u_rms", "cost"))
-        return Family(np.array(kept), x, u, cost)
+        cost = np.concatenate([each.cost for each in members])
+        sizes = [each for each in members if isinstance(each, Tradeoff)]
+        x, u = (np.array([getattr(each, name)[0] for each in sizes]) for name in ("x_rms", "u_rms"))
+        return Family(np.array(kept), cost, x, u)
 
     weights = family(FACTORS, lambda factor: tradeoff(found.model, found.cost, [factor], **found.options, **dt))
     if not continuous or found.cost.horizon is not None:
@@ -149,7 +157,7 @@ def curves(model: str, progress: Callable[[int, int], object] | None = None) -> 
 
 
 def _none(reason: str) -> Family:
-    nothing = np.zeros((0, 0))
+    nothing = np.zeros(0)
     return Family(nothing, nothing, nothing, nothing, reason)
 
 
