@@ -312,6 +312,19 @@ def test_what_is_typed_survives_a_reload_at_once(visit: Visits) -> None:
     holds(tab.cell("H", 0, 2), "0.875")
 
 
+def test_equations_are_set_in_the_font_that_is_served(visit: Visits) -> None:
+    """Whatever fonts the machine has; it comes from the server, compressed, and is less than 100 kB."""
+    tab = visit().tab()
+    with tab.page.expect_response(lambda answer: answer.url.endswith("/math.ttf")) as waiting:
+        tab.load(OSCILLATOR)
+    answer = waiting.value
+    assert answer.ok
+    assert answer.request.sizes()["responseBodySize"] < 100_000
+    until(lambda: tab.page.evaluate("[...document.fonts].some(each => /ctlabs math/.test(each.family) && each.status === 'loaded')"))
+    family = tab.page.evaluate("getComputedStyle(document.querySelector('[data-test=equations] math')).fontFamily")
+    assert family.startswith('"ctlabs math"')
+
+
 # Understanding -----------------------------------------------------------------------------------------------------------
 
 
@@ -379,7 +392,7 @@ def test_a_wrong_setting_is_told_at_its_field(visit: Visits) -> None:
     """Nothing runs until what is no whole number is put right; then nothing is complained of."""
     tab = begun(visit, page="experiment")
     tab.settle(runs="many")
-    tab.page.wait_for_selector("text=expected a whole number, received many")
+    tab.page.wait_for_selector('text=/expected a whole number from 1 to [0-9]+, received "many"/')
     until(lambda: tab.field("runs").get_attribute("aria-invalid") == "true")
     tab.get("run").click()
     until(lambda: "runs" in tab.get("run-error").inner_text())
@@ -676,6 +689,54 @@ def test_a_wrong_parameter_of_a_lab_is_told_at_its_field(visit: Visits) -> None:
     phi.fill("0.9")
     tab.page.wait_for_selector(".ctl-lab-error >> text=/fast/", state="hidden")
     until(lambda: phi.get_attribute("aria-invalid") is None)
+
+
+@pytest.mark.parametrize("page", ["model", "experiment", "data", "fit", "control", "labs"])
+def test_numbers_are_typed_as_at_home(visit: Visits, page: str) -> None:
+    """Decimal commas, thin spaces between thousands, the minus sign of print, 1e4; what has two readings is refused with both."""
+    tab = begun(visit, page="model" if page == "labs" else page)
+    if page == "model":
+        tab.cell("F", 1, 1).fill("−0,25")
+        until(lambda: "−0.25" in written(tab.get("equations")))
+        tab.cell("F", 1, 0).focus()
+        holds(tab.cell("F", 1, 1), "-0.25")
+        tab.cell("F", 1, 1).fill("1,120")
+        tab.page.wait_for_selector(".ctl-error >> text=write 1.120 or 1120")
+    elif page == "experiment":
+        for text, told in (("1\u202f500", "1500"), ("1e4", "10000")):
+            tab.settle(runs=text)
+            holds(tab.field("runs"), told)
+        tab.settle(runs="1,000")
+        tab.page.wait_for_selector("text=write 1.000 or 1000")
+    elif page == "data":
+        tab.drop(".ctl-main", "log.csv", "place\n" + "".join(f"{k / 10}\n" for k in range(20)))
+        tab.page.wait_for_selector("[data-test=data-filter]:visible")
+        tab.field("data-gate").fill("4,5")
+        tab.get("data-run").click()
+        tab.page.wait_for_selector("[data-test=data-summary]:has-text('20 rows')")
+        tab.field("data-steps").fill("1,000")
+        tab.page.wait_for_selector("text=write 1.000 or 1000")
+    elif page == "fit":
+        tab.field("fit-max-tau").fill("2,5e1")
+        tab.field("fit-max-tau").press("Enter")
+        tab.go("model")
+        tab.get("range-tau").click()
+        holds(tab.get("constant-tau-max"), "2.5e1")
+    elif page == "control":
+        tab.get("control-add-input").click()
+        tab.page.wait_for_selector("[data-test=control-verdict]:has-text('stable')")
+        tab.field("control-runs").fill("1,000")
+        tab.get("control-run").click()
+        tab.page.wait_for_selector("text=write 1.000 or 1000")
+        tab.field("control-runs").fill("1e2")
+        tab.get("control-run").click()
+        tab.page.wait_for_selector("[data-test=control-ensemble] >> text=/100 runs/")
+    else:
+        tab = lab(visit, "7")
+        tab.page.locator(".ctl-lab-form").get_by_label("Phi", exact=True).fill("0,9")
+        until(lambda: not any(tab.page.locator(".ctl-lab-error").all_inner_texts()))
+        tab.page.locator(".ctl-lab-form").get_by_label("Runs", exact=True).fill("1,000")
+        tab.page.wait_for_selector(".ctl-lab-error >> text=write 1.000 or 1000")
 
 
 def test_help_is_beside_every_field(visit: Visits) -> None:

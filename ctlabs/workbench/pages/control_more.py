@@ -12,6 +12,7 @@ from nicegui import ui
 from ctlabs.studies import loops as pictures
 from ctlabs.studies.understanding import Part
 from ctlabs.text import number
+from ctlabs.workbench.desk import plain
 from ctlabs.workbench.pages.model_parts import earlier
 from ctlabs.workbench.pages.showing import table
 from ctlabs.workbench.runs.loops import elsewhere, exported, one_run
@@ -88,23 +89,29 @@ class Many:
 
     def run(self) -> None:
         """Begin, if the numbers are in order."""
-        values = {}
-        for name, field in self.fields.items():
-            text = str(field.value or "").replace(" ", "")
-            least = 2 if name == "runs" else 0
-            good = text.isdecimal() and least <= int(text) <= MOST
-            field.error = None if good else f"expected a whole number from {least} to {MOST}"
-            if good:
-                values[name] = int(text)
-        if len(values) == len(self.fields) and not self.running.running:
-            self.running.start(lambda progress, cancel: self.desk.run(values["runs"], values["seed"], progress, cancel))
+        runs, seed = self._read("runs"), self._read("seed")
+        if runs is not None and seed is not None and not self.running.running:
+            self.running.start(lambda progress, cancel: self.desk.run(runs, seed, progress, cancel))
+
+    def _read(self, name: str) -> int | None:
+        """The number of a field; None where it is wrong, which is said at the field."""
+        field = self.fields[name]
+        try:
+            value = plain.whole(field.value, 2 if name == "runs" else 0, MOST)
+        except ValueError as why:
+            field.error = str(why)
+            return None
+        field.error = None
+        return value
 
     async def _single(self) -> None:
         """One run with the seed that stands there, as a table."""
-        text, seed = self.session.text, str(self.fields["seed"].value or "").strip()
+        text, seed = self.session.text, self._read("seed")
+        if seed is None:
+            return
         name = self.session.filename.removesuffix(".toml")
         try:
-            content = await asyncio.to_thread(one_run, text, int(seed) if seed.isdecimal() else self.desk.seed)
+            content = await asyncio.to_thread(one_run, text, seed)
         except (ValueError, ArithmeticError) as why:
             self.shell.complain(f"There is no run: {' '.join(str(why).split())}")
             return
@@ -205,7 +212,7 @@ class Elsewhere:
             if not text:
                 msg = f"{name}: expected its true value, received none"
                 raise ValueError(msg)
-            return self.session.file.set_constant(name, text).checked().dumps()
+            return self.session.file.set_constant(name, plain.typed(text)).checked().dumps()
         draft = self.session.store.draft(name)
         if draft is None:
             msg = "model: expected one that is kept, received one that is no more"

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from nicegui import ui
 
 from ctlabs.text import number
-from ctlabs.workbench.desk import commands
+from ctlabs.workbench.desk import commands, plain
 from ctlabs.workbench.desk.telling import TakeEstimates
 from ctlabs.workbench.pages.editing import Editor
 from ctlabs.workbench.pages.showing import Show, help_button, table, times
@@ -25,6 +25,8 @@ PAGE = {"place": 5, "title": "Fit", "icon": "tune"}
 
 #: How often the likelihood is drawn while it rises, s.
 REDRAWN = 0.5
+#: Most starts beside the first.
+STARTS = 1000
 
 
 def page(session: Session, shell: Shell) -> None:
@@ -140,12 +142,13 @@ class _Fit:
         """Fit what is ticked, if all is in order."""
         if self.running.running or self._refusal():
             return
-        text = str(self.starts.value or "0").strip()
-        if not text.isdecimal() or int(text) > 1000:
-            self.starts.error = "expected a whole number from 0 to 1000"
+        try:
+            starts = plain.whole(self.starts.value or "0", 0, STARTS)
+        except ValueError as why:
+            self.starts.error = str(why)
             return
         self.starts.error, self.points = None, 0
-        free, starts = list(self.desk.free), int(text)
+        free = list(self.desk.free)
         self.running.start(lambda progress, cancel: self.desk.fit(free, starts, progress, cancel))
 
     def _cancel(self) -> None:

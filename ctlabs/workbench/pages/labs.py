@@ -18,6 +18,7 @@ from starlette.responses import PlainTextResponse, Response
 from ctlabs.reporting.mathml import mathml
 from ctlabs.reporting.render import inline
 from ctlabs.text import number
+from ctlabs.workbench.desk.plain import whole
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.runs import catalogue
 from ctlabs.workbench.runs.catalogue import LabOutcome, LabSheet, Parameter, Typed
@@ -517,15 +518,15 @@ class _Form:
     def check(self) -> tuple[dict[str, Any] | None, int | None, int | None]:
         """Say at the fields what is wrong with them; parameters, runs and seed, None where they are wrong."""
         checked = catalogue.check(self.sheet.name, {field.name: self._typed(field.name) for field in self.fields})
-        problems, whole = dict(checked.problems), {}
+        problems, counts = dict(checked.problems), {}
         for name, least, most in ((".runs", 1, catalogue.RUNS), (".seed", 0, 2**63 - 1)):
             try:
-                whole[name] = catalogue.whole(str(self._typed(name)), least, most)
+                counts[name] = whole(self._typed(name), least, most)
             except ValueError as error:
                 problems[name] = str(error)
         for name, label in self._errors.items():
             self._mark(name, label, problems.get(name, ""))
-        return checked.values, whole.get(".runs"), whole.get(".seed")
+        return checked.values, counts.get(".runs"), counts.get(".seed")
 
     def _mark(self, name: str, label: ui.label, problem: str) -> None:
         if label.text == problem:

@@ -1,5 +1,7 @@
 // Text cells: a matrix with its headers, or one field. What is typed is sent after a moment's pause and is never overwritten by an
 // older answer: every message has a number, and the server says up to which number its texts go (`ack`).
+// A number as it is kept: 0,5 is 0.5, 1 000 is 1000. The server reads what is typed; this only keeps the caret where it is.
+const plain = (text) => text.trim().replace(/[−–]/g, "-").replace(/[\s\u2009\u202f](?=\d{3})/g, "").replace(",", ".");
 const PAUSE = { text: 120, area: 400, range: 60 };
 
 export default {
@@ -208,7 +210,7 @@ export default {
         if (key in this.waiting || (this.sent[key] ?? 0) > this.ack) continue;
         // In the cell that is typed into only what is new there is shown: nothing moves the caret without need.
         const typing = field === document.activeElement;
-        if (field.value !== text && !(typing && (this.known[key] === text || field.value.trim() === text))) {
+        if (field.value !== text && !(typing && (this.known[key] === text || plain(field.value) === text))) {
           field.value = text;
           if (typing) this.before = text;
         }
