@@ -15,6 +15,7 @@ import hashlib
 import json
 import os
 import secrets
+import tempfile
 import threading
 import time
 from collections.abc import Iterator, Mapping
@@ -27,6 +28,7 @@ import sqlalchemy as sa
 
 from ctlabs.workbench.desk.folder import FILE, StoreError, Unwritable, data_folder, writable
 from ctlabs.workbench.desk.packing import pack, unpack
+from ctlabs.workbench.desk.salvage import salvage
 
 #: Version of the tables; a file of another version is refused.
 SCHEMA = 1
@@ -137,7 +139,8 @@ class Store:
     StoreError
         The file is of another program or of another version of ctlabs.
 
-    A damaged file is moved aside under a name of its own and a new one begun; :attr:`notice` then says so in one line.
+    A damaged file is moved aside under a name of its own, and a new one begun with what can be read of it; :attr:`notice` then says so in
+    one line.
     """
 
     def __init__(self, folder: str | os.PathLike[str] | None = None) -> None:
@@ -336,11 +339,12 @@ class Store:
     # Within ----------------------------------------------------------------------------------------------------------
 
     def _open(self) -> None:
+        aside = None
         try:
             with self._reading() as read:
                 found = _look(read)
         except _Damaged as why:
-            self._move_aside(str(why))
+            aside = self._move_aside(str(why))
             found = (0, 0, 0)
         application, version, tables = found
         if tables and application != APPLICATION:
@@ -355,9 +359,24 @@ class Store:
             if not tables:
                 write.exec_driver_sql(f"PRAGMA application_id = {APPLICATION}")
                 write.exec_driver_sql(f"PRAGMA user_version = {SCHEMA}")
+        if aside is not None:
+            self._salvage(aside)
+        with self._writing() as write:
             self._forget(write, time.time())
 
-    def _move_aside(self, why: str) -> None:
+    def _salvage(self, aside: Path) -> None:
+        """Take over what can still be read of a file that was moved aside, and say how much that is."""
+        with tempfile.TemporaryDirectory(prefix="ctlabs-") as folder:
+            Store(folder).close()
+            columns = {table.name: list(table.columns.keys()) for table in _tables.sorted_tables}
+            saved = salvage(aside, Path(folder) / FILE, columns)
+        with self._writing() as write:
+            for table in _tables.sorted_tables:  # drafts before their steps
+                for row in saved.rows[table.name]:
+                    write.execute(table.insert().prefix_with("OR IGNORE"), row)
+        self.notice += f"; {saved}"
+
+    def _move_aside(self, why: str) -> Path:
         """Put a damaged file, with what SQLite keeps beside it, under another name."""
         self._engine.dispose()
         aside = self.path.with_name(f"{FILE}.damaged-{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(2)}")
@@ -374,6 +393,7 @@ class Store:
             f"{self.path}: expected a whole database, received {why}; it was moved to {aside.name} and a new one begun"
         )
         self._engine = _engine(self.path)
+        return aside
 
     def _forget(self, write: sa.Connection, now: float) -> None:
         """Remove for good what was deleted long ago, drafts that were opened but never edited, texts that none names."""
