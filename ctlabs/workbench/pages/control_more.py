@@ -14,7 +14,7 @@ from ctlabs.studies.understanding import Part
 from ctlabs.text import number
 from ctlabs.workbench.desk import plain
 from ctlabs.workbench.pages.model_parts import earlier
-from ctlabs.workbench.pages.showing import table
+from ctlabs.workbench.pages.tables import table
 from ctlabs.workbench.runs.loops import elsewhere, exported, one_run
 from ctlabs.workbench.runs.running import said
 

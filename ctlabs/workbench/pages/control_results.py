@@ -14,7 +14,7 @@ from ctlabs.reporting.drawing import Band, Curve, Drawing, Mark, Panel, labelled
 from ctlabs.studies import loops as pictures
 from ctlabs.studies.understanding import Part
 from ctlabs.text import number
-from ctlabs.workbench.pages.showing import matrix, table
+from ctlabs.workbench.pages.tables import matrix, table
 from ctlabs.workbench.runs import figures
 
 if TYPE_CHECKING:

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 from nicegui import ui
 
 from ctlabs.text import number
-from ctlabs.workbench.pages.showing import Show, table
+from ctlabs.workbench.help import groups, help_for
+from ctlabs.workbench.pages.showing import Show
+from ctlabs.workbench.pages.tables import table
 from ctlabs.workbench.runs import records
 from ctlabs.workbench.runs.inside import line
 
@@ -85,7 +87,7 @@ class RecordResults:
                     ui.label("Not tested: the run was ended before.").props("data-test=data-suggestion")
                 missing = f", {number(found.missing)} values missing" if found.missing else ""
                 ui.label(
-                    f"{found.source}: {number(found.rows)} rows{missing}; filtered by {found.algorithm}, "
+                    f"{found.source}: {number(found.rows)} rows{missing}; filtered by {_title(found.algorithm)}, "
                     f"log-likelihood {number(found.log_likelihood)}."
                 ).classes("ctl-show-hint").props("data-test=data-summary")
                 for note in found.notes:
@@ -177,3 +179,9 @@ class RecordResults:
         stem = self.desk.estimates.source.rpartition(".")[0] if self.desk.estimates else "record"
         with self.box:
             ui.download.content(content, f"{escape(stem) or 'record'}_{name}", media_type=media)
+
+
+def _title(algorithm: str) -> str:
+    """An algorithm as the lists of the pages call it."""
+    key = f"algorithm.{algorithm}"
+    return help_for(key).title if key in groups()["algorithm"].entries else algorithm

@@ -16,7 +16,8 @@ from ctlabs.workbench.help import help_for
 from ctlabs.workbench.pages.dialogs import buttons, dialog
 from ctlabs.workbench.pages.keep import export_dialog
 from ctlabs.workbench.pages.results import Results
-from ctlabs.workbench.pages.showing import Show, difference, help_button, times
+from ctlabs.workbench.pages.showing import Show, help_button, times
+from ctlabs.workbench.pages.tables import difference
 from ctlabs.workbench.runs.outcomes import LARGEST, LIMITS
 from ctlabs.workbench.runs.running import said
 

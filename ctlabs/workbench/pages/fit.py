@@ -12,7 +12,8 @@ from ctlabs.text import number
 from ctlabs.workbench.desk import commands, plain
 from ctlabs.workbench.desk.telling import TakeEstimates
 from ctlabs.workbench.pages.editing import Editor
-from ctlabs.workbench.pages.showing import Show, help_button, table, times
+from ctlabs.workbench.pages.showing import Show, help_button, times
+from ctlabs.workbench.pages.tables import table
 from ctlabs.workbench.runs.fits import trace
 
 if TYPE_CHECKING:

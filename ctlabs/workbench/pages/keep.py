@@ -13,7 +13,8 @@ from nicegui import ui
 
 from ctlabs.workbench.desk import tour
 from ctlabs.workbench.pages.dialogs import buttons, dialog
-from ctlabs.workbench.pages.showing import Show, difference, help_button, table
+from ctlabs.workbench.pages.showing import Show, help_button
+from ctlabs.workbench.pages.tables import difference, table
 from ctlabs.workbench.runs import figures
 from ctlabs.workbench.runs.kinds import PICTURES, TABLES
 from ctlabs.workbench.runs.running import said
