@@ -43,9 +43,9 @@ class Salvaged:
 
     def __str__(self) -> str:
         """What was read, in words."""
-        counts = (("draft", "draft", len(self.rows.get("draft", ()))), ("revision", "step", len(self.rows.get("revision", ()))))
-        counts = (*counts, ("experiment", "kept result", len(self.rows.get("experiment", ()))))
-        parts = [f"{count} {word}{'' if count == 1 else 's'}" for _, word, count in counts]
+        words = {"draft": "draft", "revision": "step", "experiment": "kept result"}
+        counts = {word: len(self.rows.get(table, ())) for table, word in words.items()}
+        parts = [f"{count} {word}{'' if count == 1 else 's'}" for word, count in counts.items()]
         if not any(self.rows.values()):
             return "nothing in it could be read"
         lost = f"; at least {self.lost} row{'' if self.lost == 1 else 's'} could not be read" if self.lost else ""

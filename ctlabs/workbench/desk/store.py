@@ -124,6 +124,11 @@ class KeptExperiment:
     seed: int
     deleted: float | None = None
 
+    @property
+    def kind(self) -> str:
+        """What it is: an "experiment", or as its settings say."""
+        return str(self.settings.get("kind", "experiment"))
+
 
 class Store:
     """The file, open. Safe to use from several threads; every method is one transaction.
