@@ -11,7 +11,7 @@ from nicegui import ui
 
 from ctlabs.studies import loops as pictures
 from ctlabs.studies.understanding import Part
-from ctlabs.text import number
+from ctlabs.text import prose
 from ctlabs.workbench.desk import plain
 from ctlabs.workbench.pages.model_parts import earlier
 from ctlabs.workbench.pages.tables import table
@@ -152,7 +152,7 @@ class Many:
                 self.plot.hide()
                 return
             rows = [["of the runs", made.cost], ["expected, exactly", made.cost_expected], ["standard error", made.cost_sd]]
-            far = f"{number(abs(made.score), 2)} standard errors apart"
+            far = f"{prose(abs(made.score), 2)} standard errors apart"
             verdict = f'<p class="{"ctl-show-good" if abs(made.score) < 4 else "ctl-show-bad"}">Runs and theory are {far}.</p>'
             heads = ["Cost of these steps", {"s": "per second", "step": "per step", "horizon": "in all"}[found.per]]
             self.body.content = verdict + table(heads, rows, f"{made.statistics.runs} runs of {len(made.theory.mean) - 1} steps")
@@ -225,9 +225,9 @@ def told_elsewhere(found: Regulated) -> str:
     best, claimed = found.best.regulator.cost.value, found.regulator.cost.value
     if not found.cost:
         why = f"It does not hold this plant: {found.growing or found.cost.reason}."
-        return f'<p class="ctl-show-bad">{escape(why)}</p><p>The right regulator would cost {number(best, 4)}.</p>'
+        return f'<p class="ctl-show-bad">{escape(why)}</p><p>The right regulator would cost {prose(best, 4)}.</p>'
     true = found.cost.value
     rows = [["what this regulator believes", claimed], ["what it costs there", true], ["what the right regulator costs there", best]]
-    factor = f"<p>A factor {number(true / best, 4)} above the best.</p>" if best else ""
+    factor = f"<p>A factor {prose(true / best, 4)} above the best.</p>" if best else ""
     heads = ["Cost", {"s": "per second", "step": "per step", "horizon": "in all"}[found.per]]
     return f'<p class="ctl-show-good">The loop stays stable.</p>{table(heads, rows)}{factor}'

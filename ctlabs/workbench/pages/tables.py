@@ -75,8 +75,8 @@ def matrix(name: str, values: Any, rows: Sequence[str], columns: Sequence[str]) 
 def shown(value: Any) -> str:
     """A number or a text for a reader; a complex number without a part that is not there.
 
-    >>> shown(-1.5e-7), shown(-0.15708 - 1.5629j), shown(2j), shown(float("nan")), shown("-x")
-    ('−1.5×10⁻⁷', '−0.15708 − 1.5629i', '2i', '—', '-x')
+    >>> shown(-1.5e-7), shown(-0.15708 - 1.5629j).split(), shown(2j), shown(float("nan")), shown("-x")
+    ('−1.5×10⁻⁷', ['−0.15708', '−', '1.5629i'], '2i', '—', '-x')
     """
     if isinstance(value, str):
         return number(value)
@@ -88,6 +88,7 @@ def shown(value: Any) -> str:
             return shown(value.real)
         if abs(value.real) <= 1e-12 * size:
             return f"{shown(value.imag)}i"
+        return printed(number(value)).replace(" ", "\u00a0")  # its parts stay together
     return printed(number(value))
 
 
