@@ -31,6 +31,7 @@ from tests.workbench_browser import (  # noqa: F401  # fixtures
     PATIENCE,
     PHONE,
     ROOT,
+    ZOOMED,
     Tab,
     Visit,
     Workbench,
@@ -862,9 +863,9 @@ def test_the_keyboard_alone_suffices(visit: Visits) -> None:
     assert tab.curves("plot-accuracy")
 
 
-@pytest.mark.parametrize("size", [DESKTOP, PHONE], ids=["desktop", "phone"])
+@pytest.mark.parametrize("size", [DESKTOP, PHONE, ZOOMED], ids=["desktop", "phone", "400 %"])
 def test_every_page_fits_its_window_and_names_its_fields(visit: Visits, size: dict[str, int]) -> None:
-    """No page is wider than the window, at a desk and on a phone, light and dark; every field and button has a name."""
+    """No page is wider than the window, at a desk, on a phone and at 400 %, light and dark; every field and button has a name."""
     tab = begun(visit, viewport=size, has_touch=size is PHONE)
     for page in PAGES:
         tab.go(page)
@@ -878,20 +879,43 @@ def test_every_page_fits_its_window_and_names_its_fields(visit: Visits, size: di
         until(lambda: tab.unnamed() == [])
 
 
-def test_results_and_labs_fit_a_phone(visit: Visits) -> None:
-    """Figures and tables move inside their cards, not the page."""
-    tab = begun(visit, page="experiment", viewport=PHONE, has_touch=True)
+@pytest.mark.parametrize("size", [PHONE, ZOOMED], ids=["phone", "400 %"])
+def test_results_and_labs_fit_a_small_window(visit: Visits, size: dict[str, int]) -> None:
+    """Figures and tables move inside their cards, not the page; what stays in place while one scrolls leaves most of the window."""
+    tab = begun(visit, page="experiment", viewport=size, has_touch=True)
     tab.get("algorithm-ud").click()
     tab.run(steps=50, runs=50)
     for part in ("errors", "innovations", "algorithms", "numbers", "states"):
         tab.part(part)
         tab.page.wait_for_selector("[data-test=results] :is(table, .main-svg)")
         until(lambda: tab.widest() <= 0)
+        assert tab.covered() <= 0.4
     tab.go("labs")
     tab.page.click("[data-lab=task07]")
     tab.page.wait_for_selector(".ctl-lab-form")
     until(lambda: tab.widest() <= 0)
     until(lambda: tab.unnamed() == [])
+    assert tab.covered() <= 0.4
+
+
+@pytest.mark.parametrize("size", [PHONE, ZOOMED], ids=["phone", "400 %"])
+def test_a_model_is_typed_and_regulated_in_a_small_window(visit: Visits, size: dict[str, int]) -> None:
+    """A cell that is typed into is seen whole; the regulator's pictures and weights do not widen the page."""
+    tab = begun(visit, viewport=size, has_touch=True)
+    edit(tab, "H", 0, 2, text="0.125")
+    tab.page.wait_for_selector(".q-notification", state="detached")
+    for cell in (("P0", 2, 2), ("H", 0, 2), ("F", 0, 0), ("R", 0, 0), ("F", 2, 2)):
+        tab.cell(*cell).focus()
+        until(lambda cell=cell: tab.cell(*cell).evaluate(
+            "e => { const box = e.getBoundingClientRect();"
+            " return document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2) === e; }"
+        ))  # fmt: skip
+    tab.go("control")
+    tab.get("control-add-input").click()
+    tab.page.wait_for_selector("[data-test=control-verdict]:has-text('stable')")
+    tab.page.wait_for_selector("[data-test=plot-tradeoff] .js-plotly-plot .main-svg")
+    until(lambda: tab.widest() <= 0)
+    assert tab.covered() <= 0.5
 
 
 def test_dark_and_light_are_chosen(visit: Visits) -> None:

@@ -19,7 +19,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -152,6 +152,7 @@ class Store:
         self.folder = data_folder() if folder is None else Path(folder).expanduser().resolve()
         self.path = self.folder / FILE
         self.notice = ""
+        self._held = threading.local()  # the transaction of :meth:`together`
         self._turn = threading.Lock()  # writers of this process wait here rather than in SQLite, which polls
         try:
             self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -434,12 +435,28 @@ class Store:
                 raise LookupError(msg)
 
     @contextmanager
+    def together(self) -> Iterator[None]:
+        """Make several changes of this thread one: whenever the process ends, all of them are in the file or none."""
+        with self._writing() as connection:
+            self._held.connection = connection
+            try:
+                yield
+            finally:
+                self._held.connection = None
+
+    @contextmanager
     def _reading(self) -> Iterator[sa.Connection]:
-        with self._told("read"), self._engine.begin() as connection:
+        held: sa.Connection | None = getattr(self._held, "connection", None)
+        with self._told("read"), self._engine.begin() if held is None else nullcontext(held) as connection:
             yield connection
 
     @contextmanager
     def _writing(self) -> Iterator[sa.Connection]:
+        held: sa.Connection | None = getattr(self._held, "connection", None)
+        if held is not None:
+            with self._told("written"):
+                yield held
+            return
         # The lock of SQLite is taken at the beginning: a transaction that reads first could otherwise be refused later.
         with (
             self._told("written"),
