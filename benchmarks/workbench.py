@@ -111,7 +111,18 @@ def kept(data: Path, draft: str, text: str) -> bool:
 
 def serve(data: Path) -> tuple[subprocess.Popen[str], str]:
     """The command in a process of its own, and its address."""
-    command = [sys.executable, "-m", "ctlabs", "workbench", "--no-open", "--no-token", "--port", "0", "--data", str(data)]
+    command = [
+        sys.executable,
+        "-m",
+        "ctlabs",
+        "workbench",
+        "--no-open",
+        "--no-token",
+        "--port",
+        "0",
+        "--data",
+        str(data),
+    ]
     around = {name: value for name, value in os.environ.items() if name != "CTLABS_TOKEN"}
     server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=around)
     assert server.stdout is not None
@@ -197,7 +208,8 @@ async def dropped(page: Any, table: str) -> float:
     await page.wait_for_selector("[data-test=data-choose]")
     name = f"log{hash(table) % 10**6}.csv"
     moved = await page.evaluate_handle(
-        "([text, name]) => { const moved = new DataTransfer(); moved.items.add(new File([text], name)); return moved; }", [table, name]
+        "([text, name]) => { const moved = new DataTransfer(); moved.items.add(new File([text], name)); return moved; }",
+        [table, name],
     )
     start = time.perf_counter()
     for event in ("dragenter", "dragover", "drop"):

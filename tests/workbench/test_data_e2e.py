@@ -178,7 +178,6 @@ def test_what_was_filtered_and_fitted_is_kept(visit: Visits) -> None:
     tab.page.wait_for_selector("[data-test=fit-found] table")
 
 
-
 def test_a_long_fit_rises_and_is_cancelled_with_the_best_so_far(visit: Visits) -> None:
     """Its likelihood is drawn while it rises; after Cancel there are estimates, and it is said that the search was ended."""
     rng = np.random.default_rng(5)

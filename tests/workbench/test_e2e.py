@@ -321,7 +321,11 @@ def test_equations_are_set_in_the_font_that_is_served(visit: Visits) -> None:
     answer = waiting.value
     assert answer.ok
     assert answer.request.sizes()["responseBodySize"] < 100_000
-    until(lambda: tab.page.evaluate("[...document.fonts].some(each => /ctlabs math/.test(each.family) && each.status === 'loaded')"))
+    until(
+        lambda: tab.page.evaluate(
+            "[...document.fonts].some(each => /ctlabs math/.test(each.family) && each.status === 'loaded')"
+        )
+    )
     family = tab.page.evaluate("getComputedStyle(document.querySelector('[data-test=equations] math')).fontFamily")
     assert family.startswith('"ctlabs math"')
 

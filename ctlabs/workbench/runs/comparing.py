@@ -73,7 +73,9 @@ def models(first: str, second: str) -> Difference:
     return Difference(tuple(lines))
 
 
-def experiments(first: tuple[KeptExperiment, Outcome | Summary], second: tuple[KeptExperiment, Outcome | Summary]) -> Difference:
+def experiments(
+    first: tuple[KeptExperiment, Outcome | Summary], second: tuple[KeptExperiment, Outcome | Summary]
+) -> Difference:
     """Two kept experiments, or other results that are kept."""
     (a, found_a), (b, found_b) = first, second
     settings = _rows(_settings(a.settings), _settings(b.settings))
