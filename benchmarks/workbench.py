@@ -26,13 +26,16 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+import numpy as np
 import socketio
 from timing import REPEATS
 
 from ctlabs.files.modelfile.catalogue import ready
+from ctlabs.workbench.desk.desk import LOCAL
 from ctlabs.workbench.desk.store import Store
-from ctlabs.workbench.serving.server import LOCAL
 
+#: Rows of a file that is dropped, states of a large model.
+ROWS, STATES = 100_000, 60
 SESSIONS, EDITS, THINKING = 20, 9, 0.5
 ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking"]
 RESULT = """before => { const told = document.querySelector('[data-test=found-told]').textContent;
@@ -65,7 +68,11 @@ async def measured(path: str) -> list[tuple[str, float, float]]:
                 edits = [await edit(alone, f"0.{i + 1}") for i in range(REPEATS)]
                 await alone.click("nav a[href^='/experiment']")
                 runs = [await run(alone) for _ in range(REPEATS + 1)][1:]  # the first one starts the process
+                drops = [await dropped(alone, table) for table in (logged(1), *map(logged, range(2, REPEATS + 2)))][1:]
                 await alone.context.close()
+                large = await opened(browser, address, oscillators(STATES // 2))
+                cells = [await answered(large, f"0.{i + 1}") for i in range(REPEATS)]
+                await large.context.close()
                 waits, seen = await together(browser, address, drafts)
             finally:
                 server.terminate()
@@ -75,6 +82,8 @@ async def measured(path: str) -> list[tuple[str, float, float]]:
     return [
         ("start to first page, s", statistics.median(starts), 1.5),
         ("an edit to its equation, 3 states, s", statistics.median(edits), 0.3),
+        (f"an edit to what is said of it, {STATES} states, s", statistics.median(cells), 0.5),
+        (f"a file of {ROWS:,} rows, from drop to estimates, s", statistics.median(drops), 4.0),
         ("click to plot, 1000 runs of 200 steps, 3 states, s", statistics.median(runs), 1.0),
         (
             f"95 % of the edits of {SESSIONS} sessions that also run, s",
@@ -102,7 +111,18 @@ def kept(data: Path, draft: str, text: str) -> bool:
 
 def serve(data: Path) -> tuple[subprocess.Popen[str], str]:
     """The command in a process of its own, and its address."""
-    command = [sys.executable, "-m", "ctlabs", "workbench", "--no-open", "--port", "0", "--data", str(data)]
+    command = [
+        sys.executable,
+        "-m",
+        "ctlabs",
+        "workbench",
+        "--no-open",
+        "--no-token",
+        "--port",
+        "0",
+        "--data",
+        str(data),
+    ]
     around = {name: value for name, value in os.environ.items() if name != "CTLABS_TOKEN"}
     server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=around)
     assert server.stdout is not None
@@ -125,13 +145,17 @@ async def first_page(browser: Any, data: Path) -> float:
     return took
 
 
-async def opened(browser: Any, address: str) -> Any:
-    """A browser of its own with a model of three states."""
+async def opened(browser: Any, address: str, model: str = "") -> Any:
+    """A browser of its own with a model of three states, or with another one."""
     page = await (await browser.new_context()).new_page()
     page.set_default_timeout(60_000)
     await page.goto(f"{address}/model")
-    await page.click("[data-test=begin-ready]")
-    await page.click("[data-test=ready-singer]")
+    if model:
+        content = {"name": "model.toml", "mimeType": "application/toml", "buffer": model.encode()}
+        await page.set_input_files(".ctl-model input[type=file]", content)
+    else:
+        await page.click("[data-test=begin-ready]")
+        await page.click("[data-test=ready-singer]")
     await page.wait_for_selector("[data-test=cell-F-0-2]")
     return page
 
@@ -142,6 +166,56 @@ async def edit(page: Any, text: str) -> float:
     await page.fill("[data-test=cell-F-0-2]", text)
     shown = "text => document.querySelector('[data-test=equations]').textContent.includes(text)"
     await page.wait_for_function(shown, arg=text)
+    return time.perf_counter() - start
+
+
+async def answered(page: Any, text: str) -> float:
+    """From typing into a cell of a large model, whose equations have no numbers, to the page's word that it has been saved."""
+    start = time.perf_counter()
+    await page.fill("[data-test=cell-F-0-2]", text)
+    said = "() => !document.body.hasAttribute('data-typing') && document.querySelector('.ctl-saved[data-state=saved]')"
+    await page.wait_for_function(said)
+    return time.perf_counter() - start
+
+
+def oscillators(count: int) -> str:
+    """A model file of so many oscillators, all of them measured together; a large one is shown by its entries that are not zero."""
+    n = 2 * count
+    F = [[0.0] * n for _ in range(n)]
+    for i in range(count):
+        F[2 * i][2 * i + 1], F[2 * i + 1][2 * i], F[2 * i + 1][2 * i + 1] = 1.0, -float(i + 1), -0.1
+    F[0][2] = 0.5
+    noise = [[1.0 if i == 2 * j + 1 else 0.0 for j in range(count)] for i in range(n)]
+    unit = [[float(i == j) for j in range(n)] for i in range(n)]
+    strengths = [[0.1 * (i == j) for j in range(count)] for i in range(count)]
+    row = [float(i % 2 == 0) for i in range(n)]
+    table = {"F": F, "G": noise, "Q": strengths, "H": [row], "R": [[1.0]], "x0": [0.0] * n, "P0": unit, "dt": 0.01}
+    told = "\n".join(f"{name} = {value}" for name, value in table.items())
+    names = json.dumps([f"x{i + 1}" for i in range(n)])
+    return f'format = 1\nkind = "continuous"\n[model]\nstates = {names}\nmeasurements = ["z"]\n{told}\n'
+
+
+def logged(seed: int) -> str:
+    """A table of measurements of the model of three states, as a logger writes it."""
+    model = ready("singer")
+    values = np.cumsum(np.random.default_rng(seed).standard_normal(ROWS))
+    return model.measurements[0] + "\n" + "".join(f"{value:.4f}\n" for value in values)
+
+
+async def dropped(page: Any, table: str) -> float:
+    """From the drop of a table to its estimates."""
+    await page.click("nav a[href^='/data']")
+    await page.wait_for_selector("[data-test=data-choose]")
+    name = f"log{hash(table) % 10**6}.csv"
+    moved = await page.evaluate_handle(
+        "([text, name]) => { const moved = new DataTransfer(); moved.items.add(new File([text], name)); return moved; }",
+        [table, name],
+    )
+    start = time.perf_counter()
+    for event in ("dragenter", "dragover", "drop"):
+        await page.dispatch_event("body", event, {"dataTransfer": moved})
+    await page.wait_for_selector(f"[data-test=data-summary]:has-text('{name}')")
+    await page.wait_for_selector("[data-test=plot-record] .js-plotly-plot .main-svg")
     return time.perf_counter() - start
 
 

@@ -166,7 +166,8 @@ def number(value: object, digits: int = 5) -> str:
     if isinstance(value, str):
         return {"inf": "∞", "-inf": "−∞"}.get(value, value)  # as results.json has them
     if isinstance(value, complex | np.complexfloating):
-        return f"{number(value.real, digits)} {'−' if value.imag < 0 else '+'} {number(abs(value.imag), digits)}i"
+        real = re.sub("^-", "−", number(value.real, digits))  # one sign of minus in one number
+        return f"{real} {'−' if value.imag < 0 else '+'} {number(abs(value.imag), digits)}i"
     if isinstance(value, float | np.floating):
         return _real(float(value), digits)
     if isinstance(value, np.ndarray):

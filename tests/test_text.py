@@ -63,6 +63,7 @@ SHOWN: dict[str, tuple[Any, str]] = {
     "not a number": (np.nan, "NaN"),
     "single precision": (np.float32(0.1), "0.1"),
     "complex": (1 - 2.5j, "1 − 2.5i"),
+    "complex, negative": (-0.15708 - 1.5629j, "−0.15708 − 1.5629i"),
     "complex array": (np.array([0.5 + 0.25j]), "[0.5 + 0.25i]"),
     "list": ([1, 0.25], "[1, 0.25]"),
     "matrix": (np.eye(2), "[[1, 0], [0, 1]]"),

@@ -32,6 +32,8 @@ ARGUMENTS = [
     "--disable-component-update", "--disable-sync",
 ]  # fmt: skip
 DESKTOP, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
+#: What is left of 1280 × 1024 at 400 %.
+ZOOMED = {"width": 320, "height": 256}
 #: How long anything may take before a test says that it has not come, in milliseconds.
 PATIENCE = 60_000
 
@@ -246,6 +248,15 @@ _UNNAMED = """[...document.querySelectorAll(
 )].filter(e => e.offsetParent && !(e.ariaLabel || e.textContent.trim() || e.labels?.length || e.title
   || e.getAttribute("aria-labelledby"))).map(e => e.outerHTML)"""
 
+#: What does not scroll with the page, line by line down the middle of the window.
+_COVERED = """() => {
+  const fixed = e => e && (["fixed", "sticky"].includes(getComputedStyle(e).position) && !e.matches("main, .q-page-container")
+    || fixed(e.parentElement));
+  const rows = [...Array(innerHeight).keys()];
+  const notes = e => e?.closest(".q-notifications");
+  return rows.filter(y => { const e = document.elementFromPoint(innerWidth / 2, y); return !notes(e) && fixed(e); }).length / innerHeight;
+}"""
+
 
 class Tab:
     """A page of the workbench, and what a person does with it."""
@@ -396,6 +407,10 @@ class Tab:
         """The colours behind the page and its parts."""
         parts = "[...document.querySelectorAll('body, .ctl-main section, .ctl-main .ctl-card')]"
         return list(self.page.evaluate(f"{parts}.map(e => getComputedStyle(e).backgroundColor)"))
+
+    def covered(self) -> float:
+        """Which part of the window's height is covered by what stays in its place while the page scrolls under it."""
+        return float(self.page.evaluate(_COVERED))
 
     def widest(self) -> int:
         """How much wider than the window the page is, in pixels."""

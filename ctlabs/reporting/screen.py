@@ -193,13 +193,14 @@ def _vertical(panel: Panel) -> dict[str, Any]:
 
 
 def _beyond(panel: Panel) -> float:
-    """How far a signed panel reaches at first, where a few values are far beyond the others; otherwise 0."""
+    """How far a signed panel reaches at first, where a few values, or the beginning of a band, are far beyond the rest; otherwise 0."""
     values = _values(panel)
     if panel.kind != "signed" or not len(values):
         return 0.0
     edges = np.abs(np.concatenate([values, *(array(band.high) for band in panel.bands)]))
-    reach = 1.3 * float(np.quantile(edges[np.isfinite(edges)], 0.95))
-    return reach if 0 < FALLING / 5 * reach < np.abs(values).max() else 0.0
+    edges = edges[np.isfinite(edges)]
+    reach = 1.3 * float(np.quantile(edges, 0.95))
+    return reach if 0 < FALLING / 5 * reach < edges.max() else 0.0
 
 
 def _values(panel: Panel) -> Array:

@@ -150,6 +150,34 @@ def test_constants_are_fitted_taken_and_given_back_by_keyboard(visit: Visits) ->
     until(lambda: text(tab, "fit-value-r") == before)
 
 
+def test_what_was_filtered_and_fitted_is_kept(visit: Visits) -> None:
+    """Both are in the list of the page Keep; each opens on the page that made it; two are compared; one is deleted and put back."""
+    tab = begun(visit)
+    tab.drop("body", "kept.csv", NAMED)
+    tab.page.wait_for_selector("[data-test=data-suggestion]")
+    until(lambda: not tab.get("data-cancel").is_visible())
+    tab.go("fit")
+    tab.get("fit-free-q").click()
+    tab.get("fit-run").click()
+    tab.page.wait_for_selector("[data-test=fit-found] table")
+    tab.go("keep")
+    rows = tab.page.locator("[data-test=kept-row]", has_text="kept.csv")
+    until(lambda: rows.count() == 2)
+    for i in range(2):
+        rows.nth(i).locator("[data-test=select]").click()
+    tab.get("compare").click()
+    tab.page.wait_for_selector("[data-test=differ-results] >> text=log_likelihood")
+    rows.nth(1).locator("[data-test=delete]").click()
+    until(lambda: rows.count() == 1)
+    tab.get("undo-delete").locator("[data-test=undo]").click()
+    until(lambda: rows.count() == 2)
+    rows.nth(1).locator("[data-test=open]").click()
+    tab.page.wait_for_selector("[data-test=data-summary]")
+    tab.go("keep")
+    rows.filter(has_text="fitted").first.locator("[data-test=open]").click()
+    tab.page.wait_for_selector("[data-test=fit-found] table")
+
+
 def test_a_long_fit_rises_and_is_cancelled_with_the_best_so_far(visit: Visits) -> None:
     """Its likelihood is drawn while it rises; after Cancel there are estimates, and it is said that the search was ended."""
     rng = np.random.default_rng(5)

@@ -31,6 +31,7 @@ from tests.workbench_browser import (  # noqa: F401  # fixtures
     PATIENCE,
     PHONE,
     ROOT,
+    ZOOMED,
     Tab,
     Visit,
     Workbench,
@@ -312,6 +313,23 @@ def test_what_is_typed_survives_a_reload_at_once(visit: Visits) -> None:
     holds(tab.cell("H", 0, 2), "0.875")
 
 
+def test_equations_are_set_in_the_font_that_is_served(visit: Visits) -> None:
+    """Whatever fonts the machine has; it comes from the server, compressed, and is less than 100 kB."""
+    tab = visit().tab()
+    with tab.page.expect_response(lambda answer: answer.url.endswith("/math.ttf")) as waiting:
+        tab.load(OSCILLATOR)
+    answer = waiting.value
+    assert answer.ok
+    assert answer.request.sizes()["responseBodySize"] < 100_000
+    until(
+        lambda: tab.page.evaluate(
+            "[...document.fonts].some(each => /ctlabs math/.test(each.family) && each.status === 'loaded')"
+        )
+    )
+    family = tab.page.evaluate("getComputedStyle(document.querySelector('[data-test=equations] math')).fontFamily")
+    assert family.startswith('"ctlabs math"')
+
+
 # Understanding -----------------------------------------------------------------------------------------------------------
 
 
@@ -379,7 +397,7 @@ def test_a_wrong_setting_is_told_at_its_field(visit: Visits) -> None:
     """Nothing runs until what is no whole number is put right; then nothing is complained of."""
     tab = begun(visit, page="experiment")
     tab.settle(runs="many")
-    tab.page.wait_for_selector("text=expected a whole number, received many")
+    tab.page.wait_for_selector('text=/expected a whole number from 1 to [0-9]+, received "many"/')
     until(lambda: tab.field("runs").get_attribute("aria-invalid") == "true")
     tab.get("run").click()
     until(lambda: "runs" in tab.get("run-error").inner_text())
@@ -678,6 +696,54 @@ def test_a_wrong_parameter_of_a_lab_is_told_at_its_field(visit: Visits) -> None:
     until(lambda: phi.get_attribute("aria-invalid") is None)
 
 
+@pytest.mark.parametrize("page", ["model", "experiment", "data", "fit", "control", "labs"])
+def test_numbers_are_typed_as_at_home(visit: Visits, page: str) -> None:
+    """Decimal commas, thin spaces between thousands, the minus sign of print, 1e4; what has two readings is refused with both."""
+    tab = begun(visit, page="model" if page == "labs" else page)
+    if page == "model":
+        tab.cell("F", 1, 1).fill("−0,25")
+        until(lambda: "−0.25" in written(tab.get("equations")))
+        tab.cell("F", 1, 0).focus()
+        holds(tab.cell("F", 1, 1), "-0.25")
+        tab.cell("F", 1, 1).fill("1,120")
+        tab.page.wait_for_selector(".ctl-error >> text=write 1.120 or 1120")
+    elif page == "experiment":
+        for text, told in (("1\u202f500", "1500"), ("1e4", "10000")):
+            tab.settle(runs=text)
+            holds(tab.field("runs"), told)
+        tab.settle(runs="1,000")
+        tab.page.wait_for_selector("text=write 1.000 or 1000")
+    elif page == "data":
+        tab.drop(".ctl-main", "log.csv", "place\n" + "".join(f"{k / 10}\n" for k in range(20)))
+        tab.page.wait_for_selector("[data-test=data-filter]:visible")
+        tab.field("data-gate").fill("4,5")
+        tab.get("data-run").click()
+        tab.page.wait_for_selector("[data-test=data-summary]:has-text('20 rows')")
+        tab.field("data-steps").fill("1,000")
+        tab.page.wait_for_selector("text=write 1.000 or 1000")
+    elif page == "fit":
+        tab.field("fit-max-tau").fill("2,5e1")
+        tab.field("fit-max-tau").press("Enter")
+        tab.go("model")
+        tab.get("range-tau").click()
+        holds(tab.get("constant-tau-max"), "2.5e1")
+    elif page == "control":
+        tab.get("control-add-input").click()
+        tab.page.wait_for_selector("[data-test=control-verdict]:has-text('stable')")
+        tab.field("control-runs").fill("1,000")
+        tab.get("control-run").click()
+        tab.page.wait_for_selector("text=write 1.000 or 1000")
+        tab.field("control-runs").fill("1e2")
+        tab.get("control-run").click()
+        tab.page.wait_for_selector("[data-test=control-ensemble] >> text=/100 runs/")
+    else:
+        tab = lab(visit, "7")
+        tab.page.locator(".ctl-lab-form").get_by_label("Phi", exact=True).fill("0,9")
+        until(lambda: not any(tab.page.locator(".ctl-lab-error").all_inner_texts()))
+        tab.page.locator(".ctl-lab-form").get_by_label("Runs", exact=True).fill("1,000")
+        tab.page.wait_for_selector(".ctl-lab-error >> text=write 1.000 or 1000")
+
+
 def test_help_is_beside_every_field(visit: Visits) -> None:
     """What it is, its equation, an example; on the page Model beside the cell, on the others over the page."""
     tab = begun(visit)
@@ -801,9 +867,9 @@ def test_the_keyboard_alone_suffices(visit: Visits) -> None:
     assert tab.curves("plot-accuracy")
 
 
-@pytest.mark.parametrize("size", [DESKTOP, PHONE], ids=["desktop", "phone"])
+@pytest.mark.parametrize("size", [DESKTOP, PHONE, ZOOMED], ids=["desktop", "phone", "400 %"])
 def test_every_page_fits_its_window_and_names_its_fields(visit: Visits, size: dict[str, int]) -> None:
-    """No page is wider than the window, at a desk and on a phone, light and dark; every field and button has a name."""
+    """No page is wider than the window, at a desk, on a phone and at 400 %, light and dark; every field and button has a name."""
     tab = begun(visit, viewport=size, has_touch=size is PHONE)
     for page in PAGES:
         tab.go(page)
@@ -817,20 +883,43 @@ def test_every_page_fits_its_window_and_names_its_fields(visit: Visits, size: di
         until(lambda: tab.unnamed() == [])
 
 
-def test_results_and_labs_fit_a_phone(visit: Visits) -> None:
-    """Figures and tables move inside their cards, not the page."""
-    tab = begun(visit, page="experiment", viewport=PHONE, has_touch=True)
+@pytest.mark.parametrize("size", [PHONE, ZOOMED], ids=["phone", "400 %"])
+def test_results_and_labs_fit_a_small_window(visit: Visits, size: dict[str, int]) -> None:
+    """Figures and tables move inside their cards, not the page; what stays in place while one scrolls leaves most of the window."""
+    tab = begun(visit, page="experiment", viewport=size, has_touch=True)
     tab.get("algorithm-ud").click()
     tab.run(steps=50, runs=50)
     for part in ("errors", "innovations", "algorithms", "numbers", "states"):
         tab.part(part)
         tab.page.wait_for_selector("[data-test=results] :is(table, .main-svg)")
         until(lambda: tab.widest() <= 0)
+        assert tab.covered() <= 0.4
     tab.go("labs")
     tab.page.click("[data-lab=task07]")
     tab.page.wait_for_selector(".ctl-lab-form")
     until(lambda: tab.widest() <= 0)
     until(lambda: tab.unnamed() == [])
+    assert tab.covered() <= 0.4
+
+
+@pytest.mark.parametrize("size", [PHONE, ZOOMED], ids=["phone", "400 %"])
+def test_a_model_is_typed_and_regulated_in_a_small_window(visit: Visits, size: dict[str, int]) -> None:
+    """A cell that is typed into is seen whole; the regulator's pictures and weights do not widen the page."""
+    tab = begun(visit, viewport=size, has_touch=True)
+    edit(tab, "H", 0, 2, text="0.125")
+    tab.page.wait_for_selector(".q-notification", state="detached")
+    for cell in (("P0", 2, 2), ("H", 0, 2), ("F", 0, 0), ("R", 0, 0), ("F", 2, 2)):
+        tab.cell(*cell).focus()
+        until(lambda cell=cell: tab.cell(*cell).evaluate(
+            "e => { const box = e.getBoundingClientRect();"
+            " return document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2) === e; }"
+        ))  # fmt: skip
+    tab.go("control")
+    tab.get("control-add-input").click()
+    tab.page.wait_for_selector("[data-test=control-verdict]:has-text('stable')")
+    tab.page.wait_for_selector("[data-test=plot-tradeoff] .js-plotly-plot .main-svg")
+    until(lambda: tab.widest() <= 0)
+    assert tab.covered() <= 0.5
 
 
 def test_dark_and_light_are_chosen(visit: Visits) -> None:

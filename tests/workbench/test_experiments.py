@@ -319,7 +319,8 @@ def test_an_experiment_is_kept_and_can_be_reopened_after_a_kill(session: Session
     session.set_plan(steps=7)
     again = Session.resume(store, session.draft.id)
     assert [each.name for each in again.kept()] == ["First try"]
-    assert equal(again.reopen(number), found)
+    assert again.reopen(number) == "experiment"
+    assert equal(again.result, found)
     assert again.text == MODEL
     assert again.plan == PLAN
     again.undo()

@@ -267,6 +267,18 @@ def test_a_few_large_values_do_not_hide_the_others() -> None:
             assert low < -1 < 1 < high < 3
 
 
+def test_a_vague_beginning_of_a_band_does_not_hide_the_rest() -> None:
+    """The first innovation's band, before anything is known, is beyond the axes at first; a band of one width is not."""
+    x, values = np.arange(200.0), np.sin(np.arange(200.0))
+    for first, cut in ((500.0, True), (2.0, False)):
+        high = np.full(200, 2.0)
+        high[0] = first
+        panel = Panel("innovation, m", (Curve("innovation", x, values),), bands=(Band("95 % band", x, -high, high),), kind="signed")
+        axis = to_plotly(Drawing("Innovations", "t, s", (panel,)))["layout"]["yaxis"]
+        assert ("range" in axis) is cut
+        assert not cut or 2 < axis["range"][1] < 4
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_every_axis_names_its_unit(name: str) -> None:
     """The title of an axis is a name, a comma, a unit (a pure number: 1, or a name alone)."""

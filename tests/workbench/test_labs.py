@@ -194,14 +194,6 @@ def test_whatever_is_typed_is_answered(texts: dict[str, str]) -> None:
     assert set(found.problems) <= {*texts, ""}
 
 
-def test_runs_and_seed_are_whole_numbers() -> None:
-    """With spaces as groups; anything else is refused in one line."""
-    assert [catalogue.whole(text, 1, 10**6) for text in ("1", " 10 000 ", "1_000")] == [1, 10000, 1000]
-    for text in ("0", "", "1.5", "-3", "1e3", "10000000", "٣", "x" * 100):
-        with pytest.raises(ValueError, match=r"^expected a whole number from 1 to 1000000, received [^\n]{2,60}$"):
-            catalogue.whole(text, 1, 10**6)
-
-
 # The run --------------------------------------------------------------------------------------------------------------
 
 
@@ -499,7 +491,7 @@ def test_decimal_commas_are_understood() -> None:
     found = check("task07", {"R": "0,5", "Q": "2,5e-1", "lambdas": "0,5; 2"}).values
     assert found is not None
     assert (found["R"], found["Q"], found["lambdas"]) == (0.5, 0.25, [0.5, 2])
-    assert "R" in check("task07", {"R": "1,000,000"}).problems
+    assert check("task07", {"R": "1,000,000"}).problems["R"].endswith("write 1000000")
 
 
 def test_a_labs_model_takes_what_is_typed() -> None:

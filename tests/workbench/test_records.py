@@ -240,6 +240,71 @@ def test_the_nile_s_variances_are_found_taken_and_given_back(session: Session) -
     assert session.text == begun
 
 
+# What is kept ------------------------------------------------------------------------------------------------------------
+
+
+def test_a_filtered_record_and_a_fit_are_kept_and_come_again(session: Session, tmp_path: Path) -> None:
+    """With model, data and wishes; the same once more is not kept twice; a fit has all its numbers without being run again."""
+    desk = session.records
+    done(desk.drop(upload(nile.FLOW).text.encode(), "flow.csv"))
+    desk.want(gate=4.0, steps=3)
+    for _ in range(2):
+        done(desk.filter())
+    desk.choose(["q"])
+    done(desk.fit(["q"]))
+    fit, filtered = session.kept()
+    assert [(each.kind, each.name.rpartition(": ")[2]) for each in (fit, filtered)] == [
+        ("fit", "flow.csv fitted to q"), ("filter", "flow.csv filtered"),
+    ]  # fmt: skip
+    found, estimates = desk.fitted, desk.estimates
+    assert found is not None
+    assert estimates is not None
+    store = Store(tmp_path)
+    other = Session.begin(store)
+    assert other.reopen(fit.id) == "fit"
+    assert other.records.free == ("q",)
+    again = other.records.fitted
+    assert again is not None
+    for name in ("names", "units", "start", "values", "intervals", "log_likelihood", "model"):
+        assert getattr(again, name) == getattr(found, name), name
+    np.testing.assert_array_equal(again.errors, found.errors)
+    assert other.reopen(filtered.id) == "data"
+    assert other.text == session.text
+    assert (other.records.wanted, other.records.fresh) == (Wanted(gate=4.0, steps=3), True)
+    done(other.records.filter())
+    assert other.records.estimates is not None
+    np.testing.assert_array_equal(other.records.estimates.x, estimates.x)
+    other.undo()
+    assert other.untouched
+    store.close()
+
+
+def test_kept_results_are_compared_renamed_deleted_and_put_back(session: Session) -> None:
+    """Like experiments; what only an experiment can do is refused in one line."""
+    desk = session.records
+    done(desk.drop(upload(nile.FLOW).text.encode(), "flow.csv"))
+    done(desk.filter())
+    session.do(commands.EditCell(("constants", "q"), "2000"))
+    done(desk.filter())
+    second, first = session.kept()
+    differ = {row.name: row for row in session.compare(first.id, second.id).results if not row.same}
+    assert differ["log_likelihood"].first > differ["log_likelihood"].second
+    assert "rows" not in differ
+    assert not session.compare(first.id, second.id).same_model
+    asyncio.run(session.run())
+    experiment = session.kept()[0]
+    assert {row.name for row in session.compare(first.id, experiment.id).results} >= {"rows", "log_likelihood"}
+    session.rename(first.id, "The first")
+    session.delete(first.id)
+    assert [each.id for each in session.kept()] == [experiment.id, second.id]
+    session.restore(first.id)
+    assert session.kept()[-1].name == "The first"
+    refused = rf"^experiment {first.id}: expected an experiment, received a record that was filtered: open it$"
+    for use in (lambda: session.export(first.id, "csv"), lambda: session.outcome(first.id), lambda: asyncio.run(session.rerun(first.id))):
+        with pytest.raises(ValueError, match=refused):
+            use()
+
+
 def test_a_cancelled_fit_keeps_the_best_so_far() -> None:
     """It ends after a few likelihoods, with the best of them and without what would take longer."""
     model = ready("local_level").replace({"q": 10.0, "r": 90000.0}).dumps()

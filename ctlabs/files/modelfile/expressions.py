@@ -30,6 +30,7 @@ import numpy as np
 from ctlabs.files.modelfile import notation
 from ctlabs.files.modelfile.errors import meant, shown
 from ctlabs.files.modelfile.notation import Step
+from ctlabs.files.spelling import EITHER, GROUPED
 from ctlabs.linalg.checks import Array
 
 #: Longest expression, in characters.
@@ -380,7 +381,7 @@ class _Parser:
         least = 2 if many or function.text == "atan2" else 1
         if count < least or (count > least and not many):
             inside = self.text[opening.stop : self.tokens[self.at - 1].start]
-            hint = _decimal_comma(inside) if count == least + 1 else ""
+            hint = comma_hint(inside) if count == least + 1 else ""
             wanted = f"{least} arguments{' or more' if many else ''}" if least > 1 else "1 argument"
             raise ExpressionError(f"{function.text}: expected {wanted}, received {count}{hint}", function.start + 1)
         self.push("call", function, count)
@@ -393,7 +394,7 @@ class _Parser:
         token, before = self.now, self.tokens[self.at - 1] if self.at else None
         hint = ""
         if token.text == ",":
-            hint = _decimal_comma(self.text)
+            hint = comma_hint(self.text)
         elif before is not None and before.kind == "number" and re.fullmatch(r"_[\d_]*", token.text):
             hint = f"; write {before.text}{token.text}".replace("_", "")
         elif token.kind in {"name", "number"} and before is not None and before.kind != "mark":
@@ -407,10 +408,20 @@ def _quoted(token: Token) -> str:
     return token.text if token.kind == "end" else shown(token.text)
 
 
-def _decimal_comma(text: str) -> str:
-    """A hint where a comma stands between two digits."""
-    match = re.search(r"\d+,\d+", text, re.ASCII)
-    return f"; a decimal point is meant? write {match[0].replace(',', '.')}" if match else ""
+def comma_hint(text: str) -> str:
+    """What is said behind a refusal where a comma, or more than one mark, leaves open which number is meant; empty elsewhere.
+
+    >>> comma_hint("2*0,5"), comma_hint("1,120"), comma_hint("1.234,5"), comma_hint("1,000,000"), comma_hint("many")
+    ('; a decimal point is meant? write 0.5', '; write 1.120 or 1120', '; write 1234.5', '; write 1000000', '')
+    """
+    text = text.strip()
+    found = GROUPED.fullmatch(text) if "," in text else None
+    if EITHER.fullmatch(text) and "," in text:
+        return f"; write {text.replace(',', '.')} or {text.replace(',', '')}"
+    if found is not None and found[4] in {",", "."} and not found[2].startswith("0"):
+        return f"; write {found[1]}{found[2]}{found[3].replace(found[4], '')}{'.' + found[6] if found[5] else ''}"
+    once = re.search(r"\d+,\d+", text, re.ASCII)
+    return f"; a decimal point is meant? write {once[0].replace(',', '.')}" if once else ""
 
 
 def _no_function(token: Token) -> ExpressionError:

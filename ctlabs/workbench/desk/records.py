@@ -10,14 +10,17 @@ await desk.fit(["q", "r"], 0, progress, cancel)   # desk.fitted; session.do(Take
 from __future__ import annotations
 
 import asyncio
+import logging
 from collections.abc import Callable, Sequence
 from collections.abc import Mapping as Table
 from dataclasses import asdict, fields, replace
 from typing import TYPE_CHECKING, Any, Protocol
 
 from ctlabs.files.mapping import Mapping
+from ctlabs.files.modelfile import loads
 from ctlabs.files.remedies import changing, said
 from ctlabs.workbench.desk.telling import TellData
+from ctlabs.workbench.runs import summaries
 from ctlabs.workbench.runs.outcomes import Upload
 from ctlabs.workbench.runs.running import Running
 from ctlabs.workbench.runs.wanted import Wanted
@@ -26,11 +29,14 @@ from ctlabs.workbench.runs.worker import here
 if TYPE_CHECKING:
     from ctlabs.files.modelfile import ModelFile
     from ctlabs.workbench.desk.sheet import ModelSheet
-    from ctlabs.workbench.desk.store import Draft, Store
+    from ctlabs.workbench.desk.store import Draft, KeptExperiment, Store
     from ctlabs.workbench.runs.fits import FitResult, Point
     from ctlabs.workbench.runs.outcomes import Asked
     from ctlabs.workbench.runs.records import Judgement, RecordEstimates
+    from ctlabs.workbench.runs.summaries import Summary
     from ctlabs.workbench.runs.worker import Cancel, Runner, RunProgress
+
+log = logging.getLogger("ctlabs.workbench")
 
 #: How long a fit may take, and how long one that is cancelled may take to come to its end with the best so far, s.
 LONGEST, PATIENCE = 3600.0, 20.0
@@ -176,12 +182,14 @@ class RecordDesk:
         """Filter the record; ``seen`` is called when there are estimates, before they are tested."""
         self.fresh = False
         arguments = {"model": self.session.file.checked().dumps(), "data": self._needed(), "wanted": self.wanted}
-        of = self._present()
+        of, wanted = self._present(), self.wanted
         self.estimates = await self._run("estimates", arguments, progress, cancel)
         self.judgement, self._of = None, of
         if seen is not None:
             seen()
         self.judgement = await self._run("diagnosis", arguments, progress, cancel)
+        settings = {"kind": "filter", "wanted": asdict(wanted)}
+        await self._keep(summaries.of_record(self.estimates, self.judgement), arguments, settings)
 
     async def file(self, kind: str) -> bytes:
         """The estimates as a file: "csv" (every row), "html" (the report), "forecast"."""
@@ -219,7 +227,44 @@ class RecordDesk:
             if progress is not None:
                 progress(state)
 
-        self.fitted = await self._run("fit", arguments, show, cancel, seconds=LONGEST, patience=PATIENCE)
+        found: FitResult = await self._run("fit", arguments, show, cancel, seconds=LONGEST, patience=PATIENCE)
+        self.fitted = found
+        if found.evaluations:
+            await self._keep(summaries.of_fit(found), arguments, {"kind": "fit", "free": list(free), "starts": starts})
+
+    # What is kept ------------------------------------------------------------------------------------------------------
+
+    async def _keep(self, found: Summary, arguments: dict[str, Any], settings: dict[str, Any]) -> None:
+        """Keep a result with its model and its data, unless it is the last one that was kept."""
+        data: Upload = arguments["data"]
+        try:
+            await asyncio.to_thread(self._kept, found, arguments["model"], data, settings)
+        except RuntimeError:  # it can be looked at even where it cannot be kept
+            log.exception("keeping a result")
+
+    def _kept(self, found: Summary, model: str, data: Upload, settings: dict[str, Any]) -> None:
+        store, owner = self.session.store, self.session.draft.owner
+        settings = {**settings, "data": {"name": data.name, "key": store.put(data.text)}}
+        last = next(iter(store.experiments(owner, limit=1)), None)
+        if last is not None and (last.model, last.settings) == (model, settings):
+            return
+        title = str(loads(model, "", check=False).data().get("title") or "Untitled model")
+        what = f" to {', '.join(settings['free'])}" if found.kind == "fit" else ""
+        store.keep(owner, f"{title}: {data.name} {summaries.KINDS[found.kind]}{what}", model, settings, 0, found.plain())
+
+    def reopen(self, old: KeptExperiment) -> str:
+        """Put the data and the wishes of a kept result on the desk, whose model is there; the page that shows it."""
+        told = old.settings["data"]
+        self.session.set_plan(data=Upload(told["name"], self.session.store.text(told["key"])))
+        self.table = self.shown = self._raw = None
+        self.refused, self.remedies = "", ()
+        if old.kind == "fit":
+            self.choose(old.settings["free"])
+            self.fitted = summaries.Summary.of(self.session.store.results(old.id)).fit
+            return "fit"
+        self.want(**old.settings["wanted"])
+        self.fresh = True  # its estimates come again where they are shown
+        return "data"
 
     async def _run(
         self, name: str, arguments: dict[str, Any], progress: Show | None = None, cancel: Cancel | None = None, **more: float

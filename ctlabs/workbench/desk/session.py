@@ -38,6 +38,7 @@ from ctlabs.workbench.runs import comparing
 from ctlabs.workbench.runs.comparing import Difference
 from ctlabs.workbench.runs.outcomes import REGISTERED, Asked, Outcome, Upload, outcome, packed
 from ctlabs.workbench.runs.running import Running
+from ctlabs.workbench.runs.summaries import KINDS, Summary
 
 if TYPE_CHECKING:
     from ctlabs.workbench.desk.store import Draft, KeptExperiment, Store
@@ -384,7 +385,7 @@ class Session:
         cancel: Cancel | None = None,
     ) -> Outcome:
         """Carry out a kept experiment again, with its model, settings and seed; the new one is kept too."""
-        old = self._kept(number)
+        old = self._experiment(number)
         plan = self._plan(old.settings)
         found = await self._ran((REGISTERED, {"model": old.model, "plan": plan.plain()}), progress, cancel)
         return await self._finished(found, old.model, plan, f"{old.name} (again)")
@@ -401,17 +402,25 @@ class Session:
 
     def outcome(self, number: int) -> Outcome:
         """What came out of a kept experiment."""
-        self._kept(number)
+        self._experiment(number)
         return outcome(self.store.results(number))
 
-    def reopen(self, number: int) -> Outcome:
-        """Put a kept experiment on the desk: its model (which can be undone), its settings, its result."""
+    def found(self, number: int) -> Outcome | Summary:
+        """What came out of anything that is kept."""
+        results = self.store.results(number)
+        return outcome(results) if self._kept(number).kind == "experiment" else Summary.of(results)
+
+    def reopen(self, number: int) -> str:
+        """Put what is kept on the desk: its model (which can be undone), its settings, its result; the page that shows it."""
         old = self._kept(number)
+        if old.kind != "experiment":
+            self.do(commands.Open(old.model, old.name))
+            return self.records.reopen(old)
         found = outcome(self.store.results(number))
         self.do(commands.Open(old.model, old.name))
         self._note(self._plan(old.settings))
         self._show(found, number)
-        return found
+        return "experiment"
 
     def rename(self, number: int, name: str) -> None:
         """Give a kept experiment another name."""
@@ -429,9 +438,9 @@ class Session:
         self.store.delete(number, undo=True)
 
     def compare(self, a: int, b: int) -> Difference:
-        """How two kept experiments differ: models line by line, settings, results."""
+        """How two kept results differ: models line by line, settings, numbers."""
         first, second = self._kept(a), self._kept(b)
-        return comparing.experiments((first, self.outcome(a)), (second, self.outcome(b)))
+        return comparing.experiments((first, self.found(a)), (second, self.found(b)))
 
     def export(self, number: int, kind: str, part: str = "") -> bytes:
         """A kept experiment as a file of one of the :data:`~ctlabs.workbench.runs.kinds.KINDS`.
@@ -442,7 +451,7 @@ class Session:
         """
         from ctlabs.workbench.runs import exports
 
-        old = self._kept(number)
+        old = self._experiment(number)
         return exports.export(old.name, old.model, self._plan(old.settings), self.outcome(number), kind, part)
 
     def code(self, kind: str) -> str:
@@ -471,7 +480,7 @@ class Session:
         """A name for an exported file."""
         from ctlabs.workbench.runs import exports
 
-        return exports.filename(self._kept(number).name, number, kind, part)
+        return exports.filename(self._experiment(number).name, number, kind, part)
 
     # Within ----------------------------------------------------------------------------------------------------------
 
@@ -567,6 +576,13 @@ class Session:
         title = ModelSheet(loads(text, "", check=False)).title or "Untitled model"
         words = _line(name) or f"{title}: " + (plan.data.name if plan.data else f"{plan.runs} runs, seed {plan.seed}")
         return self.store.keep(self.draft.owner, words, text, self._settings(plan), plan.seed, packed(found))
+
+    def _experiment(self, number: int) -> KeptExperiment:
+        found = self._kept(number)
+        if found.kind != "experiment":
+            msg = f"experiment {number}: expected an experiment, received a record that was {KINDS[found.kind]}: open it"
+            raise ValueError(msg)
+        return found
 
     def _kept(self, number: int, *, deleted: bool = False) -> KeptExperiment:
         found = self.store.experiment(number, self.draft.owner)

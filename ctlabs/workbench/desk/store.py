@@ -15,10 +15,11 @@ import hashlib
 import json
 import os
 import secrets
+import tempfile
 import threading
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ import sqlalchemy as sa
 
 from ctlabs.workbench.desk.folder import FILE, StoreError, Unwritable, data_folder, writable
 from ctlabs.workbench.desk.packing import pack, unpack
+from ctlabs.workbench.desk.salvage import salvage
 
 #: Version of the tables; a file of another version is refused.
 SCHEMA = 1
@@ -122,6 +124,11 @@ class KeptExperiment:
     seed: int
     deleted: float | None = None
 
+    @property
+    def kind(self) -> str:
+        """What it is: an "experiment", or as its settings say."""
+        return str(self.settings.get("kind", "experiment"))
+
 
 class Store:
     """The file, open. Safe to use from several threads; every method is one transaction.
@@ -137,13 +144,15 @@ class Store:
     StoreError
         The file is of another program or of another version of ctlabs.
 
-    A damaged file is moved aside under a name of its own and a new one begun; :attr:`notice` then says so in one line.
+    A damaged file is moved aside under a name of its own, and a new one begun with what can be read of it; :attr:`notice` then says so in
+    one line.
     """
 
     def __init__(self, folder: str | os.PathLike[str] | None = None) -> None:
         self.folder = data_folder() if folder is None else Path(folder).expanduser().resolve()
         self.path = self.folder / FILE
         self.notice = ""
+        self._held = threading.local()  # the transaction of :meth:`together`
         self._turn = threading.Lock()  # writers of this process wait here rather than in SQLite, which polls
         try:
             self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -336,11 +345,12 @@ class Store:
     # Within ----------------------------------------------------------------------------------------------------------
 
     def _open(self) -> None:
+        aside = None
         try:
             with self._reading() as read:
                 found = _look(read)
         except _Damaged as why:
-            self._move_aside(str(why))
+            aside = self._move_aside(str(why))
             found = (0, 0, 0)
         application, version, tables = found
         if tables and application != APPLICATION:
@@ -355,9 +365,24 @@ class Store:
             if not tables:
                 write.exec_driver_sql(f"PRAGMA application_id = {APPLICATION}")
                 write.exec_driver_sql(f"PRAGMA user_version = {SCHEMA}")
+        if aside is not None:
+            self._salvage(aside)
+        with self._writing() as write:
             self._forget(write, time.time())
 
-    def _move_aside(self, why: str) -> None:
+    def _salvage(self, aside: Path) -> None:
+        """Take over what can still be read of a file that was moved aside, and say how much that is."""
+        with tempfile.TemporaryDirectory(prefix="ctlabs-") as folder:
+            Store(folder).close()
+            columns = {table.name: list(table.columns.keys()) for table in _tables.sorted_tables}
+            saved = salvage(aside, Path(folder) / FILE, columns)
+        with self._writing() as write:
+            for table in _tables.sorted_tables:  # drafts before their steps
+                for row in saved.rows[table.name]:
+                    write.execute(table.insert().prefix_with("OR IGNORE"), row)
+        self.notice += f"; {saved}"
+
+    def _move_aside(self, why: str) -> Path:
         """Put a damaged file, with what SQLite keeps beside it, under another name."""
         self._engine.dispose()
         aside = self.path.with_name(f"{FILE}.damaged-{time.strftime('%Y%m%d-%H%M%S')}-{secrets.token_hex(2)}")
@@ -374,6 +399,7 @@ class Store:
             f"{self.path}: expected a whole database, received {why}; it was moved to {aside.name} and a new one begun"
         )
         self._engine = _engine(self.path)
+        return aside
 
     def _forget(self, write: sa.Connection, now: float) -> None:
         """Remove for good what was deleted long ago, drafts that were opened but never edited, texts that none names."""
@@ -409,12 +435,28 @@ class Store:
                 raise LookupError(msg)
 
     @contextmanager
+    def together(self) -> Iterator[None]:
+        """Make several changes of this thread one: whenever the process ends, all of them are in the file or none."""
+        with self._writing() as connection:
+            self._held.connection = connection
+            try:
+                yield
+            finally:
+                self._held.connection = None
+
+    @contextmanager
     def _reading(self) -> Iterator[sa.Connection]:
-        with self._told("read"), self._engine.begin() as connection:
+        held: sa.Connection | None = getattr(self._held, "connection", None)
+        with self._told("read"), self._engine.begin() if held is None else nullcontext(held) as connection:
             yield connection
 
     @contextmanager
     def _writing(self) -> Iterator[sa.Connection]:
+        held: sa.Connection | None = getattr(self._held, "connection", None)
+        if held is not None:
+            with self._told("written"):
+                yield held
+            return
         # The lock of SQLite is taken at the beginning: a transaction that reads first could otherwise be refused later.
         with (
             self._told("written"),

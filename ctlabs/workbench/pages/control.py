@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from nicegui import background_tasks, ui
 
-from ctlabs.text import number
+from ctlabs.text import prose
 from ctlabs.workbench.desk.costing import AddInput, BeginCost, EndCost
 from ctlabs.workbench.pages.control_more import Elsewhere, Export, Many
 from ctlabs.workbench.pages.control_results import LoopResults, signals, verdict
@@ -191,7 +191,7 @@ class _Control:
         if not found.limit:
             self.weights.deviations({})
             return
-        rows = [f"σ {number(sd, 3)} {unit}".strip() for _, sd, _, unit in signals(found)]
+        rows = [f"σ {prose(sd, 3)} {unit}".strip() for _, sd, _, unit in signals(found)]
         n, m = found.truth.n, found.truth.m
         told = {("States", name): rows[i] for i, name in enumerate(found.truth.states)}
         told |= {("Outputs", name): rows[n + i] for i, name in enumerate(found.truth.measurements)}

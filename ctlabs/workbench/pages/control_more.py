@@ -11,9 +11,10 @@ from nicegui import ui
 
 from ctlabs.studies import loops as pictures
 from ctlabs.studies.understanding import Part
-from ctlabs.text import number
+from ctlabs.text import prose
+from ctlabs.workbench.desk import plain
 from ctlabs.workbench.pages.model_parts import earlier
-from ctlabs.workbench.pages.showing import table
+from ctlabs.workbench.pages.tables import table
 from ctlabs.workbench.runs.loops import elsewhere, exported, one_run
 from ctlabs.workbench.runs.running import said
 
@@ -88,23 +89,29 @@ class Many:
 
     def run(self) -> None:
         """Begin, if the numbers are in order."""
-        values = {}
-        for name, field in self.fields.items():
-            text = str(field.value or "").replace(" ", "")
-            least = 2 if name == "runs" else 0
-            good = text.isdecimal() and least <= int(text) <= MOST
-            field.error = None if good else f"expected a whole number from {least} to {MOST}"
-            if good:
-                values[name] = int(text)
-        if len(values) == len(self.fields) and not self.running.running:
-            self.running.start(lambda progress, cancel: self.desk.run(values["runs"], values["seed"], progress, cancel))
+        runs, seed = self._read("runs"), self._read("seed")
+        if runs is not None and seed is not None and not self.running.running:
+            self.running.start(lambda progress, cancel: self.desk.run(runs, seed, progress, cancel))
+
+    def _read(self, name: str) -> int | None:
+        """The number of a field; None where it is wrong, which is said at the field."""
+        field = self.fields[name]
+        try:
+            value = plain.whole(field.value, 2 if name == "runs" else 0, MOST)
+        except ValueError as why:
+            field.error = str(why)
+            return None
+        field.error = None
+        return value
 
     async def _single(self) -> None:
         """One run with the seed that stands there, as a table."""
-        text, seed = self.session.text, str(self.fields["seed"].value or "").strip()
+        text, seed = self.session.text, self._read("seed")
+        if seed is None:
+            return
         name = self.session.filename.removesuffix(".toml")
         try:
-            content = await asyncio.to_thread(one_run, text, int(seed) if seed.isdecimal() else self.desk.seed)
+            content = await asyncio.to_thread(one_run, text, seed)
         except (ValueError, ArithmeticError) as why:
             self.shell.complain(f"There is no run: {' '.join(str(why).split())}")
             return
@@ -145,7 +152,7 @@ class Many:
                 self.plot.hide()
                 return
             rows = [["of the runs", made.cost], ["expected, exactly", made.cost_expected], ["standard error", made.cost_sd]]
-            far = f"{number(abs(made.score), 2)} standard errors apart"
+            far = f"{prose(abs(made.score), 2)} standard errors apart"
             verdict = f'<p class="{"ctl-show-good" if abs(made.score) < 4 else "ctl-show-bad"}">Runs and theory are {far}.</p>'
             heads = ["Cost of these steps", {"s": "per second", "step": "per step", "horizon": "in all"}[found.per]]
             self.body.content = verdict + table(heads, rows, f"{made.statistics.runs} runs of {len(made.theory.mean) - 1} steps")
@@ -205,7 +212,7 @@ class Elsewhere:
             if not text:
                 msg = f"{name}: expected its true value, received none"
                 raise ValueError(msg)
-            return self.session.file.set_constant(name, text).checked().dumps()
+            return self.session.file.set_constant(name, plain.typed(text)).checked().dumps()
         draft = self.session.store.draft(name)
         if draft is None:
             msg = "model: expected one that is kept, received one that is no more"
@@ -218,9 +225,9 @@ def told_elsewhere(found: Regulated) -> str:
     best, claimed = found.best.regulator.cost.value, found.regulator.cost.value
     if not found.cost:
         why = f"It does not hold this plant: {found.growing or found.cost.reason}."
-        return f'<p class="ctl-show-bad">{escape(why)}</p><p>The right regulator would cost {number(best, 4)}.</p>'
+        return f'<p class="ctl-show-bad">{escape(why)}</p><p>The right regulator would cost {prose(best, 4)}.</p>'
     true = found.cost.value
     rows = [["what this regulator believes", claimed], ["what it costs there", true], ["what the right regulator costs there", best]]
-    factor = f"<p>A factor {number(true / best, 4)} above the best.</p>" if best else ""
+    factor = f"<p>A factor {prose(true / best, 4)} above the best.</p>" if best else ""
     heads = ["Cost", {"s": "per second", "step": "per step", "horizon": "in all"}[found.per]]
     return f'<p class="ctl-show-good">The loop stays stable.</p>{table(heads, rows)}{factor}'

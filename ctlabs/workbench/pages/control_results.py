@@ -13,9 +13,9 @@ from nicegui import ui
 from ctlabs.reporting.drawing import Band, Curve, Drawing, Mark, Panel, labelled
 from ctlabs.studies import loops as pictures
 from ctlabs.studies.understanding import Part
-from ctlabs.text import number
+from ctlabs.text import prose
 from ctlabs.workbench.pages.control_set_points import SetPoints
-from ctlabs.workbench.pages.showing import matrix, table
+from ctlabs.workbench.pages.tables import matrix, table
 from ctlabs.workbench.runs import figures
 
 if TYPE_CHECKING:
@@ -157,15 +157,15 @@ def verdict(found: Regulated) -> str:
         names = dict(zip(found.margins.value.inputs, found.inputs, strict=True))
         lines += [bears(margin, names[name] if len(names) > 1 else "") for name, margin in found.margins.value.inputs.items()]
         if len(names) > 1:
-            lines.append(f"<p>All inputs at once: disk margin at least {number(found.margins.value.together, 3)}.</p>")
+            lines.append(f"<p>All inputs at once: disk margin at least {prose(found.margins.value.together, 3)}.</p>")
     elif found.regulator.steps is None:
         lines.append(f'<p class="ctl-show-why">No margins: {escape(found.margins.reason)}.</p>')
     cost = found.regulator.cost
     known, unknown = cost.regulation + cost.offset + cost.between, cost.estimation
     per = {"s": "per second", "step": "per step", "horizon": "in all"}[cost.per]
     lines.append(
-        f"<p>It costs <b>{number(cost.value, 5)}</b> {per}: {number(known, 4)} a regulator that knows the state, "
-        f"{number(unknown, 4)} more since the state has to be estimated.</p>"
+        f"<p>It costs <b>{prose(cost.value, 5)}</b> {per}: {prose(known, 4)} a regulator that knows the state, "
+        f"{prose(unknown, 4)} more since the state has to be estimated.</p>"
     )
     lines += [f"<p>{escape(note)}.</p>" for note in found.noted]
     return "".join(lines)
@@ -182,25 +182,25 @@ def _stable(found: Regulated) -> str:
     lasts = -found.truth.dt / math.log(slowest) if slowest > 0 else 0.0
     open_ = np.abs(np.linalg.eigvals(found.truth.Phi))
     alone = "" if (open_ < 1).all() else " (the plant alone is not)"
-    return f'<p class="ctl-show-good">The loop is stable{alone}: its slowest mode decays with a time constant of {number(lasts, 3)} s.</p>'
+    return f'<p class="ctl-show-good">The loop is stable{alone}: its slowest mode decays with a time constant of {prose(lasts, 3)} s.</p>'
 
 
 def bears(margin: Margin, name: str = "") -> str:
     """What one loop bears, in HTML; what is little is said so."""
     low, high = margin.gain
     phase = math.degrees(margin.phase)
-    gain = f"from {number(low, 3)} to {number(high, 3)} times" if math.isfinite(high) else f"from {number(low, 3)} times up, without limit"
+    gain = f"from {prose(low, 3)} to {prose(high, 3)} times" if math.isfinite(high) else f"from {prose(low, 3)} times up, without limit"
     parts = [f"a gain {gain} as large"]
     if math.isfinite(margin.phase):
-        parts.append(f"{number(phase, 3)}° of phase")
+        parts.append(f"{prose(phase, 3)}° of phase")
     if math.isfinite(margin.delay):
-        parts.append(f"{number(margin.delay, 3)} s of delay")
-    together = f"gain and phase together by a disk of {number(margin.disk, 3)} ({number(math.degrees(margin.disk_phase), 3)}°)"
+        parts.append(f"{prose(margin.delay, 3)} s of delay")
+    together = f"gain and phase together by a disk of {prose(margin.disk, 3)} ({prose(math.degrees(margin.disk_phase), 3)}°)"
     little = phase < PHASE or high < GAIN
     where = f" at {escape(name)}" if name else ""
     text = f"It bears{where} {', '.join(parts)}; {together}."
     if little:
-        text += f" That is little: {number(PHASE)}° and a factor {number(GAIN)} are usual."
+        text += f" That is little: {prose(PHASE)}° and a factor {prose(GAIN)} are usual."
     return f'<p class="{"ctl-show-bad" if little else "ctl-show-good"}" data-test="margins">{text}</p>'
 
 
@@ -223,7 +223,7 @@ def _gains(found: Regulated) -> str:
     if regulator.estimator.K_w.any() and regulator.L_w.ndim == 2:
         names = regulator.plant.states[: regulator.L_w.shape[1]]
         parts.append(matrix("L_w: on the estimated disturbance", regulator.L_w, found.inputs, names))
-    period = f"every {number(regulator.plant.dt, 4)} s"
+    period = f"every {prose(regulator.plant.dt, 4)} s"
     return f'<p>Measured {period}; an input answers {answers}.</p><div class="ctl-show-side">{"".join(parts)}</div>'
 
 
@@ -264,7 +264,7 @@ def _cost(found: Regulated) -> str:
         parts.append(table(["Weighed", *heads], found.weighed(), "By what is weighed"))
     else:
         parts.append(f'<p class="ctl-show-why">No budget: {escape(found.budget.reason)}.</p>')
-    spread = f'<p class="ctl-show-hint">The routes differ by {number(cost.spread, 2)} of the cost.</p>'
+    spread = f'<p class="ctl-show-hint">The routes differ by {prose(cost.spread, 2)} of the cost.</p>'
     return f'<div class="ctl-show-side">{"".join(parts)}</div>{spread}'
 
 

@@ -15,7 +15,8 @@ from ctlabs.labs.catalogue import catalogue
 from ctlabs.workbench.desk.courses import GRADES, CourseDesk
 from ctlabs.workbench.pages import course_files
 from ctlabs.workbench.pages.course_files import address
-from ctlabs.workbench.pages.showing import Show, help_button, table
+from ctlabs.workbench.pages.showing import Show, help_button
+from ctlabs.workbench.pages.tables import table
 from ctlabs.workbench.runs.running import said
 
 if TYPE_CHECKING:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from nicegui import background_tasks, ui
 
 from ctlabs.filtering.algorithms.catalogue import FORMS
+from ctlabs.workbench.desk import plain
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.pages.data_columns import ColumnCards, remedy
 from ctlabs.workbench.pages.data_results import RecordResults
@@ -15,6 +16,7 @@ from ctlabs.workbench.pages.editing import Editor
 from ctlabs.workbench.pages.showing import Show, help_button
 from ctlabs.workbench.runs.inside import line
 from ctlabs.workbench.runs.outcomes import LARGEST
+from ctlabs.workbench.runs.wanted import FORECAST
 
 if TYPE_CHECKING:
     from nicegui.events import UploadEventArguments
@@ -103,6 +105,7 @@ class _Data:
                 ):
                     with ui.element("div").classes("ctl-exp-field"):
                         field = ui.input(label, value=value, on_change=lambda _, name=name: self._typed(name))
+                        field.without_auto_validation()  # which would take back what is said of the text
                         field.props("outlined dense debounce=250 inputmode=decimal autocomplete=off hide-bottom-space")
                         field.props(f"data-test=data-{name}")
                         help_button(f"data.{name}")
@@ -233,12 +236,12 @@ class _Data:
         return True
 
     def _typed(self, name: str) -> bool:
-        """A number is typed; a decimal comma is one too."""
-        field, text = self.fields[name], str(self.fields[name].value or "").strip().replace(",", ".")
+        """A number is typed."""
+        field, text = self.fields[name], str(self.fields[name].value or "").strip()
         try:
-            value: Any = (None if not text else float(text)) if name == "gate" else int(text or "0")
-        except ValueError:
-            field.error = f"expected a {'number' if name == 'gate' else 'whole number'}, received {text}"
+            value = plain.whole(text or "0", 0, FORECAST) if name == "steps" else plain.number(text, "a number of σ > 0") if text else None
+        except ValueError as why:
+            field.error = str(why)
             return False
         field.error = None
         return self._set(**{name: value})

@@ -11,6 +11,7 @@ from nicegui import ui
 from ctlabs.files.mapping import NO_TIME, UNITS, Mapping
 from ctlabs.files.remedies import words
 from ctlabs.studies.looking import written
+from ctlabs.workbench.desk import plain
 from ctlabs.workbench.desk.telling import TellData
 from ctlabs.workbench.pages.showing import Show, help_button
 from ctlabs.workbench.runs.seen import RECORD, TIME
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
 
 #: Columns that are drawn at first, and cells of a line that are shown.
 SHOWN, CELLS = 30, 16
+#: Most lines that are left out above a table.
+SKIP = 1_000_000
 MARKS = {"": "as it looks", ".": "point", ",": "comma"}
 THOUSANDS = {"": "as it looks", ",": "comma", ".": "point", "'": "apostrophe", " ": "blank"}
 BLANKS = {"": "as it looks", "skip": "nothing", "missing": "a row in which nothing was measured"}
@@ -128,11 +131,10 @@ class ColumnCards:
         field.props["aria-label"] = f"Factor on {name}"
 
         def typed() -> None:
-            text = str(field.value or "1").strip().replace(",", ".")
             try:
-                factor = float(text)
-            except ValueError:
-                field.error = f"expected a number, received {text}"
+                factor = plain.number(field.value or "1")
+            except ValueError as why:
+                field.error = str(why)
                 return
             if factor != value:
                 scale = {each: own for each, own in self.desk.mapping.scale.items() if each != name}
@@ -162,9 +164,9 @@ class ColumnCards:
                 select.on_value_change(lambda e, name=name: self._change(**{name: e.value}))
                 select.props(f"outlined dense options-dense data-test=data-{name}")
             self._text("missing", "Further words for “not measured”", ", ".join(told.missing), _words)
-            self._text("skip", "Lines above the table", str(told.skip), int)
+            self._text("skip", "Lines above the table", str(told.skip), lambda text: plain.whole(text, 0, SKIP))
             if told.inputs:
-                self._text("u0", "Inputs before the first row", ", ".join(f"{value:g}" for value in told.u0), _numbers)
+                self._text("u0", "Inputs before the first row", "; ".join(f"{value:g}" for value in told.u0), plain.numbers)
             if not _has_times(told):
                 ui.button("There are times", on_click=lambda: self._change(time="", unit="")).props("no-caps outline dense")
         with self.written:
@@ -179,8 +181,8 @@ class ColumnCards:
                 return
             try:
                 told = read(text or "0" if name == "skip" else text)
-            except ValueError:
-                field.error = f"expected {'a whole number' if name == 'skip' else 'numbers'}, received {text}"
+            except ValueError as why:
+                field.error = str(why)
                 return
             field.error = self._change(**{name: told})
 
@@ -218,10 +220,6 @@ def _has_times(told: Mapping) -> bool:
 
 def _words(text: str) -> tuple[str, ...]:
     return tuple(word.strip() for word in text.split(",") if word.strip())
-
-
-def _numbers(text: str) -> tuple[float, ...]:
-    return tuple(float(word) for word in text.split(",") if word.strip())
 
 
 def picture(column: dict[str, Any]) -> str:

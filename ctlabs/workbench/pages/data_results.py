@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
-from ctlabs.text import number
-from ctlabs.workbench.pages.showing import Show, table
+from ctlabs.text import prose
+from ctlabs.workbench.help import groups, help_for
+from ctlabs.workbench.pages.showing import Show
+from ctlabs.workbench.pages.tables import table
 from ctlabs.workbench.runs import records
 from ctlabs.workbench.runs.inside import line
 
@@ -83,10 +85,10 @@ class RecordResults:
                     ui.label("The record is being tested against the model…").props("data-test=data-suggestion")
                 else:
                     ui.label("Not tested: the run was ended before.").props("data-test=data-suggestion")
-                missing = f", {number(found.missing)} values missing" if found.missing else ""
+                missing = f", {prose(found.missing)} values missing" if found.missing else ""
                 ui.label(
-                    f"{found.source}: {number(found.rows)} rows{missing}; filtered by {found.algorithm}, "
-                    f"log-likelihood {number(found.log_likelihood)}."
+                    f"{found.source}: {prose(found.rows)} rows{missing}; filtered by {_title(found.algorithm)}, "
+                    f"log-likelihood {prose(found.log_likelihood)}."
                 ).classes("ctl-show-hint").props("data-test=data-summary")
                 for note in found.notes:
                     ui.label(note).classes("ctl-show-hint")
@@ -177,3 +179,9 @@ class RecordResults:
         stem = self.desk.estimates.source.rpartition(".")[0] if self.desk.estimates else "record"
         with self.box:
             ui.download.content(content, f"{escape(stem) or 'record'}_{name}", media_type=media)
+
+
+def _title(algorithm: str) -> str:
+    """An algorithm as the lists of the pages call it."""
+    key = f"algorithm.{algorithm}"
+    return help_for(key).title if key in groups()["algorithm"].entries else algorithm

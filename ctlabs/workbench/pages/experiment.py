@@ -11,13 +11,14 @@ from nicegui import ui
 from ctlabs.files.modelfile import gallery, loads
 from ctlabs.filtering.algorithms.catalogue import FORMS
 from ctlabs.models import Anomaly
-from ctlabs.workbench.desk import commands
+from ctlabs.workbench.desk import commands, plain
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.pages.dialogs import buttons, dialog
 from ctlabs.workbench.pages.keep import export_dialog
 from ctlabs.workbench.pages.results import Results
-from ctlabs.workbench.pages.showing import Show, difference, help_button, times
-from ctlabs.workbench.runs.outcomes import LARGEST
+from ctlabs.workbench.pages.showing import Show, help_button, times
+from ctlabs.workbench.pages.tables import difference
+from ctlabs.workbench.runs.outcomes import LARGEST, LIMITS
 from ctlabs.workbench.runs.running import said
 
 if TYPE_CHECKING:
@@ -101,6 +102,7 @@ class _Experiment:
                         field = ui.input(
                             title, value=str(getattr(plan, name)), on_change=lambda _, name=name: self._typed(name)
                         )
+                        field.without_auto_validation()  # which would take back what is said of the text
                         field.props(
                             "outlined dense debounce=250 inputmode=numeric autocomplete=off hide-bottom-space "
                             f"no-error-icon data-test={name}"
@@ -234,11 +236,10 @@ class _Experiment:
 
     def _typed(self, name: str) -> bool:
         """A whole number is typed; it is in the plan when it is one."""
-        text = str(self.fields[name].value or "").replace(" ", "").replace(" ", "")
         try:
-            value = int(text) if text.lstrip("+-").isdecimal() else _whole(text)
-        except ValueError:
-            self._complain(name, f"expected a whole number, received {text or 'nothing'}")
+            value = plain.whole(self.fields[name].value, *LIMITS[name])
+        except ValueError as why:
+            self._complain(name, str(why))
             return False
         if value == getattr(self.session.plan, name):
             self._complain(name, "")
@@ -650,19 +651,11 @@ def _anomaly(each: Anomaly, names: Sequence[str]) -> str:
     return f"{when}: {name} {what}"
 
 
-def _whole(text: str) -> int:
-    """A whole number that is written like 1e5."""
-    value = float(text)
-    if not value.is_integer():
-        raise ValueError(text)
-    return int(value)
-
-
 def _step(text: object, name: str) -> int:
     try:
-        return int(str(text or "").strip())
-    except ValueError:
-        msg = f"{name}: expected a whole number >= 0, received {str(text or '').strip() or 'nothing'}"
+        return plain.whole(text, 0, LIMITS["steps"][1])
+    except ValueError as why:
+        msg = f"{name}: {why}"
         raise ValueError(msg) from None
 
 
@@ -670,7 +663,7 @@ def _variance(kind: object, text: object) -> float:
     if kind != OTHER:
         return math.inf if kind == LOST else 0.0
     try:
-        return float(str(text or "").strip())
-    except ValueError:
-        msg = f"R: expected a variance >= 0, received {str(text or '').strip() or 'nothing'}"
+        return plain.number(text, "a variance >= 0")
+    except ValueError as why:
+        msg = f"R: {why}"
         raise ValueError(msg) from None

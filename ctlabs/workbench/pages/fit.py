@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
-from ctlabs.text import number
-from ctlabs.workbench.desk import commands
+from ctlabs.text import prose
+from ctlabs.workbench.desk import commands, plain
 from ctlabs.workbench.desk.telling import TakeEstimates
 from ctlabs.workbench.pages.editing import Editor
-from ctlabs.workbench.pages.showing import Show, help_button, table, times
+from ctlabs.workbench.pages.showing import Show, help_button, times
+from ctlabs.workbench.pages.tables import table
 from ctlabs.workbench.runs.fits import trace
 
 if TYPE_CHECKING:
@@ -25,6 +26,8 @@ PAGE = {"place": 5, "title": "Fit", "icon": "tune"}
 
 #: How often the likelihood is drawn while it rises, s.
 REDRAWN = 0.5
+#: Most starts beside the first.
+STARTS = 1000
 
 
 def page(session: Session, shell: Shell) -> None:
@@ -140,12 +143,13 @@ class _Fit:
         """Fit what is ticked, if all is in order."""
         if self.running.running or self._refusal():
             return
-        text = str(self.starts.value or "0").strip()
-        if not text.isdecimal() or int(text) > 1000:
-            self.starts.error = "expected a whole number from 0 to 1000"
+        try:
+            starts = plain.whole(self.starts.value or "0", 0, STARTS)
+        except ValueError as why:
+            self.starts.error = str(why)
             return
         self.starts.error, self.points = None, 0
-        free, starts = list(self.desk.free), int(text)
+        free = list(self.desk.free)
         self.running.start(lambda progress, cancel: self.desk.fit(free, starts, progress, cancel))
 
     def _cancel(self) -> None:
@@ -185,7 +189,7 @@ class _Fit:
             return
         point = progress.note
         left = f", about {times(point.left)} left" if math.isfinite(point.left) and point.left >= 1 else ""
-        best = f"best log-likelihood {number(point.best, 8)}" if math.isfinite(point.best) else "no likelihood yet"
+        best = f"best log-likelihood {prose(point.best, 8)}" if math.isfinite(point.best) else "no likelihood yet"
         self.told.text = f"{point.stage[:1].upper()}{point.stage[1:]}: {best} after {point.done} likelihoods{left}."
         self.bar.value = progress.fraction
 
@@ -226,8 +230,8 @@ class _Fit:
         lines = [found.remark] if found.remark else []
         if math.isfinite(found.log_likelihood):
             lines.append(
-                f"The log-likelihood rises from {number(found.start_log_likelihood)} to {number(found.log_likelihood)} "
-                f"({found.evaluations} likelihoods); AIC {number(found.aic)}."
+                f"The log-likelihood rises from {prose(found.start_log_likelihood)} to {prose(found.log_likelihood)} "
+                f"({found.evaluations} likelihoods); AIC {prose(found.aic)}."
             )
         lines += [f"No standard error of {name}: {reason}." for name, reason in found.reasons.items()]
         if not (found.converged or found.interrupted) and math.isfinite(found.log_likelihood):
@@ -257,7 +261,7 @@ class _Fit:
     def _draw_sides(self, found: FitResult, before: Side, after: Side) -> None:
         rows: list[list[Any]] = [[name, a, b] for name, a, b in zip(found.names, before.values, after.values, strict=True)]
         rows.append(["log-likelihood", before.log_likelihood, after.log_likelihood])
-        rows.append([f"NIS per instant (expected {number(after.expected)})", before.nis, after.nis])
+        rows.append([f"NIS per instant (expected {prose(after.expected)})", before.nis, after.nis])
         ui.html(table(["", "Before", "After"], rows), sanitize=False).classes("w-full")
         with ui.element("div").classes("ctl-fit-sides"):
             for words, side, test in (("Before", before, "fit-before"), ("After", after, "fit-after")):

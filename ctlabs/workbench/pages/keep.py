@@ -13,10 +13,13 @@ from nicegui import ui
 
 from ctlabs.workbench.desk import tour
 from ctlabs.workbench.pages.dialogs import buttons, dialog
-from ctlabs.workbench.pages.showing import Show, difference, help_button, table
+from ctlabs.workbench.pages.showing import Show, help_button
+from ctlabs.workbench.pages.tables import difference, table
 from ctlabs.workbench.runs import figures
 from ctlabs.workbench.runs.kinds import PICTURES, TABLES
+from ctlabs.workbench.runs.outcomes import Outcome
 from ctlabs.workbench.runs.running import said
+from ctlabs.workbench.runs.summaries import KINDS
 
 if TYPE_CHECKING:
     from ctlabs.workbench.desk.session import Session
@@ -29,7 +32,7 @@ PAGE = {"place": 7, "title": "Keep", "icon": "inventory_2"}
 #: So many experiments are listed at first, and so many more at a time.
 LISTED = 25
 #: What an experiment can be exported as: groups, and in each the kinds, with their names.
-KINDS = (
+EXPORTS = (
     ("Report", "model, figures, checks; PDF needs the extra print", (("html", "HTML"), ("pdf", "PDF"))),
     ("Table", "every row, nothing thinned", (("csv", "CSV"), ("parquet", "Parquet"))),
     ("Gains", "the filter's matrices for other programs", (("npz", "NumPy"), ("mat", "MATLAB"), ("h", "C"))),
@@ -105,7 +108,7 @@ class _Keep:
                 self._row(each)
             if not kept:
                 with ui.element("div").classes("q-pa-md"):
-                    ui.label("None is found." if words else "No experiment yet: every one that is run is kept here.")
+                    ui.label("None is found." if words else "Nothing yet: every experiment, filtered record and fit is kept here.")
                     if not words:
                         ui.button(
                             "Go to the experiment", icon="science", on_click=lambda: self.shell.go("experiment")
@@ -147,6 +150,8 @@ class _Keep:
                     ("Export", "download", "export", self._export),
                     ("Delete", "delete_outline", "delete", self._delete),
                 ):
+                    if each.kind != "experiment" and test in {"rerun", "export"}:
+                        continue  # on the page that it opens there is what runs and exports it
                     button = ui.button(icon=icon, on_click=lambda _, n=number, action=action: action(n))
                     _labelled(button, f"{word}: {each.name}").props(f"flat round dense data-test={test}")
                     with button:
@@ -159,14 +164,14 @@ class _Keep:
     def _open(self, number: int) -> None:
         self.shell.saving()
         try:
-            self.session.reopen(number)
+            page = self.session.reopen(number)
         except ValueError as why:
             self.wrong.text = str(why)
             return
         finally:
             self.shell.saved()
         self.shell.tell("Opened with its model; undo on the page of the model brings the other one back")
-        self.shell.go("experiment")
+        self.shell.go(page)
 
     def _rerun(self, number: int) -> None:
         if self.running.running:
@@ -250,7 +255,7 @@ class _Keep:
         names = {each.id: each.name for each in self.session.kept()}
         first, second = f"{a}: {names[a]}", f"{b}: {names[b]}"
         found = self.session.compare(a, b)
-        outcomes = self.session.outcome(a), self.session.outcome(b)
+        outcomes = [found for found in (self.session.found(a), self.session.found(b)) if isinstance(found, Outcome)]
         self.comparison_body.clear()
         self.comparison.set_visibility(True)
         with self.comparison_body:
@@ -258,6 +263,8 @@ class _Keep:
             self._rows("Settings", found.settings, first, second)
             self._rows("Results", found.results, first, second)
             self._models(found, first, second)
+            if len(outcomes) < 2:
+                return
             drawing = figures.side_by_side((f"{a}", outcomes[0]), (f"{b}", outcomes[1]))
             if drawing is not None:
                 self.show.plot(drawing, test="plot-comparison")
@@ -318,7 +325,7 @@ class _Export:
         parts = {"Table": ("table", self.session.tables(self.number)), "Figure": ("figure", self.session.figures(self.number))}
         first = True
         with ui.element("div").classes("ctl-keep-export").props("role=list"):
-            for group, meaning, kinds in KINDS:
+            for group, meaning, kinds in EXPORTS:
                 with ui.element("div").props(f'role=listitem aria-label="{group}"'):
                     ui.label(group).classes("ctl-keep-name")
                     ui.label(meaning).classes("ctl-show-hint")
@@ -375,15 +382,15 @@ def _about(each: KeptExperiment) -> str:
     data = plan.get("data")
     words = [time.strftime("%Y-%m-%d %H:%M", time.localtime(each.created)), f"no. {each.id}", _title(each.model)]
     if data:
-        words.append(f"data {data['name']}")
+        words.append(f"data {data['name']}" + (f", {KINDS[each.kind]}" if each.kind in KINDS else ""))
     else:
         words.append(f"{plan.get('steps')} steps, {plan.get('runs')} runs, seed {each.seed}")
-    words.append(", ".join(plan.get("algorithms", ())))
+    words.append(", ".join(plan.get("algorithms", plan.get("free", ()))))
     if plan.get("design") is not None:
         words.append("the filter has another model")
     if count := len(plan.get("anomalies", ())):
         words.append(f"{count} {'anomaly' if count == 1 else 'anomalies'}")
-    return " · ".join(words)
+    return " · ".join(filter(None, words))
 
 
 def _text(each: KeptExperiment) -> str:

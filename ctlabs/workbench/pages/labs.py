@@ -17,8 +17,10 @@ from starlette.responses import PlainTextResponse, Response
 
 from ctlabs.reporting.mathml import mathml
 from ctlabs.reporting.render import inline
-from ctlabs.text import number
+from ctlabs.text import number, printed
+from ctlabs.workbench.desk.plain import whole
 from ctlabs.workbench.help import help_for
+from ctlabs.workbench.pages.tables import table
 from ctlabs.workbench.runs import catalogue
 from ctlabs.workbench.runs.catalogue import LabOutcome, LabSheet, Parameter, Typed
 
@@ -373,9 +375,7 @@ class _Labs:
         if second is not None:
             rows = catalogue.compared(found, second)
             heads = ("", f"run {_number_of(shown)}", f"run {_number_of(beside)}")
-            ui.html(_table(heads, rows), sanitize=False).classes("ctl-lab-checks").props(
-                'tabindex=0 role=region aria-label="Two runs beside each other" data-test=lab-compared'
-            )
+            ui.html(table(heads, rows, "Two runs beside each other"), sanitize=False).props("data-test=lab-compared")
 
     def _show_theme(self) -> None:
         """The report in the page's colours."""
@@ -517,15 +517,15 @@ class _Form:
     def check(self) -> tuple[dict[str, Any] | None, int | None, int | None]:
         """Say at the fields what is wrong with them; parameters, runs and seed, None where they are wrong."""
         checked = catalogue.check(self.sheet.name, {field.name: self._typed(field.name) for field in self.fields})
-        problems, whole = dict(checked.problems), {}
+        problems, counts = dict(checked.problems), {}
         for name, least, most in ((".runs", 1, catalogue.RUNS), (".seed", 0, 2**63 - 1)):
             try:
-                whole[name] = catalogue.whole(str(self._typed(name)), least, most)
+                counts[name] = whole(self._typed(name), least, most)
             except ValueError as error:
                 problems[name] = str(error)
         for name, label in self._errors.items():
             self._mark(name, label, problems.get(name, ""))
-        return checked.values, whole.get(".runs"), whole.get(".seed")
+        return checked.values, counts.get(".runs"), counts.get(".seed")
 
     def _mark(self, name: str, label: ui.label, problem: str) -> None:
         if label.text == problem:
@@ -584,15 +584,6 @@ def _told(folder: str, found: LabOutcome) -> str:
     return f"{_number_of(folder)} · {when} · {found.runs} runs, seed {found.seed} · {found.verdict}"
 
 
-def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    top = "".join(f"<th scope=col>{escape(head)}</th>" if head else "<td></td>" for head in heads)
-    body = "".join(
-        f"<tr><th scope=row>{escape(first)}</th>{''.join(f'<td class=n>{escape(cell)}</td>' for cell in cells)}</tr>"
-        for first, *cells in rows
-    )
-    return f"<table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>"
-
-
 def _checks(found: LabOutcome) -> str:
     """The checks as a table, those that failed first."""
     heads = ("", "check", "part", "one way", "another way", "value", "expected", "tolerance")
@@ -601,9 +592,9 @@ def _checks(found: LabOutcome) -> str:
         mark = '<span aria-label="passed">✓</span>' if check["passed"] else '<strong class="ctl-lab-error">failed</strong>'
         words = [check["name"], check["part"], *check["route"]]
         numbers = [
-            number(check["value"]),
-            number(check["expected"]),
-            f"{check['kind']} {number(check['tolerance'], 2)}",
+            printed(number(check["value"])),
+            printed(number(check["expected"])),
+            f"{check['kind']} {printed(number(check['tolerance'], 2))}",
         ]
         cells = [f"<td>{mark}</td>", *(f"<td>{escape(str(word))}</td>" for word in words)]
         rows.append("<tr>" + "".join([*cells, *(f'<td class="n">{escape(text)}</td>' for text in numbers)]) + "</tr>")

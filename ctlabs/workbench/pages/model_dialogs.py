@@ -13,6 +13,7 @@ from ctlabs.files.modelfile.errors import ModelFileError
 from ctlabs.files.modelfile.schema import LARGEST
 from ctlabs.text import latex_matrix, latex_number
 from ctlabs.workbench.desk import blocks, commands
+from ctlabs.workbench.desk.plain import whole
 from ctlabs.workbench.help import help_for
 from ctlabs.workbench.pages.dialogs import buttons, dialog
 from ctlabs.workbench.pages.math import Equations
@@ -109,15 +110,15 @@ def new(begin: Callable[[commands.New], bool]) -> None:
         sizes = {}
         with ui.row().classes("items-start no-wrap w-full"):
             for name, label, value in (("n", "States", 2), ("s", "Noises", 1), ("m", "Measurements", 1)):
-                sizes[name] = ui.number(label, value=value, min=1, max=LARGEST, precision=0, validation=_size)
-                sizes[name].props(f"outlined dense data-test=new-{name}").classes("col")
+                sizes[name] = ui.input(label, value=str(value), validation=_size).without_auto_validation()
+                sizes[name].props(f"outlined dense inputmode=numeric autocomplete=off data-test=new-{name}").classes("col")
         sizes["n"].props("autofocus")
         sizes["s"].bind_visibility_from(kind, "value", lambda value: value == "continuous")
 
         def begun() -> None:
             wrong = [field for field in sizes.values() if field.visible and not field.validate()]
             if not wrong:
-                n, s, m = (int(sizes[name].value or 1) for name in "nsm")
+                n, s, m = (whole(sizes[name].value, 1, LARGEST) if sizes[name].visible else 1 for name in "nsm")
                 if begin(commands.New(n, s, m, str(kind.value))):
                     made.close()
 
@@ -127,9 +128,11 @@ def new(begin: Callable[[commands.New], bool]) -> None:
         buttons(made, "Begin", "new-begin", begun)
 
 
-def _size(value: float | None) -> str | None:
-    if value is None or value != int(value) or not 1 <= value <= LARGEST:
-        return f"expected a whole number from 1 to {LARGEST}"
+def _size(text: str) -> str | None:
+    try:
+        whole(text, 1, LARGEST)
+    except ValueError as why:
+        return str(why)
     return None
 
 

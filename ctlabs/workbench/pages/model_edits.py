@@ -53,15 +53,21 @@ class Typing:
             key != "" and key == self._key and now - self._since < PAUSE and last.done and last.number == self._number
         )
         if going_on:
-            self._session.undo()
-        try:
+            self._again(command)
+        else:
             self._session.do(command)
-        except Exception:
-            if going_on:
-                self._session.redo()
-            raise
         last = self._session.history[-1]
         self._key, self._since, self._number = key, now, last.number if last.done else -1
+
+    def _again(self, command: commands.Command) -> None:
+        """Put a command in the place of the last one; at once, for between the two the text that was saved would be gone."""
+        with self._session.store.together():
+            self._session.undo()
+            try:
+                self._session.do(command)
+            except Exception:
+                self._session.redo()
+                raise
 
 
 class Section(NamedTuple):

@@ -11,7 +11,8 @@ from nicegui import ui
 
 from ctlabs.text import number
 from ctlabs.workbench.help import help_for
-from ctlabs.workbench.pages.showing import Show, help_button, table, times
+from ctlabs.workbench.pages.showing import Show, help_button, times
+from ctlabs.workbench.pages.tables import table
 from ctlabs.workbench.runs import figures, verdicts
 
 if TYPE_CHECKING:

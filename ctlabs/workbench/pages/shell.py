@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from nicegui import app, ui
 
-from ctlabs.reporting import mathml
+from ctlabs.reporting import mathfont, mathml
 from ctlabs.workbench.desk.links import packed
 from ctlabs.workbench.pages import STATIC, Page, listed
 from ctlabs.workbench.pages.dialogs import dialog
@@ -60,6 +60,10 @@ FAVICON = (
 
 
 
+#: Where the font of equations is: the one that reports have parts of.
+MATH = "/math.ttf"
+
+
 class _Shortcut(NamedTuple):
     label: str
     action: Callable[[], object]
@@ -71,7 +75,9 @@ def prepare() -> None:
     """What all pages have in their head."""
     app.colors(primary="#1f5fa8")
     styles = [path.read_text(encoding="utf-8") for path in sorted(STATIC.glob("*.css"))]
-    ui.add_css("\n".join([mathml.STYLE, *styles]), shared=True)
+    if not any(getattr(route, "path", "") == MATH for route in app.routes):
+        app.add_static_file(local_file=mathfont.FONT, url_path=MATH)
+    ui.add_css("\n".join([mathfont.style(MATH), mathml.STYLE, *styles]), shared=True)
     ui.add_head_html(f"<script>{(STATIC / 'shell.js').read_text(encoding='utf-8')}</script>", shared=True)
 
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import json
-import math
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from html import escape
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
     from ctlabs.reporting.drawing import Drawing
     from ctlabs.workbench.pages.shell import Shell
 
-#: Texts in tables that are not broken into lines.
-NARROW = 14
 #: Values of a curve up to which a figure is made at once, and characters that the clipboard is given.
 PROMPT, LARGEST = 20_000, 4_000_000
 
@@ -238,45 +235,6 @@ def show_help(key: str) -> None:
         ui.button("Close", on_click=made.close).props("flat autofocus")
 
 
-def table(heads: Sequence[str], rows: Sequence[Sequence[Any]], caption: str = "", *, row_heads: bool = True) -> str:
-    """A table in HTML; numbers are written for a reader, texts as they are. The last cell of a short row is as wide as the rest."""
-    top = "".join(f'<th scope="col">{escape(head)}</th>' if head else "<td></td>" for head in heads)
-    body = []
-    for row in rows:
-        cells = []
-        for j, value in enumerate(row):
-            if j == 0 and row_heads:
-                cells.append(f'<th scope="row">{escape(shown(value))}</th>')
-            else:
-                kind = ' class="n"' if not isinstance(value, str) or len(value) <= NARROW else ""
-                rest = len(heads) - j if j == len(row) - 1 else 1
-                wide = f' colspan="{rest}"' if rest > 1 else ""
-                cells.append(f"<td{kind}{wide}>{escape(shown(value))}</td>")
-        body.append(f"<tr>{''.join(cells)}</tr>")
-    told = f"<caption>{escape(caption)}</caption>" if caption else ""
-    return (
-        f'<div class="ctl-show-scroll" tabindex="0" role="region" aria-label="{escape(caption or (heads[0] if heads else "Table"))}">'
-        f'<table class="ctl-show-table">{told}<thead><tr>{top}</tr></thead><tbody>{"".join(body)}</tbody></table></div>'
-    )
-
-
-def matrix(name: str, values: Any, rows: Sequence[str], columns: Sequence[str]) -> str:
-    """A matrix as a table with the names of its rows and columns."""
-    return table(["", *columns], [[row, *map(float, line)] for row, line in zip(rows, values, strict=True)], name)
-
-
-def shown(value: Any) -> str:
-    """A number or a text for a reader; a complex number without a part that is not there."""
-    if value is None or (isinstance(value, float) and math.isnan(value)):
-        return "—"
-    if isinstance(value, complex):
-        size = abs(value)
-        if abs(value.imag) <= 1e-12 * size:
-            return number(value.real)
-        return number(value) if abs(value.real) > 1e-12 * size else f"{number(value.imag)}i"
-    return number(value)
-
-
 def times(seconds: float) -> str:
     """A time that passes.
 
@@ -292,31 +250,3 @@ def times(seconds: float) -> str:
         return f"{minutes} min {rest} s"
     hours, minutes = divmod(minutes, 60)
     return f"{hours} h {minutes} min"
-
-
-def difference(lines: Sequence[Any], first: str, second: str) -> str:
-    """Two texts side by side in HTML: what only one of them has is marked."""
-    rows: list[str] = []
-    old: list[str] = []
-    new: list[str] = []
-
-    def flush() -> None:
-        for i in range(max(len(old), len(new))):
-            left = f'<td class="old">{escape(old[i])}</td>' if i < len(old) else "<td></td>"
-            right = f'<td class="new">{escape(new[i])}</td>' if i < len(new) else "<td></td>"
-            rows.append(f"<tr>{left}{right}</tr>")
-        old.clear()
-        new.clear()
-
-    for line in lines:
-        if line.mark == " ":
-            flush()
-            rows.append(f"<tr><td>{escape(line.text)}</td><td>{escape(line.text)}</td></tr>")
-        else:
-            (old if line.mark == "-" else new).append(line.text)
-    flush()
-    return (
-        '<div class="ctl-show-lines" tabindex="0" role="region" aria-label="Difference"><table class="ctl-show-diff">'
-        f'<thead><tr><th scope="col">{escape(first)}</th><th scope="col">{escape(second)}</th></tr></thead>'
-        f"<tbody>{''.join(rows)}</tbody></table></div>"
-    )

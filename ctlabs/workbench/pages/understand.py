@@ -17,7 +17,8 @@ from ctlabs.studies.understanding import Part, Poles, Understanding, compute
 from ctlabs.text import number
 from ctlabs.workbench.pages.editing import Editor
 from ctlabs.workbench.pages.model_constants import Constants
-from ctlabs.workbench.pages.showing import Show, matrix, table
+from ctlabs.workbench.pages.showing import Show
+from ctlabs.workbench.pages.tables import matrix, table
 from ctlabs.workbench.runs import figures
 
 if TYPE_CHECKING:

@@ -21,11 +21,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import urlencode
 
+from ctlabs.files.modelfile.expressions import comma_hint
 from ctlabs.labs import catalogue as labs
 from ctlabs.labs.sheets import Sheet
 from ctlabs.labs.sheets import sheet as labs_sheet
 from ctlabs.reporting.params import Validator
 from ctlabs.text import number
+from ctlabs.workbench.desk import plain
 from ctlabs.workbench.runs import running
 
 if TYPE_CHECKING:
@@ -48,7 +50,6 @@ FOLDER = "labs"
 KEPT = 12
 #: What a lab may take, in seconds: longer than an experiment, a million runs are not unusual.
 SECONDS = 3600.0
-_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _NAME = re.compile(r"[a-z][a-z0-9_]*")
 #: Style sheets for the dark, of all media or of one.
 _DARK = re.compile(r"@media (?:(\w+) and )?\(prefers-color-scheme: dark\)")
@@ -273,8 +274,8 @@ def _text(value: Any) -> str:
         return ""
     if isinstance(value, bool):
         return "true" if value else "false"
-    plain = float(value)
-    return str(int(plain)) if plain.is_integer() and abs(plain) < 1e16 else repr(plain)
+    found = float(value)
+    return str(int(found)) if found.is_integer() and abs(found) < 1e16 else repr(found)
 
 
 def check(name: str, typed: Mapping[str, Typed]) -> Checked:
@@ -301,24 +302,16 @@ def check(name: str, typed: Mapping[str, Typed]) -> Checked:
             line = " ".join(each["msg"].removeprefix("Value error, ").split())
             name_first, _, rest = line.partition(": ")
             key = str(each["loc"][0]) if each["loc"] else name_first if name_first in known else ""
-            problems.setdefault(key, rest if not each["loc"] and key else line)
+            problems.setdefault(key, (rest if not each["loc"] and key else line) + _hint(raw.get(key)))
         return Checked(None, problems)
     return Checked(found.plain(), {})
 
 
-def whole(text: str, least: int, most: int) -> int:
-    """A whole number that was typed, for runs and seed.
-
-    Raises
-    ------
-    ValueError
-        One line.
-    """
-    plain = text.strip().replace(" ", "").replace("_", "")
-    if not re.fullmatch(r"[0-9]{1,20}", plain) or not least <= int(plain) <= most:
-        msg = f"expected a whole number from {least} to {most}, received {_quoted(text)}"
-        raise ValueError(msg)
-    return int(plain)
+def _hint(value: Any) -> str:
+    """What to write instead of a number that was refused for its comma."""
+    values = value if isinstance(value, list) else [value]
+    cells = [cell for each in values for cell in (each if isinstance(each, list) else [each])]
+    return next(filter(None, (comma_hint(cell) for cell in cells if isinstance(cell, str))), "")
 
 
 def _value(field: Parameter, text: Typed) -> Any:
@@ -345,21 +338,18 @@ def _single(field: Parameter, parts: Sequence[str]) -> Any:
 
 
 def _number(text: str) -> Any:
-    """The number that a text is, with a decimal point or comma, also as an expression; the text where it is none.
+    """The number that a text is; the text itself where it is none, so that the parameters say so.
 
     >>> _number("1e4"), _number("-0,5"), _number("2,5e-3"), _number("pi/2 "), _number("1,000,000")
     (10000, -0.5, 0.0025, 1.5707963267948966, '1,000,000')
     """
-    from ctlabs.files.modelfile.expressions import ExpressionError, parse
-
     stripped = text.strip()
-    if _COMMA.fullmatch(stripped):
-        stripped = stripped.replace(",", ".")
-    if re.fullmatch(r"[+-]?[0-9]{1,300}", stripped):
-        return int(stripped)
+    digits = plain.plainly(stripped)
+    if re.fullmatch(r"[+-]?[0-9]{1,300}", digits):
+        return int(digits)
     try:
-        value = parse(stripped).value({})
-    except ExpressionError:
+        value = plain.number(stripped)
+    except ValueError:
         return stripped
     if value == float("inf"):
         return "inf"

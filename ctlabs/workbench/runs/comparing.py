@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ctlabs.workbench.runs.outcomes import Outcome
-
 if TYPE_CHECKING:
     from ctlabs.workbench.desk.store import KeptExperiment
+    from ctlabs.workbench.runs.outcomes import Outcome
+    from ctlabs.workbench.runs.summaries import Summary
 
 
 class Line(NamedTuple):
@@ -73,8 +73,10 @@ def models(first: str, second: str) -> Difference:
     return Difference(tuple(lines))
 
 
-def experiments(first: tuple[KeptExperiment, Outcome], second: tuple[KeptExperiment, Outcome]) -> Difference:
-    """Two kept experiments."""
+def experiments(
+    first: tuple[KeptExperiment, Outcome | Summary], second: tuple[KeptExperiment, Outcome | Summary]
+) -> Difference:
+    """Two kept experiments, or other results that are kept."""
     (a, found_a), (b, found_b) = first, second
     settings = _rows(_settings(a.settings), _settings(b.settings))
     return Difference(models(a.model, b.model).lines, settings, _rows(found_a.summary, found_b.summary))
@@ -92,8 +94,10 @@ def _settings(plan: dict[str, Any]) -> dict[str, tuple[Any, str]]:
                 for a in value
             ]
             shown[key] = ("; ".join(words) or None, "")
-        elif key == "algorithms":
+        elif key in {"algorithms", "free"}:
             shown[key] = (", ".join(value), "")
+        elif key == "wanted":
+            shown |= {name: (each, "") for name, each in value.items()}
         elif key == "design":
             shown[key] = ("the model itself" if value is None else value, "")
         else:

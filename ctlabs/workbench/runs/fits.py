@@ -20,6 +20,9 @@ from ctlabs.workbench.runs.inside import Unwanted
 from ctlabs.workbench.runs.outcomes import Upload
 from ctlabs.workbench.runs.records import Judgement, judged
 
+#: A rise of the log-likelihood that says nothing: that of a tenth of a standard error.
+RISE = 0.005
+
 
 @dataclass(frozen=True, slots=True)
 class Point:
@@ -157,9 +160,10 @@ def _profile(label: str, estimate: float, error: float | None, values: Array, li
 
 
 def trace(points: Sequence[Point]) -> Drawing:
-    """The best log-likelihood after so many evaluations; what is far below the last is beyond the axis."""
+    """The best log-likelihood after so many evaluations; a rise of less than :data:`RISE` looks like none."""
     done, best = (np.array([getattr(point, name) for point in points], dtype=float) for name in ("done", "best"))
     best[~np.isfinite(best)] = np.nan
     low, high = (np.nanmin(best), np.nanmax(best)) if np.isfinite(best).any() else (0.0, 1.0)
-    reach = (float(low - 0.05 * (high - low)), float(high + 0.05 * (high - low))) if high > low else None
+    low = min(low, high - RISE)
+    reach = float(low - 0.05 * (high - low)), float(high + 0.05 * (high - low))
     return Drawing("The likelihood as it rises", "likelihoods computed", (Panel("best ℓ", (Curve("best ℓ", done, best),), reach=reach),))

@@ -66,6 +66,10 @@ def decoded(model: ModelFile) -> ModelFile:
     return model
 
 
+#: From what to what the whole numbers of an experiment go.
+LIMITS = {"steps": (1, STEPS), "runs": (1, RUNS), "seed": (0, 2**63 - 1), "first": (0, 1)}
+
+
 @dataclass(frozen=True, slots=True)
 class Asked:
     """What is asked.
@@ -86,7 +90,7 @@ class Asked:
 
     def check(self) -> None:
         """Refuse in one line what no experiment can be; the rest is found when it runs."""
-        for name, least, most in (("steps", 1, STEPS), ("runs", 1, RUNS), ("seed", 0, 2**63 - 1), ("first", 0, 1)):
+        for name, (least, most) in LIMITS.items():
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
                 msg = f"{name}: expected a whole number from {least} to {most}, received {shown(value)}"

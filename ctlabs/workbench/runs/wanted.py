@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+#: Most steps of a forecast.
+FORECAST = 100_000
+
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
@@ -22,5 +25,5 @@ class Wanted:
         """Refuse in one line what cannot be."""
         if self.gate is not None and not 0 < self.gate < math.inf:
             raise ValueError(f"gate: expected a number of σ > 0, received {self.gate!r}")
-        if not 0 <= self.steps <= 100_000:
-            raise ValueError(f"forecast: expected 0 to 100000 steps, received {self.steps}")
+        if not 0 <= self.steps <= FORECAST:
+            raise ValueError(f"forecast: expected 0 to {FORECAST} steps, received {self.steps}")

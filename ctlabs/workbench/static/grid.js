@@ -1,6 +1,16 @@
 // Text cells: a matrix with its headers, or one field. What is typed is sent after a moment's pause and is never overwritten by an
 // older answer: every message has a number, and the server says up to which number its texts go (`ack`).
+// A number as it is kept: 0,5 is 0.5, 1 000 is 1000. The server reads what is typed; this only keeps the caret where it is.
+const plain = (text) => text.trim().replace(/[−–]/g, "-").replace(/[\s\u2009\u202f](?=\d{3})/g, "").replace(",", ".");
 const PAUSE = { text: 120, area: 400, range: 60 };
+
+// What is typed and not answered yet, on the whole page: meanwhile the page does not say that all is saved.
+const open = new Map();
+const tell = (element, keys) => {
+  if (keys.length) open.set(element, keys);
+  else open.delete(element);
+  document.body.toggleAttribute("data-typing", open.size > 0);
+};
 
 export default {
   template: `
@@ -131,9 +141,11 @@ export default {
   },
   updated() {
     if (this.shown.some((each, i) => each !== this.given()[i])) this.sync();
+    this.tell();
   },
   beforeUnmount() {
     this.flush();
+    tell(this, []);
     window.removeEventListener("keydown", this.first, true);
     window.removeEventListener("pagehide", this.first);
     document.removeEventListener("visibilitychange", this.first);
@@ -208,7 +220,7 @@ export default {
         if (key in this.waiting || (this.sent[key] ?? 0) > this.ack) continue;
         // In the cell that is typed into only what is new there is shown: nothing moves the caret without need.
         const typing = field === document.activeElement;
-        if (field.value !== text && !(typing && (this.known[key] === text || field.value.trim() === text))) {
+        if (field.value !== text && !(typing && (this.known[key] === text || plain(field.value) === text))) {
           field.value = text;
           if (typing) this.before = text;
         }
@@ -223,6 +235,7 @@ export default {
       if (this.mode === "range" && key in this.waiting) return;
       clearTimeout(this.waiting[key]);
       this.waiting[key] = this.lazy ? 0 : setTimeout(() => this.send(field), PAUSE[this.mode] ?? PAUSE.text);
+      this.tell();
       this.numberLines(field);
     },
     send(field, now = false) {
@@ -234,9 +247,12 @@ export default {
         return;
       }
       delete this.waiting[key];
-      if (field.value.trim() === String(this.text(key)).trim() && (this.sent[key] ?? 0) <= this.ack) return;
+      if (field.value.trim() === String(this.text(key)).trim() && (this.sent[key] ?? 0) <= this.ack) return this.tell();
       this.sent[key] = ++this.number;
       this.$emit("edit", { number: this.number, key, text: field.value });
+    },
+    tell() {
+      tell(this, [...Object.keys(this.waiting), ...Object.keys(this.sent).filter((key) => this.sent[key] > this.ack)]);
     },
     flush() {
       for (const key of Object.keys(this.waiting)) {
