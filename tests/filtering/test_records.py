@@ -213,6 +213,20 @@ def test_plain_python_is_what_is_compiled(first):
         assert all(close(getattr(found, name), values, EXACT) for name, values in plain._asdict().items())
 
 
+@pytest.mark.parametrize("model", [TRACK, CORRELATED], ids=["plain", "correlated"])
+def test_the_loop_of_short_records_is_that_of_long_ones(model, monkeypatch):
+    """What a short record does not need, and is not compiled for it, changes nothing: the same histories with and without it."""
+    z = record(model, 330, np.random.default_rng(8))
+    problem, found = pose(model, z[1:]), []
+    arguments = (compiled.system(problem.model), model.x0, model.P0, problem.z[:, :, 0], ~problem.absent, 0)
+    for long in (forward.LONG, 10**9):
+        monkeypatch.setattr(forward, "LONG", long)
+        found.append(out := histories(331, model.n, model.m))
+        found.append(plainly(*arguments, out))
+    assert found[1] == pytest.approx(found[3], rel=EXACT)
+    assert all(close(one, other, EXACT) for one, other in zip(found[0], found[2], strict=True))
+
+
 def plainly(*arguments):
     """The filter over a record in plain Python."""
     with pytest.MonkeyPatch.context() as patch:
