@@ -49,7 +49,7 @@ def update(state: CovarianceState, z: Numbers, H: Numbers, R: Noise) -> tuple[Co
             return state, contract.independent(z, R.matrix.diagonal())
     nu, cross = z - H.dot(x), P.dot(H.T)
     S = H.dot(cross) + R.matrix
-    K = cross.dot(contract.inverse(S))
+    K = cross.dot(contract.inverse(S)) if P.dtype == np.float64 else contract.solve(S, cross.T).T  # filterpy inverts S
     left = contract.identity(len(P), P) - K.dot(H)
     after = left.dot(P).dot(left.T) + K.dot(R.matrix).dot(K.T)
     if P.dtype == np.float64:
