@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from operator import gt
+
 import numpy as np
 
 from ctlabs.filtering.results import Mask
@@ -56,9 +58,11 @@ def without_cancelled(P: Array, Phi: Array, before: Array, Q: Array) -> Array:
 
     A known combination of states that Φ turns into a state of its own is known, not of a variance ±1e-17.
     """
-    size = np.abs(Phi) @ np.sqrt(np.abs(np.diag(before))) + np.sqrt(np.diag(Q))
-    lost = CANCELLED * size
-    if (np.diag(P) > lost * size).all():
+    variances, own = before.diagonal(), Q.diagonal()
+    bound = (len(P) + 1) * CANCELLED * ((Phi * Phi).dot(abs(variances)) + own)  # not below the square of the size (Cauchy)
+    if all(map(gt, P.diagonal().tolist(), bound.tolist())):
         return P
-    known = (np.abs(P) <= lost[:, None] * size).all(axis=1) & np.isfinite(np.diag(P))
+    size = np.abs(Phi) @ np.sqrt(np.abs(variances)) + np.sqrt(own)
+    lost = CANCELLED * size
+    known = (np.abs(P) <= lost[:, None] * size).all(axis=1) & np.isfinite(P.diagonal())
     return np.where(known[:, None] | known, 0.0, P)

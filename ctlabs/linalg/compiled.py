@@ -35,7 +35,7 @@ def folder() -> Path:
 
 
 def cold() -> bool:
-    """Whether nothing has been compiled on this machine yet, so that the next call takes some 20 s."""
+    """Whether nothing has been compiled on this machine yet, so that the next call takes ten to twenty-five seconds."""
     return not any(folder().glob("*.nbi"))
 
 

@@ -11,8 +11,9 @@ from pathlib import Path
 
 #: STIX Two Math, as much of it as equations need (templates/math-license.txt).
 FONT = Path(__file__).parent / "templates" / "math.ttf"
-#: The signs of a model's matrices, and the font with them ready made: a command on one's own data need not cut it out.
-MODELS = frozenset(map(ord, "FGQRHPΦΓBDNKSCxyzuwvthcdse0123456789.,=+−×()[]…∞¯ˆ"))
+#: The signs of a model's matrices, and of what is said of them, and the font with them ready made: a command on one's own data need
+#: not cut it out.
+MODELS = frozenset(map(ord, "FGQRHPΦΓBDNKSCxyzuwvthcdse0123456789.,=+−×()[]…∞¯ˆ·/≤≥priaLσλ"))
 READY = FONT.with_name("math-models.woff")
 #: The first letter of each alphabet, its length, and where its italics begin, in which variables of one letter are set.
 ALPHABETS = ((ord("A"), 26, 0x1D434), (ord("a"), 26, 0x1D44E), (0x391, 25, 0x1D6E2), (0x3B1, 25, 0x1D6FC))

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from ctlabs.filtering import kalman_filter
 from ctlabs.filtering.algorithms.catalogue import FORMS
-from ctlabs.filtering.online import Filter, files, plants
+from ctlabs.filtering.online import Filter, files, plants, stepper
 from ctlabs.models import ContinuousModel, DiscreteModel
 from ctlabs.models.discretisation import discretise
 from tests import reference
@@ -85,6 +85,21 @@ def test_a_stream_is_a_record(model, seed, first):
             for own, batch in zip(values(estimate), values(wanted.row(k)), strict=True):
                 assert close(own, batch, EXACT), form
         assert close(online.log_likelihood, wanted.log_likelihood, EXACT)
+
+
+@settings(deadline=None, max_examples=25, derandomize=True)
+@given(model=discrete_models(), seed=st.integers(0, 10**6))
+def test_the_compiled_step_is_the_forms(model, seed):
+    """Joseph's form in the compiled loop and in NumPy: the same rows, for constant and varying models, with gaps, inputs and N."""
+    z = record(model, 6, np.random.default_rng(seed), gaps=0.2)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(stepper, "COMPILED", False)
+        plain = Filter(model)
+    looped = Filter(model)
+    for row in z[1:]:
+        for own, other in zip(values(looped.step(row)), values(plain.step(row)), strict=True):
+            assert close(own, other, EXACT)
+    assert close(looped.log_likelihood, plain.log_likelihood, EXACT)
 
 
 def test_a_stream_of_another_model_is_another():

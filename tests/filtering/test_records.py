@@ -204,13 +204,34 @@ def test_plain_python_is_what_is_compiled(first):
     varying = changed(DRIVEN, Phi=np.tile(TRACK.Phi, (600, 1, 1)))
     perfect = changed(TRACK, R=np.diag([0.0, 1.0]))
     for model in (TRACK, DRIVEN, singular, varying, known, perfect):
-        z = record(model, 150, np.random.default_rng(7), first=first)
+        z = record(model, 330, np.random.default_rng(7), first=first)
         z[60, 0] = np.nan
         problem, found = pose(model, z[first:], first=first), kalman_filter(model, z[first:], first=first)
-        plain = histories(151, model.n, model.m)
+        plain = histories(331, model.n, model.m)
         arguments = (compiled.system(problem.model), model.x0, model.P0, problem.z[:, :, 0], ~problem.absent, 0)
-        assert found.log_likelihood == pytest.approx(forward.forward.py_func(*arguments, plain)[2], rel=EXACT)
+        assert found.log_likelihood == pytest.approx(plainly(*arguments, plain)[2], rel=EXACT)
         assert all(close(getattr(found, name), values, EXACT) for name, values in plain._asdict().items())
+
+
+@pytest.mark.parametrize("model", [TRACK, CORRELATED], ids=["plain", "correlated"])
+def test_the_loop_of_short_records_is_that_of_long_ones(model, monkeypatch):
+    """What a short record does not need, and is not compiled for it, changes nothing: the same histories with and without it."""
+    z = record(model, 330, np.random.default_rng(8))
+    problem, found = pose(model, z[1:]), []
+    arguments = (compiled.system(problem.model), model.x0, model.P0, problem.z[:, :, 0], ~problem.absent, 0)
+    for long in (forward.LONG, 10**9):
+        monkeypatch.setattr(forward, "LONG", long)
+        found.append(out := histories(331, model.n, model.m))
+        found.append(plainly(*arguments, out))
+    assert found[1] == pytest.approx(found[3], rel=EXACT)
+    assert all(close(one, other, EXACT) for one, other in zip(found[0], found[2], strict=True))
+
+
+def plainly(*arguments):
+    """The filter over a record in plain Python."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(forward, "forward", forward.forward.py_func)
+        return forward.filtered(*arguments)
 
 
 def histories(rows, n, m):
@@ -229,7 +250,7 @@ def test_plain_python_reports_how_a_record_ends():
         start = -100 * model.P0 if len(ends) == 2 else model.P0  # no model has it; rounding may
         with np.errstate(over="ignore", invalid="ignore"):
             arguments = (compiled.system(model), model.x0, start, problem.z[:, :, 0], ~problem.absent, 0)
-            end = forward.forward.py_func(*arguments, histories(0, 1, 1))
+            end = plainly(*arguments, histories(0, 1, 1))
         ends.append(end[:2])
     assert ends == [(forward.PERFECT, 2), (forward.OVERFLOW, 1), (forward.INDEFINITE, 1)]
 

@@ -34,7 +34,7 @@ def start(model: DiscreteModel, P0: Numbers) -> RootState:
 
 def predict(state: RootState, Phi: Numbers, c: Numbers | None, Q: Noise) -> RootState:
     """One step ahead."""
-    return RootState(contract.moved(Phi, state.x, c), contract.triangular(np.hstack([Phi @ state.root, Q.thin])))
+    return RootState(contract.moved(Phi, state.x, c), contract.triangular(np.concatenate((Phi.dot(state.root), Q.thin), axis=1)))
 
 
 def update(state: RootState, z: Numbers, H: Numbers, R: Noise) -> tuple[RootState, Evidence]:
@@ -42,13 +42,17 @@ def update(state: RootState, z: Numbers, H: Numbers, R: Noise) -> tuple[RootStat
     x, m = state.x, len(H)
     after = contract.triangular(pre_array(state.root, H, R))
     S_root, K_bar, root = after[:m, :m], after[m:, :m], after[m:, m:]
-    nu, told = z - H @ x, contract.doubles(S_root.diagonal()) != 0
-    if not told.all():  # an element without noise and known already: its column is zero throughout
+    nu, pivots = z - H.dot(x), contract.doubles(S_root.diagonal())
+    if not pivots.all():  # an element without noise and known already: its column is zero throughout
+        told = pivots != 0
         nu, S_root, K_bar = nu[told], S_root[np.ix_(told, told)], K_bar[:, told]
     e = contract.substituted(S_root, nu) if len(nu) else nu
-    return RootState(x + K_bar @ e, root), contract.whitened(e, S_root.diagonal())
+    return RootState(x + K_bar.dot(e), root), contract.whitened(e, S_root.diagonal())
 
 
 def pre_array(root: Numbers, H: Numbers, R: Noise) -> Numbers:
     """[R½, HP½; 0, P½], (m+n, m+n)."""
-    return np.block([[R.root, H @ root], [contract.zeros(H.T.shape, root), root]])
+    m, n = H.shape
+    made = contract.zeros((m + n, m + n), root)
+    made[:m, :m], made[:m, m:], made[m:, m:] = R.root, H.dot(root), root
+    return made

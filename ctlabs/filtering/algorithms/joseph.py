@@ -1,11 +1,11 @@
-r"""Joseph's form: P as a sum of two squares, by filterpy.
+r"""Joseph's form: P as a sum of two squares.
 
 .. math:: P^- = \Phi P^+\Phi^T + Q, \qquad S = HP^-H^T + R,\quad K = P^-H^TS^{-1}, \qquad
           P^+ = (I-KH)P^-(I-KH)^T + KRK^T
 
 Source: Bucy & Joseph, *Filtering for Stochastic Processes with Applications to Guidance* (1968), section 16.2; Maybeck
-vol. 1, section 5.6. Doubles go through the adapter of filterpy (:mod:`ctlabs.filtering.engines.adapter`), with its exact zeros for what a
-perfect measurement determines; other numbers through the formula.
+vol. 1, section 5.6. In doubles these are the operations of filterpy (:mod:`ctlabs.filtering.engines.adapter`), in its order, with the
+same exact zeros for what a perfect measurement determines.
 
 Operations per step (leading terms): 4n³ for the prediction, 4n³ + 6mn² + 6m²n for the update.
 
@@ -15,63 +15,45 @@ even a rounded one, but a variance that is a small difference of large entries i
 
 from __future__ import annotations
 
-from threading import local
-from typing import Any
-
 import numpy as np
 
 from ctlabs.filtering.algorithms import contract
 from ctlabs.filtering.algorithms.contract import CovarianceState, Evidence, Noise, Numbers
-from ctlabs.filtering.engines import adapter
+from ctlabs.filtering.measured import informative
 from ctlabs.filtering.motion import without_cancelled
+from ctlabs.linalg import rounding
+from ctlabs.linalg.covariance import symmetric
 from ctlabs.models import DiscreteModel
 
 
 def start(model: DiscreteModel, P0: Numbers) -> CovarianceState:
     """The state at t0."""
-    _filterpy(model.n)  # costs 0.7 s to import: here rather than in a step
     return CovarianceState(contract.column(model, P0), contract.known("joseph", P0))
 
 
 def predict(state: CovarianceState, Phi: Numbers, c: Numbers | None, Q: Noise) -> CovarianceState:
     """One step ahead."""
     x, P = state
+    ahead = Phi.dot(P).dot(Phi.T) + Q.matrix
     if P.dtype == np.float64:
-        kf = _filterpy(len(P))
-        kf.P = P
-        kf.predict(F=Phi, Q=Q.matrix)
-        ahead = without_cancelled(kf.P, Phi, P, Q.matrix)
-    else:
-        ahead = Phi @ P @ Phi.T + Q.matrix
+        ahead = without_cancelled(ahead, Phi, P, Q.matrix)
     return CovarianceState(contract.moved(Phi, x, c), ahead)
 
 
 def update(state: CovarianceState, z: Numbers, H: Numbers, R: Noise) -> tuple[CovarianceState, Evidence]:
     """One instant's measurements, all at once."""
-    x, P = state
-    nu = z - H @ x
+    (x, P), perfect = state, z.dtype == np.float64 and R.singular
+    if perfect and not (used := informative(P, H, R.matrix)).all():
+        z, H, R = z[used], H[used], Noise(R.matrix[np.ix_(used, used)])
+        if not used.any():
+            return state, contract.independent(z, R.matrix.diagonal())
+    nu, cross = z - H.dot(x), P.dot(H.T)
+    S = H.dot(cross) + R.matrix
+    K = cross.dot(contract.inverse(S)) if P.dtype == np.float64 else contract.solve(S, cross.T).T  # filterpy inverts S
+    left = contract.identity(len(P), P) - K.dot(H)
+    after = left.dot(P).dot(left.T) + K.dot(R.matrix).dot(K.T)
     if P.dtype == np.float64:
-        kf = _filterpy(len(P))
-        kf.P = P
-        K, S, after, used = adapter.updated(kf, H, R.matrix)
-        if not used.all():
-            nu_used, S_used = nu[used], S[np.ix_(used, used)]
-            return CovarianceState(x + K[:, used] @ nu_used, after), contract.evidence(nu_used, S_used)
-        return CovarianceState(x + K @ nu, after), contract.evidence(nu, S)
-    cross = P @ H.T
-    S = H @ cross + R.matrix
-    K = contract.solve(S, cross.T).T
-    left = contract.identity(len(P), P) - K @ H
-    return CovarianceState(x + K @ nu, left @ P @ left.T + K @ R.matrix @ K.T), contract.evidence(nu, S)
-
-
-#: One filter per thread and order: it is filled and read step by step, and keeps nothing but its buffers.
-_KEPT = local()
-
-
-def _filterpy(n: int) -> Any:
-    """filterpy's filter of n states."""
-    name = f"n{n}"
-    if not hasattr(_KEPT, name):
-        setattr(_KEPT, name, adapter.made(np.eye(n)))
-    return getattr(_KEPT, name)
+        after = symmetric(after)
+    if perfect:
+        after = rounding.corrected(after, P, K, H, S, R.matrix)
+    return CovarianceState(x + K.dot(nu), after), contract.evidence(nu, S)

@@ -82,7 +82,7 @@ def gram_schmidt(rows: Numbers, weights: Numbers) -> tuple[Numbers, Numbers]:
            [0.75, 1.  ]]), array([4.  , 0.75]))
     """
     V, (p, q) = rows.copy(), rows.shape
-    L, d = contract.identity(p, rows), contract.zeros(p, rows)
+    L, d = contract.identity(p, rows).copy(), contract.zeros(p, rows)
     for j in range(p):
         weighted = V[j] * weights
         square = V[j] @ weighted

@@ -139,7 +139,7 @@ def _forward(problem: FilterProblem, used: Mask, out: Histories, begun: Beginnin
         assert begun.P is not None
         k, x, P = begun.rows, begun.x[:, 0], begun.P
     own, begin_at, algorithm = (system(model), fixed(x), fixed(problem.z[:, :, 0]), fixed(used)), k, "joseph"
-    end, k, total = forward.forward(own[0], own[1], fixed(P), own[2], own[3], begin_at, out)
+    end, k, total = forward.filtered(own[0], own[1], fixed(P), own[2], own[3], begin_at, out)
     if end in (forward.LOSING, forward.INDEFINITE):
         L, algorithm = np.zeros((model.n, model.n)), "array"
         columns = contract.rooted(P) if begun is None or begun.L is None else begun.L

@@ -120,7 +120,7 @@ def taken_over(how: Form, model: DiscreteModel, x: Numbers, P: Numbers) -> Any:
 
 def innovation(x: Numbers, P: Numbers, z: Numbers, H: Numbers, R: Noise) -> tuple[Array, Array]:
     """ν and S in doubles."""
-    return contract.doubles(z - H @ x), contract.doubles(H @ P @ H.T + R.matrix)
+    return contract.doubles(z - H.dot(x)), contract.doubles(H.dot(P).dot(H.T) + R.matrix)
 
 
 def _finite(form: str, P0: Array, dt: float, x: Array, P: Array) -> None:

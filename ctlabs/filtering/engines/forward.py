@@ -27,7 +27,18 @@ from ctlabs.filtering.engines.common import (
     similarity,
     triangle,
 )
-from ctlabs.filtering.engines.means import Applied, Histories, coasted, estimated, means, moved, put, put_gains, told
+from ctlabs.filtering.engines.means import (
+    LONG,
+    Applied,
+    Histories,
+    coasted,
+    estimated,
+    means,
+    moved,
+    put,
+    put_gains,
+    told,
+)
 from ctlabs.linalg import rounding
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import kernel
@@ -39,8 +50,9 @@ LOG_2PI = float(np.log(2 * np.pi))
 PATIENCE = 4096
 
 #: How a record ended: at its last row, or before, with the reason. PERFECT: where a perfect measurement is of what is known, or
-#: N ≠ 0 beside a singular R. LOSING: where a part of a variance above :data:`LOST` may be rounding.
-DONE, PERFECT, OVERFLOW, INDEFINITE, LOSING = 0, 1, 2, 3, 4
+#: N ≠ 0 beside a singular R. LOSING: where a part of a variance above :data:`LOST` may be rounding. EXACT: at the first perfect
+#: measurement.
+DONE, PERFECT, OVERFLOW, INDEFINITE, LOSING, EXACT = 0, 1, 2, 3, 4, 5
 #: What rounding may leave of a variance before square roots are carried instead (:mod:`ctlabs.filtering.engines.roots`).
 LOST = 1e-10
 #: The least share of a variance that has digits enough in Joseph's form.
@@ -291,8 +303,7 @@ def settled(P: Array, before: Array, Phi: Array, B: Array, A: Array, X: Array, Y
     return fades(A, Y, X, work)
 
 
-@kernel
-def forward(
+def filtered(
     system: System, x0: Array, P0: Array, z: Array, used: Array, begin: int, out: Histories
 ) -> tuple[int, int, float]:
     """Filter a record from the instant ``begin``, predicted as x0 and P0; how it ended, at which step, the log-likelihood.
@@ -300,8 +311,23 @@ def forward(
     Where nothing but z and c varies, and P has come to its fixed point, the covariances are not computed again until
     other elements are measured than at the step before.
     """
+    coupled, long = system.N if system.N.size else None, True if len(z) - begin >= LONG else None
+    found = forward(system, x0, P0, z, used, begin, out, coupled, None, long)
+    return forward(system, x0, P0, z, used, begin, out, coupled, True, long) if found[0] == EXACT else found
+
+
+@kernel
+def forward(
+    system: System, x0: Array, P0: Array, z: Array, used: Array, begin: int, out: Histories,
+    coupled: Array | None, exact: bool | None, long: bool | None
+) -> tuple[int, int, float]:  # fmt: skip
+    """:func:`filtered` with what a record needs; what it does not need is None, and is not compiled.
+
+    ``coupled``: N · ``exact``: for perfect measurements, at the first of which it ends otherwise (``EXACT``) · ``long``: for stretches
+    that :func:`~ctlabs.filtering.engines.means.coasted` cuts into chunks
+    """
     n, m, rows = x0.shape[0], z.shape[1], z.shape[0]
-    keep, correlated = out.nis.shape[0] > 0, system.N.size > 0
+    keep = out.nis.shape[0] > 0
     constant = max(system.Phi.shape[0], system.Q.shape[0], system.H.shape[0], system.R.shape[0]) == 1
     at = means(x0, m, 1)
     P, P_minus, before, ahead = P0.copy(), P0.copy(), P0.copy(), P0.copy()
@@ -312,52 +338,66 @@ def forward(
     fixed, wait, look, half, total, count, perfect = False, 1, 0, 0.0, 0.0, 0, False
     k = begin
     while k < rows:
-        if fixed:
-            now = Applied(Phi_N if correlated else system.Phi[0], M if correlated else M[:0], system.H[0], P_minus, P, Kt, S, C)
-            k, total = coasted(k, now, system.c, half, pick, count, z, used, at, total, out)
-            fixed = False
-            if k == rows:
-                break
+        if long is not None:  # noqa: SIM102  # numba leaves out what stands under this alone
+            if fixed:
+                led = system.Phi[0] if coupled is None else Phi_N
+                mixed = M[:0] if coupled is None else M
+                now = Applied(led, mixed, system.H[0], P_minus, P, Kt, S, C)
+                k, total = coasted(k, now, system.c, half, pick, count, z, used, at, total, out)
+                fixed = False
+                if k == rows:
+                    break
         same = k > begin and alike(used[k], used[k - 1])
         if k > begin:
-            if correlated and not (constant and k > begin + 1 and alike(used[k - 1], used[k - 2])):
-                count = picked(used[k - 1], pick)
-                motion(system, k - 1, pick, count, Phi_N, Q_N, M, L, d)
-            Phi = Phi_N if correlated else entry(system.Phi, k - 1)
-            if not predict(P, Phi, Q_N if correlated else entry(system.Q, k - 1), ahead, work, size):
-                return OVERFLOW, k, np.nan
-            for i in range(n):
-                if 0.0 < LOST * ahead[i, i] < MARGIN * n * EPS * size[i] * size[i]:
-                    return LOSING, k, np.nan
-            before, P_minus, ahead = P_minus, ahead, before
+            if coupled is None:
+                Phi = entry(system.Phi, k - 1)
+            else:
+                if not (constant and k > begin + 1 and alike(used[k - 1], used[k - 2])):
+                    count = picked(used[k - 1], pick)
+                    motion(system, k - 1, pick, count, Phi_N, Q_N, M, L, d)
+                Phi = Phi_N
             moved(Phi, system.c, k - 1, 0, 1, at)
-            if correlated:
+            if coupled is not None:
                 told(M, z, k - 1, 0, 1, pick, count, at)
         H, R = entry(system.H, k), entry(system.R, k)
-        count = picked(used[k], pick)
-        if correlated or not constant or not same:
-            perfect = not triangle(R, L, d, pick, count)
-            if perfect and correlated:
-                return PERFECT, k, np.nan
-        end = gain(P_minus, H, R, pick, count, d, S, C, Kt, sizes)
-        if end != DONE:
-            return end, k, np.nan
-        closed(Kt, H, pick, count, B)
-        joseph(P_minus, R, Kt, B, pick, count, P, work, RKt)
-        if perfect:
-            determined(P, P_minus, Kt, H, R, pick, count, B, S, C, work)
-        elif losing(P, P_minus, Kt, H, pick, count, sizes) or thin(P, work):
-            return LOSING, k, np.nan
-        half = 0.5 * count * LOG_2PI
-        for a in range(count):
-            half += np.log(C[a, a])
-        if constant and same:
-            if k >= look and near(P_minus, before):
-                fixed = settled(P_minus, before, Phi_N if correlated else system.Phi[0], B, A, X, Y, work)
+        if not (fixed and same):
+            if k > begin:
+                if coupled is None:
+                    finite = predict(P, Phi, entry(system.Q, k - 1), ahead, work, size)
+                else:
+                    finite = predict(P, Phi, Q_N, ahead, work, size)
+                if not finite:
+                    return OVERFLOW, k, np.nan
+                for i in range(n):
+                    if 0.0 < LOST * ahead[i, i] < MARGIN * n * EPS * size[i] * size[i]:
+                        return LOSING, k, np.nan
+                before, P_minus, ahead = P_minus, ahead, before
+            count = picked(used[k], pick)
+            if coupled is not None or not constant or not same:
+                perfect = not triangle(R, L, d, pick, count)
+                if perfect and coupled is not None:
+                    return PERFECT, k, np.nan
+                if perfect and exact is None:
+                    return EXACT, k, np.nan
+            end = gain(P_minus, H, R, pick, count, d, S, C, Kt, sizes)
+            if end != DONE:
+                return end, k, np.nan
+            closed(Kt, H, pick, count, B)
+            joseph(P_minus, R, Kt, B, pick, count, P, work, RKt)
+            if exact is not None:  # noqa: SIM102  # numba leaves out what stands under this alone
+                if perfect:
+                    determined(P, P_minus, Kt, H, R, pick, count, B, S, C, work)
+            if not perfect and (losing(P, P_minus, Kt, H, pick, count, sizes) or thin(P, work)):
+                return LOSING, k, np.nan
+            half = 0.5 * count * LOG_2PI
+            for a in range(count):
+                half += np.log(C[a, a])
+            if not (constant and same):
+                fixed, wait, look = False, 1, 0
+            elif k >= look and near(P_minus, before):
+                fixed = settled(P_minus, before, Phi, B, A, X, Y, work)
                 wait = min(2 * wait, PATIENCE)
                 look = k + wait
-        else:
-            fixed, wait, look = False, 1, 0
         estimated(z, k, 0, 1, H, C, Kt, pick, count, at)
         total -= 0.5 * at.nis[0] + half
         if keep:

@@ -20,8 +20,9 @@ from ctlabs.linalg.checks import Array
 
 #: Chunks that step side by side.
 LANES = 16
-#: Shorter chunks are not worth it.
+#: Shorter chunks are not worth it; a stretch that is cut has at least so many instants.
 SHORT = 16
+LONG = SHORT * LANES
 #: What is left of a start when a chunk has forgotten it, beside its own size: estimates may be 1e8 standard deviations from zero.
 FORGOTTEN = 1e-24
 #: Ends and beginnings of chunks agree to this part of the standard deviations, beside the rounding of the estimates themselves.
@@ -304,7 +305,7 @@ def coasted(
     if out.nis.shape[0] > 0:
         for i in range(k, stop):
             put_gains(i, g, pick, count, out)
-    if stop - k >= SHORT * LANES:
+    if stop - k >= LONG:
         length = (stop - k) // LANES
         fits, gained = side_by_side(k, length, g, c, half, pick, count, z, at.x, out)
         if fits:

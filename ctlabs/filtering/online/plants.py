@@ -22,6 +22,8 @@ from ctlabs.text import moment
 CACHED = 64
 #: A time this close to an instant of a discrete model, as a fraction of its period, is that instant.
 ON_GRID = 1e-6
+#: The known input of a model that has none.
+NO_INPUT = np.zeros(0)
 #: More instants than these are not skipped: such a time is a mistake of its unit.
 SKIPPED = 10**6
 
@@ -77,7 +79,8 @@ class Plant:
     """What is common to both kinds of models.
 
     ``given``, the model as it was given · ``model``, the DiscreteModel that a form starts from · ``P0``, the covariance to
-    start from · ``perfect``, whether some measurement has no noise of its own · ``R``, as it was given beside the model
+    start from · ``perfect``, whether some measurement has no noise of its own · ``R``, as it was given beside the model ·
+    ``regular``, the model's R where it is one, regular, and of all elements
     """
 
     def __init__(
@@ -87,6 +90,10 @@ class Plant:
         self.model = model if P0 is None else replace(model, P0=checks.measurement_covariance("P0", P0, (model.n, model.n)))
         self.P0 = self.model.P0
         self.perfect = measured.any_perfect(model.R)
+        self.own_H, self.own_R = (np.array(own) for own in (self.model.H, self.model.R))  # of one kind, for compiled loops
+        regular = self.own_R.ndim == 2 and not self.perfect and bool(np.isfinite(self.own_R).all())
+        self.regular = Noise(self.own_R) if regular else None
+        self.horizon, self._nothing_seen = self.model.horizon, np.zeros(given.m)
         self._kept: dict[Any, Any] = {}
 
     def input(self, u: ArrayLike | None, name: str = "u") -> Array:
@@ -99,18 +106,18 @@ class Plant:
             letter = "B" if self.given.B is not None else "D"
             msg = f"{name}: expected the known input, ({r},), as the model has {letter}; received None"
             raise ValueError(msg)
-        return np.zeros(0) if u is None else checks.shaped(name, np.atleast_1d(np.asarray(u, dtype=np.float64)), (r,))
+        return NO_INPUT if u is None else checks.shaped(name, np.atleast_1d(np.asarray(u, dtype=np.float64)), (r,))
 
     def seen(self, k: int, u: Array) -> Array:
         """Du + d at instant k."""
-        given, total = self.given, np.zeros(self.given.m)
+        given, total = self.given, self._nothing_seen
         if given.D is not None:
             total = total + at(given.D, k, 2) @ u
         return total if given.measurement_offset is None else total + at(given.measurement_offset, k, 1)
 
     def measured(self, k: int) -> tuple[Array, Array]:
         """H and R at instant k."""
-        return at(self.model.H, k if self.model.H.ndim == 3 else 0, 2), at(self.model.R, k, 2)
+        return at(self.own_H, k, 2), at(self.own_R, k, 2)
 
     def noise(self, R: Array, used: Array) -> Noise:
         """The covariance of the elements used."""
@@ -132,6 +139,8 @@ class Periodic(Plant):
 
     def __init__(self, given: DiscreteModel, t0: float, P0: Any) -> None:
         super().__init__(given, given, None, t0, P0)
+        constant = given.N is None and given.Phi.ndim == given.Qd.ndim == 2
+        self._always = (np.array(given.Phi), Noise(np.array(given.Qd)), None) if constant else None
 
     def when(self, t: float | None, following: int) -> float:
         """The time of a measurement, one of the instants."""
@@ -144,8 +153,8 @@ class Periodic(Plant):
                 wanted = f"an instant t0 + k*dt (t0 = {moment(self.t0)} s, dt = {model.dt:g} s)"
                 msg = f"t: expected {wanted}; a ContinuousModel takes any time; received {time!r}"
                 raise ValueError(msg)
-        if model.horizon is not None and k > model.horizon:
-            msg = f"t: expected at most {model.horizon} steps (the model is given for so many), received step {k}"
+        if self.horizon is not None and k > self.horizon:
+            msg = f"t: expected at most {self.horizon} steps (the model is given for so many), received step {k}"
             raise ValueError(msg)
         return self.t0 + k * model.dt
 
@@ -153,6 +162,8 @@ class Periodic(Plant):
         """The instants after the last one up to the given one, without a measurement before it."""
         time = given.t
         end = round((time - self.t0) / self.model.dt)
+        if end == last.k + 1:
+            return iter((given._replace(t=self.t0 + end * self.model.dt),))
         if end - last.k > SKIPPED:
             msg = f"t: expected at most {SKIPPED} instants ahead (now is {moment(last.t, time)} s), received {moment(time, last.t)}"
             raise ValueError(msg)
@@ -162,19 +173,24 @@ class Periodic(Plant):
 
     def motion(self, last: Snapshot, given: Given) -> tuple[Array, Array | None, Noise]:
         """Φ, c and Q to the next instant; with N ≠ 0 what the last measurement tells of w is in them."""
-        model, used = self.model, last.used
-        coupled = model.N is not None and bool(used.any())
-        constant = model.Phi.ndim == model.Qd.ndim == 2
-        key = ("motion", *(part.tobytes() for part in (used, last.H, last.R) if coupled))
-        Phi, Q, M = self._keep(key, constant, lambda: self._motion(last))
+        model = self.model
+        Phi, Q, M = self._always or self._moved(last)
         c = None if model.offset is None else at(model.offset, last.k, 1)[:, None]
         if model.B is not None:
             moved = (at(model.B, last.k, 2) @ last.u)[:, None]
             c = moved if c is None else c + moved
         if M is not None:
-            told = M @ (last.z - last.seen)[used, None]
+            told = M @ (last.z - last.seen)[last.used, None]
             c = told if c is None else c + told
         return Phi, c, Q
+
+    def _moved(self, last: Snapshot) -> tuple[Array, Noise, Array | None]:
+        """Φ, Q and the gain on what was measured last; the same for the same elements, if the model is constant."""
+        model, used = self.model, last.used
+        coupled = model.N is not None and bool(used.any())
+        constant = model.Phi.ndim == model.Qd.ndim == 2
+        key = ("motion", *(part.tobytes() for part in (used, last.H, last.R) if coupled))
+        return self._keep(key, constant, lambda: self._motion(last))
 
     def _motion(self, last: Snapshot) -> tuple[Array, Noise, Array | None]:
         Phi, Qd, M = motion.measured(self.model, last.k, last.used, last.H, last.R)
