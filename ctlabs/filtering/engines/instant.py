@@ -7,22 +7,39 @@ from __future__ import annotations
 
 import numpy as np
 
+from ctlabs.filtering.engines.common import EPS
 from ctlabs.filtering.engines.forward import DONE as DONE
-from ctlabs.filtering.engines.forward import LOG_2PI, OVERFLOW, closed, gain, joseph, predict
+from ctlabs.filtering.engines.forward import (
+    LOG_2PI,
+    LOST,
+    MARGIN,
+    OVERFLOW,
+    closed,
+    gain,
+    joseph,
+    losing,
+    predict,
+    thin,
+)
+from ctlabs.filtering.engines.forward import LOSING as LOSING
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import kernel
 
 
 @kernel
-def predicted(x: Array, P: Array, Phi: Array, c: Array, Q: Array, x_minus: Array, P_minus: Array) -> None:
-    """x_minus = Φx + c, (n, 1), and P_minus = ΦPΦᵀ + Q."""
+def predicted(x: Array, P: Array, Phi: Array, c: Array, Q: Array, x_minus: Array, P_minus: Array) -> bool:
+    """x_minus = Φx + c, (n, 1), and P_minus = ΦPΦᵀ + Q; whether its variances have digits enough."""
     n = P.shape[0]
-    predict(P, Phi, Q, P_minus, np.empty((n, n)), np.empty(n))
+    size = np.empty(n)
+    predict(P, Phi, Q, P_minus, np.empty((n, n)), size)
     for i in range(n):
+        if 0.0 < LOST * P_minus[i, i] < MARGIN * n * EPS * size[i] * size[i]:
+            return False
         s = 0.0
         for j in range(n):
             s += Phi[i, j] * x[j, 0]
         x_minus[i, 0] = s + c[i, 0]
+    return True
 
 
 @kernel
@@ -32,12 +49,16 @@ def updated(
     """The update with z (m,), into the last five; how it ended (:data:`DONE`, or why it has no meaning), νᵀS⁻¹ν and the log-likelihood."""
     n, m = P.shape[0], z.shape[0]
     C, Kt, RKt, B, work = np.empty((m, m)), np.empty((m, n)), np.empty((m, n)), np.empty((n, n)), np.empty((n, n))
-    pick = np.arange(m)
-    end = gain(P, H, R, pick, m, np.ones(m), S, C, Kt, np.empty((3, m)))
-    if end != DONE:
-        return end, np.nan, np.nan
+    pick, sizes = np.arange(m), np.empty((3, m))
+    if gain(P, H, R, pick, m, np.ones(m), S, C, Kt, sizes) != DONE:
+        return LOSING, np.nan, np.nan
     closed(Kt, H, pick, m, B)
     joseph(P, R, Kt, B, pick, m, P_plus, work, RKt)
+    finite = True
+    for i in range(n):
+        finite &= np.isfinite(P_plus[i, i])
+    if finite and (losing(P_plus, P, Kt, H, pick, m, sizes) or thin(P_plus, work)):
+        return LOSING, np.nan, np.nan
     nis, half = 0.0, 0.5 * m * LOG_2PI
     for a in range(m):
         s = z[a]

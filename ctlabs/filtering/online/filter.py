@@ -31,8 +31,8 @@ class Filter:
     ----------
     model : a DiscreteModel, constant or given for a number of steps; or a ContinuousModel, which may be measured at any
         times and is discretised for each interval
-    algorithm : ``"auto"`` (Joseph's form) or a form of :mod:`ctlabs.filtering.algorithms` by name; ``steady`` needs a DiscreteModel,
-        measured at every instant
+    algorithm : ``"auto"`` (Joseph's form, and square roots from where that would lose digits) or a form of
+        :mod:`ctlabs.filtering.algorithms` by name; ``steady`` needs a DiscreteModel, measured at every instant
     R : (m, m), covariance of a sampled measurement, unit²: needed with a ContinuousModel (whose Rc is the strength of a
         continuous one), refused with a DiscreteModel
     t0 : time of x0 and P0, s
@@ -191,7 +191,7 @@ class Filter:
         header, arrays = files.described(plant.given)
         header |= {"algorithm": self._algorithm, "t0": plant.t0, "first": self._first, "memory": self._memory}
         header |= {"begun": self._begun, "before": self._before, "instants": len(self._past)}
-        header |= {"columns": [[columns(each.before), columns(each.after)] for each in self._past]}
+        header |= {"columns": [[columns(self._stepper, state) for state in (each.before, each.after)] for each in self._past]}
         header |= {"exact": [[each.ahead is not None, each.known is not None] for each in self._past]}
         arrays |= {"option.P0": plant.P0} | ({} if plant.R is None else {"option.R": plant.R})
         for i, instant in enumerate(self._past):
@@ -283,7 +283,7 @@ class Filter:
         """Predict and update along the ``way``; nothing changes unless all of it succeeds."""
         past, before = list(past), self._before
         for given in way:
-            past.append(self._stepper.updated(self._stepper.predicted(past[-1], given), given.z))
+            past.append(self._stepper.stepped(past[-1], given))
             if len(past) > self._memory + 1:
                 gone = past.pop(0)
                 before = (before[0] + gone.log_likelihood, before[1] + gone.diffuse)

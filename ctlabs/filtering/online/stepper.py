@@ -12,24 +12,31 @@ from scipy.linalg import lapack
 from ctlabs.filtering import contradictions, gathered, measured
 from ctlabs.filtering.algorithms import contract, vague
 from ctlabs.filtering.algorithms.catalogue import form
-from ctlabs.filtering.algorithms.contract import CovarianceState
+from ctlabs.filtering.algorithms.contract import CovarianceState, RootState
 from ctlabs.filtering.engines.driver import innovation, taken_over
 from ctlabs.filtering.online.plants import Given, Periodic, Sampled, Snapshot
 from ctlabs.filtering.results import Contradiction, FilteredRow, LeftOut, Mask, gains
 from ctlabs.linalg.checks import Array
-from ctlabs.linalg.compiled import COMPILED
 from ctlabs.text import moment
 
 #: Its recursion tells which perfect measurements are known already.
 JOSEPH = form("joseph")
+#: What takes over from Joseph's form where that would lose digits, as over a record.
+ROOTS = form("array")
 #: Overflows are reported, with their time.
 QUIET = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 #: An instant's own data, as a form takes them: z (m, 1), H and R of the elements used.
 Own = tuple[Array, Array, contract.Noise]
 
 
+class Losing(Exception):
+    """Joseph's form would leave too few digits of a variance."""
+
+
 class Stepper:
     """What takes an online filter of a ``plant`` by an ``algorithm`` from instant to instant; it keeps nothing of the data.
+
+    Joseph's form gives way to square roots from the instant on at which more than 1e-10 of a variance may be rounding.
 
     ``first``: 0 or 1, the first instant that is measured, from which contradictions count their rows
     """
@@ -40,8 +47,8 @@ class Stepper:
         self._zeros = np.zeros((plant.model.n, 1))
         self._nan, self._all = np.full(m, np.nan), np.ones(m, dtype=bool)
         self._unmeasured = np.diag(np.full(m, np.inf))
-        self._loops: Any = None  # the compiled recursion, for what is regular
-        if self.form is JOSEPH and plant.regular is not None and COMPILED:
+        self._loops: Any = None  # the recursion of Joseph's form for regular noises, which knows when it loses digits
+        if self.form is JOSEPH:
             from ctlabs.filtering.engines import instant  # costs 0.3 s to import: here rather than in a step
 
             self._loops = instant
@@ -63,14 +70,38 @@ class Stepper:
         nobody = np.zeros(m, dtype=bool)
         return Snapshot(0, plant.t0, u, self._nan, np.zeros(m), H, R, nobody, state, state, known, known, *told)
 
-    def predicted(self, last: Snapshot, given: Given) -> Snapshot:
+    def stepped(self, last: Snapshot, given: Given) -> Snapshot:
+        """The next instant with its data."""
+        try:
+            return self._with(self._predicted(last, given), given.z)
+        except Losing:
+            if isinstance(last.after, CovarianceState):
+                last = last._replace(after=self._rooted(last.after))
+            return self.updated(self._predicted(last, given), given.z)
+
+    def updated(self, instant: Snapshot, z: Array) -> Snapshot:
+        """The instant with the data z: from its state before to that after."""
+        try:
+            return self._with(instant, z)
+        except Losing:
+            return self._with(instant._replace(before=self._rooted(instant.before)), z)
+
+    def _rooted(self, state: CovarianceState) -> Any:
+        """The same by square roots."""
+        return taken_over(ROOTS, self._plant.model, *self._values(state))
+
+    def _of(self, state: Any) -> contract.Form:
+        """The form whose state it is."""
+        return ROOTS if self.form is JOSEPH and isinstance(state, RootState) else self.form
+
+    def _predicted(self, last: Snapshot, given: Given) -> Snapshot:
         """The next instant before its data."""
         plant = self._plant
         if plant.given.B is not None and np.isnan(last.u).any():
             msg = "u0: expected the known input from t0 to the first measurement (the model has B), received None"
             raise ValueError(msg)
         motion, state, ahead, exact = plant.motion(last, given), last.after, last.known, last.gathered
-        if self._loops is not None and isinstance(state, CovarianceState):
+        if self._loops is not None and ahead is None and isinstance(state, CovarianceState):
             before = self._moved(state, *motion)
         else:
             before, ahead, exact = self._ahead(state, ahead, exact, motion)
@@ -82,8 +113,8 @@ class Stepper:
             k, given.t, given.u, last.z, seen, H, R, last.used, before, before, ahead, ahead, *last[12:17], exact, exact, *last[19:]
         )
 
-    def updated(self, instant: Snapshot, z: Array) -> Snapshot:
-        """The instant with the data z: from its state before to that after."""
+    def _with(self, instant: Snapshot, z: Array) -> Snapshot:
+        """The instant with the data z; :class:`Losing` where its form would lose digits."""
         if self._regular(instant, z):
             return self._plainly(instant, z)
         vaguely = isinstance(instant.before, vague.State)
@@ -120,8 +151,8 @@ class Stepper:
 
     def _plainly(self, instant: Snapshot, z: Array) -> Snapshot:
         """The instant after all of its elements, of a constant and regular R, by the form."""
-        H, state, data = instant.H, instant.before, z - instant.seen
-        found, none = self._looped(state, data, H) if self._loops is not None else None, self._nan
+        H, state, data, none = instant.H, instant.before, z - instant.seen, self._nan
+        found = self._looped(state, data, H, self._plant.own_R) if self._in_loops(state) else None
         after, nu, S, nis, log = found or self._by_form(state, data, H)
         if found is None:
             self._finite(instant.t, after, S.diagonal())
@@ -133,15 +164,21 @@ class Stepper:
     def _by_form(self, state: Any, data: Array, H: Array) -> tuple[Any, Array, Array, float, float]:
         """State, ν, S, νᵀS⁻¹ν and log-likelihood of the update with all elements, by the form."""
         R: Any = self._plant.regular
-        after, told = self.form.update(state, data[:, None], H, R)
+        after, told = self._of(state).update(state, data[:, None], H, R)
         x, P = self._values(state)
         return after, data - H.dot(x)[:, 0], H.dot(P).dot(H.T) + R.matrix, float(told.nis[0]), float(told.log_likelihood[0])
 
-    def _looped(self, state: CovarianceState, data: Array, H: Array) -> tuple[Any, Array, Array, float, float] | None:
-        """The same by the compiled loop; nothing where S has no inverse or something overflows, which is the form's to say."""
-        (x, P), R, (m, n) = state, self._plant.own_R, H.shape
+    def _in_loops(self, state: Any) -> bool:
+        """Whether it is one of Joseph's form, which has loops."""
+        return self._loops is not None and isinstance(state, CovarianceState)
+
+    def _looped(self, state: CovarianceState, data: Array, H: Array, R: Array) -> tuple[Any, Array, Array, float, float] | None:
+        """The same by the compiled loop; nothing where something overflows, which is the form's to say."""
+        (x, P), (m, n) = state, H.shape
         after, nu, S, K = CovarianceState(np.empty((n, 1)), np.empty((n, n))), np.empty(m), np.empty((m, m)), np.empty((n, m))
-        end, nis, log = self._loops.updated(_own(x), _own(P), data, _own(H), R, *after, nu, S, K)
+        end, nis, log = self._loops.updated(_own(x), _own(P), data, _own(H), _own(R), *after, nu, S, K)
+        if end == self._loops.LOSING:
+            raise Losing
         self._gained = S, K
         return (after, nu, S, nis, log) if end == self._loops.DONE else None
 
@@ -149,7 +186,9 @@ class Stepper:
         """One step ahead by the compiled loop."""
         (x, P), n = state, len(Phi)
         x_minus, P_minus = np.empty((n, 1)), np.empty((n, n))
-        self._loops.predicted(_own(x), _own(P), _own(Phi), self._zeros if c is None else _own(c), _own(Q.matrix), x_minus, P_minus)
+        c = self._zeros if c is None else _own(c)
+        if not self._loops.predicted(_own(x), _own(P), _own(Phi), c, _own(Q.matrix), x_minus, P_minus):
+            raise Losing
         return CovarianceState(x_minus, P_minus)
 
     @QUIET
@@ -168,7 +207,7 @@ class Stepper:
             known = JOSEPH.predict(known, *motion)
             Phi, c, Q = motion
             exact = gathered.predicted(exact, state.mean, state.covariance, Phi, c, Q.matrix, model.m)
-        return self.form.predict(state, *motion), known, exact
+        return self._of(state).predict(state, *motion), known, exact
 
     @QUIET
     def _partly(self, instant: Snapshot, z: Array, *, vaguely: bool) -> Snapshot:
@@ -192,10 +231,15 @@ class Stepper:
 
     def _told(self, instant: Snapshot, own: Own) -> Snapshot:
         """The instant after its elements used, by the form."""
-        after, told = self.form.update(instant.before, *own)
+        nu, S, used, state = instant.innovation, instant.S, instant.used, instant.before
+        if instant.ahead is None and not own[2].singular and self._in_loops(state):
+            found = self._looped(state, own[0][:, 0], *own[1:2], own[2].matrix)
+            if found is not None:
+                after, nu[used], S[np.ix_(used, used)], nis, log = found
+                return instant._replace(after=after, nis=nis, log_likelihood=log, diffuse=log)
+        after, told = self._of(state).update(state, *own)
         known = None if instant.ahead is None else JOSEPH.update(instant.ahead, *own)[0]
-        nu, S, used = instant.innovation, instant.S, instant.used
-        x, P = self._values(instant.before)
+        x, P = self._values(state)
         nu[used, None], S[np.ix_(used, used)] = innovation(x, P, *own)
         nis, log = float(told.nis[0]), float(told.log_likelihood[0])
         return instant._replace(after=after, known=known, nis=nis, log_likelihood=log, diffuse=log)
@@ -250,14 +294,15 @@ class Stepper:
         if now.S is not self._gained[0]:
             if not self._regular(now, now.z):
                 return gains(P_minus[None], now.H, now.S[None], now.used[None])[0]
-            if self._loops is None or self._looped(now.before, now.z - now.seen, now.H) is None:
+            looped = self._in_loops(now.before) and self._looped(now.before, now.z - now.seen, now.H, self._plant.own_R)
+            if not looped:
                 _, K, info = lapack.dposv(now.S, now.H.dot(P_minus))
                 return gains(P_minus[None], now.H, now.S[None], now.used[None])[0] if info else np.asarray(K.T)
         return np.array(self._gained[1])
 
     def _symmetric(self, state: Any, P: Array) -> Array:
         """A copy of P, the covariance of a state, symmetric to the bit."""
-        if self._loops is not None and isinstance(state, CovarianceState):
+        if self._in_loops(state):
             return P.copy()
         return 0.5 * (P + P.T)
 
@@ -290,9 +335,11 @@ def gated(row: FilteredRow, now: Snapshot, data: Array, gate: float, first: int)
     return np.where(beyond, np.nan, data), left
 
 
-def columns(state: Any) -> int | None:
-    """How many columns a state has before the form takes over; ``None`` after that."""
-    return state.A.shape[1] if isinstance(state, vague.State) else None
+def columns(stepper: Stepper, state: Any) -> int | None:
+    """How many columns a state has before the form takes over; ``None`` after that, −1 where square roots have taken over from it."""
+    if isinstance(state, vague.State):
+        return state.A.shape[1]
+    return -1 if stepper.form is JOSEPH and isinstance(state, RootState) else None
 
 
 def template(
@@ -306,7 +353,8 @@ def template(
     known = taken_over(JOSEPH, plant.model, np.zeros((n, 1)), np.eye(n))
     begun = gathered.begun(np.zeros(n), np.eye(n))
     vague_ = start.after if isinstance(start.after, vague.State) else vague.start(plant.model, plant.P0)
-    before, after = (own if d is None else vague_._replace(A=np.zeros((n, d))) for d in columns)
+    roots = taken_over(ROOTS, plant.model, np.zeros((n, 1)), np.eye(n))
+    before, after = (own if d is None else roots if d < 0 else vague_._replace(A=np.zeros((n, d))) for d in columns)
     ahead, there = exact
     return start._replace(
         before=before,

@@ -11,6 +11,7 @@ from nicegui import ui
 
 from ctlabs.reporting.drawing import labelled
 from ctlabs.studies import loops as pictures
+from ctlabs.workbench.desk import plain
 
 if TYPE_CHECKING:
     from ctlabs.studies.regulating import Regulated
@@ -56,9 +57,9 @@ class SetPoints:
             return _Row(field, self.show_.plot(test=f"plot-control-step-{i}"))
 
     def _typed(self, name: str) -> None:
-        value = number_of(str(self.rows[name].field.value or ""))
-        if value is not None:
-            self.desk.set_points[name] = value
+        text = self.rows[name].field.value
+        if _refusal(text) is None:
+            self.desk.set_points[name] = _finite(text)
             self._draw(name)
 
     def _draw(self, name: str) -> None:
@@ -70,17 +71,17 @@ class SetPoints:
 
 
 def _refusal(text: object) -> str | None:
-    return None if number_of(str(text or "")) is not None else "expected a number, such as 0.2"
-
-
-def number_of(text: str) -> float | None:
-    """A finite number, as it is typed; ``None``: it is none.
-
-    >>> number_of(" -0.25 "), number_of("1e3"), number_of("inf"), number_of("a")
-    (-0.25, 1000.0, None, None)
-    """
+    """Why it is no set point, in one line."""
     try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if math.isfinite(value) else None
+        _finite(text)
+    except ValueError as why:
+        return str(why)
+    return None
+
+
+def _finite(text: object) -> float:
+    value = plain.number(text)
+    if not math.isfinite(value):
+        msg = f"expected a finite number, received {value:g}"
+        raise ValueError(msg)
+    return value
