@@ -646,6 +646,8 @@ def lab(visit: Visits, number: str) -> Tab:
     """The page of a lab, found by its number."""
     tab = visit().tab("labs")
     tab.page.get_by_label("Search labs").fill(number)
+    items = tab.page.locator(".ctl-lab-item:visible")
+    until(lambda: 0 < items.count() < len(labs.catalogue()))  # before that, the lab moves away from under the mouse
     tab.page.click(f"[data-lab=task{number.zfill(2)}]")
     tab.page.wait_for_selector(".ctl-lab-form")
     return tab
