@@ -17,6 +17,7 @@ from ctlabs.filtering.engines.driver import innovation, taken_over
 from ctlabs.filtering.online.plants import Given, Periodic, Sampled, Snapshot
 from ctlabs.filtering.results import Contradiction, FilteredRow, LeftOut, Mask, gains
 from ctlabs.linalg.checks import Array
+from ctlabs.linalg.covariance import symmetric
 from ctlabs.text import moment
 
 #: Its recursion tells which perfect measurements are known already.
@@ -150,23 +151,29 @@ class Stepper:
     # What is measured -----------------------------------------------------------------------------------------------------
 
     def _plainly(self, instant: Snapshot, z: Array) -> Snapshot:
-        """The instant after all of its elements, of a constant and regular R, by the form."""
-        H, state, data, none = instant.H, instant.before, z - instant.seen, self._nan
-        found = self._looped(state, data, H, self._plant.own_R) if self._in_loops(state) else None
-        after, nu, S, nis, log = found or self._by_form(state, data, H)
-        if found is None:
-            self._finite(instant.t, after, S.diagonal())
+        """The instant after all of its elements, of a constant and regular R."""
+        assert self._plant.regular is not None
+        state, none = instant.before, self._nan
+        after, nu, S, nis, log = self._taken(instant, z - instant.seen, instant.H, self._plant.regular)
         return Snapshot(
             *instant[:3], z, *instant[4:7], self._all, state, after, None, None, nu, S, nis, log, log, None, None, none, none
         )
 
+    def _taken(self, instant: Snapshot, data: Array, H: Array, R: contract.Noise) -> tuple[Any, Array, Array, float, float]:
+        """State, ν, S, νᵀS⁻¹ν and log-likelihood of the update with these data, all finite."""
+        state = instant.before
+        if self._in_loops(state) and not R.singular and (looped := self._looped(state, data, H, R.matrix)):
+            return looped
+        found = self._by_form(state, data[:, None], H, R)
+        self._finite(instant.t, found[0], found[2].diagonal())
+        return found
+
     @QUIET
-    def _by_form(self, state: Any, data: Array, H: Array) -> tuple[Any, Array, Array, float, float]:
-        """State, ν, S, νᵀS⁻¹ν and log-likelihood of the update with all elements, by the form."""
-        R: Any = self._plant.regular
-        after, told = self._of(state).update(state, data[:, None], H, R)
-        x, P = self._values(state)
-        return after, data - H.dot(x)[:, 0], H.dot(P).dot(H.T) + R.matrix, float(told.nis[0]), float(told.log_likelihood[0])
+    def _by_form(self, state: Any, data: Array, H: Array, R: contract.Noise) -> tuple[Any, Array, Array, float, float]:
+        """The same by the form."""
+        after, told = self._of(state).update(state, data, H, R)
+        nu, S = innovation(*self._values(state), data, H, R)
+        return after, nu[:, 0], S, float(told.nis[0]), float(told.log_likelihood[0])
 
     def _in_loops(self, state: Any) -> bool:
         """Whether it is one of Joseph's form, which has loops."""
@@ -230,18 +237,14 @@ class Stepper:
         return changed
 
     def _told(self, instant: Snapshot, own: Own) -> Snapshot:
-        """The instant after its elements used, by the form."""
-        nu, S, used, state = instant.innovation, instant.S, instant.used, instant.before
-        if instant.ahead is None and not own[2].singular and self._in_loops(state):
-            found = self._looped(state, own[0][:, 0], *own[1:2], own[2].matrix)
-            if found is not None:
-                after, nu[used], S[np.ix_(used, used)], nis, log = found
-                return instant._replace(after=after, nis=nis, log_likelihood=log, diffuse=log)
-        after, told = self._of(state).update(state, *own)
-        known = None if instant.ahead is None else JOSEPH.update(instant.ahead, *own)[0]
-        x, P = self._values(state)
-        nu[used, None], S[np.ix_(used, used)] = innovation(x, P, *own)
-        nis, log = float(told.nis[0]), float(told.log_likelihood[0])
+        """The instant after its elements used, once the form has taken over."""
+        data, H, R = own
+        if instant.ahead is None:
+            known, found = None, self._taken(instant, data[:, 0], H, R)
+        else:  # whose own recursion tells what is known: both by the form
+            known, found = JOSEPH.update(instant.ahead, *own)[0], self._by_form(instant.before, *own)
+        nu, S, used = instant.innovation, instant.S, instant.used
+        after, nu[used], S[np.ix_(used, used)], nis, log = found
         return instant._replace(after=after, known=known, nis=nis, log_likelihood=log, diffuse=log)
 
     def _vaguely(self, instant: Snapshot, own: Own) -> Snapshot:
@@ -302,9 +305,7 @@ class Stepper:
 
     def _symmetric(self, state: Any, P: Array) -> Array:
         """A copy of P, the covariance of a state, symmetric to the bit."""
-        if self._in_loops(state):
-            return P.copy()
-        return 0.5 * (P + P.T)
+        return P.copy() if self._in_loops(state) else symmetric(P)
 
     def _contradictions(self, instant: Snapshot) -> tuple[Contradiction, ...]:
         """The elements of an instant that disagree with what was known."""
