@@ -21,6 +21,10 @@ _ = gettext.translation("ctlabs", localedir=str(Path(__file__).parent / "locale"
 
 _PLACEHOLDER = re.compile(r"(?<![\\\w^}])\{([a-zA-Z]\w*)(?::(\d+))?\}")
 RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹"
+#: Raised digits and signs as plain ones, for str.translate.
+LOWERED = str.maketrans(f"{RAISED}⁻⁺", "0123456789-+")
+#: What is written for a minus sign.
+DASHES = "−–‐‑‒﹣"
 #: Digits that are free of rounding: a number is taken to so many before it is shown with fewer.
 SURE = 12
 #: A unit of one letter or word, such as m, °C or %, and its power.

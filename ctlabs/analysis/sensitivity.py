@@ -31,6 +31,7 @@ from ctlabs.filtering.measured import begins
 from ctlabs.filtering.results import Covariances, Mask
 from ctlabs.linalg import checks, riccati
 from ctlabs.linalg.checks import Array
+from ctlabs.linalg.covariance import symmetric
 from ctlabs.models import DiscreteModel, at, observability
 from ctlabs.text import mode
 
@@ -228,9 +229,9 @@ def _limits(
     whole = everything(truth)
     R, N = whole.R[np.ix_(used, used)], whole.N[:, used]
     cycle, still = predict_s.A @ update_s.A, np.zeros((r + len(C), r + len(C)))
-    noise = _moved(_symmetric(update_s.V @ R @ update_s.V.T), update_s, predict_s, truth.Qd, R, N)
+    noise = _moved(symmetric(update_s.V @ R @ update_s.V.T), update_s, predict_s, truth.Qd, R, N)
     X = riccati.stationary(cycle, noise, continuous=False).P.high if noise.any() else still
-    X_plus = _symmetric(update_s.A @ X @ update_s.A.T + update_s.V @ R @ update_s.V.T)
+    X_plus = symmetric(update_s.A @ X @ update_s.A.T + update_s.V @ R @ update_s.V.T)
     mean = np.linalg.solve(np.eye(len(cycle)) - cycle, predict_s.c)
     # The constants y add T y to e⁻, with T = (cycle of e) T + (what the coupling makes of y), and so to e⁺.
     E, couple = (predict.A @ update.A)[n:, n:], (predict.A @ update.A)[n:, :n] @ part.from_y
@@ -248,7 +249,7 @@ def _moved(X: Array, update: Map, predict: Map, Qd: Array, R: Array, N: Array) -
     W, V = predict.W, predict.V
     with np.errstate(over="ignore", invalid="ignore"):  # the caller reports an overflow, with its step
         cross = predict.A @ update.V @ (R @ V.T + N.T @ W.T) + V @ N.T @ W.T
-        return _symmetric(predict.A @ X @ predict.A.T + W @ Qd @ W.T + V @ R @ V.T + cross + cross.T)
+        return symmetric(predict.A @ X @ predict.A.T + W @ Qd @ W.T + V @ R @ V.T + cross + cross.T)
 
 
 def _innovation(model: DiscreteModel, P: Array, k: int, used: Mask) -> Array:
@@ -256,7 +257,3 @@ def _innovation(model: DiscreteModel, P: Array, k: int, used: Mask) -> Array:
     H, S = at(model.H, k, 2)[used], np.diag(np.full(model.m, np.inf))
     S[np.ix_(used, used)] = H @ P @ H.T + at(model.R, k, 2)[np.ix_(used, used)]
     return S
-
-
-def _symmetric(P: Array) -> Array:
-    return 0.5 * (P + P.T)

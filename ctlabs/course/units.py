@@ -16,6 +16,8 @@ import string
 from functools import lru_cache
 from typing import NamedTuple
 
+from ctlabs.text import LOWERED
+
 #: What exponents belong to: kg, m, s, A, K, and the units of the sheets that no one has elsewhere.
 BASES = ("kg", "m", "s", "A", "K", "b", "u", "flop")
 #: Longest text that is looked at.
@@ -72,7 +74,7 @@ PREFIXES = {
     "m": 1e-3, "µ": 1e-6, "μ": 1e-6, "n": 1e-9, "p": 1e-12, "f": 1e-15,
     "Т": 1e12, "Г": 1e9, "М": 1e6, "к": 1e3, "д": 1e-1, "с": 1e-2, "м": 1e-3, "мк": 1e-6, "н": 1e-9, "п": 1e-12,
 }  # fmt: skip
-_RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺−", "0123456789-+-")
+_RAISED = LOWERED | {ord("−"): "-"}
 _TOKEN = re.compile(
     r"\s*(?:(?P<symbol>[^\W\d_⁰¹²³⁴⁵⁶⁷⁸⁹]+|[%‰°º'′″])|(?P<one>1)(?!\d)|(?P<opening>\()|(?P<closing>\))|(?P<mark>[·⋅*×/]))"
     r"(?(mark)|(?(opening)|(?P<power>\s*(?:\^|\*\*)\s*(?:\(\s*[-+−]?\d{1,3}\s*\)|[-+−]?\d{1,3})|[⁻⁺]?[⁰¹²³⁴⁵⁶⁷⁸⁹]{1,3}|[-−]?\d{1,3})?))"

@@ -23,6 +23,7 @@ from ctlabs.course.units import LENGTH, UnitError, WrittenUnit, unit
 from ctlabs.files.modelfile.expressions import ExpressionError, parse
 from ctlabs.files.spelling import shown
 from ctlabs.linalg.checks import Array
+from ctlabs.text import DASHES, LOWERED
 
 #: Longest answer, characters.
 LONGEST = 20_000
@@ -33,10 +34,9 @@ WORDS = {"yes": True, "true": True, "да": True, "верно": True, "no": Fals
 
 _PLAIN = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?", re.ASCII)
 _RAISED = re.compile("[⁻⁺]?[⁰¹²³⁴⁵⁶⁷⁸⁹]+")
-_DIGITS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺", "0123456789-+")
 _SIGNS = str.maketrans(
     {
-        **dict.fromkeys("−–‐‑‒﹣", "-"), **dict.fromkeys("·⋅∙•×✕∗", "*"), "÷": "/", "∕": "/", "⁄": "/", "π": "pi", "∞": "inf",
+        **dict.fromkeys(DASHES, "-"), **dict.fromkeys("·⋅∙•×✕∗", "*"), "÷": "/", "∕": "/", "⁄": "/", "π": "pi", "∞": "inf",
         "＋": "+", **dict.fromkeys("\u200b\u200c\u200d\u2060\ufeff\u00ad", ""), **dict.fromkeys("“”„«»", '"'),
         **dict.fromkeys("\u00a0\u2007\u2009\u202f", " "),
     }
@@ -153,7 +153,7 @@ def grammar(text: str) -> str:
     >>> grammar("≈ 1,2 × 10⁻³ м²"), grammar("√2/2"), grammar("K = 0.5")
     ('1,2 * 10^(-3) м^(2)', 'sqrt(2)/2', '0.5')
     """
-    text = _RAISED.sub(lambda found: f"^({found[0].translate(_DIGITS)})", text)
+    text = _RAISED.sub(lambda found: f"^({found[0].translate(LOWERED)})", text)
     text = re.sub("[¼-¾⅐-⅞]", lambda found: f"({unicodedata.normalize('NFKC', found[0])})", text).translate(_SIGNS)
     text = unicodedata.normalize("NFKC", text).replace("μ", "µ")
     for pattern, replacement in _LATEX if "\\" in text or "$" in text or "{" in text else ():

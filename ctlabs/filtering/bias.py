@@ -19,6 +19,7 @@ from ctlabs.filtering.problem import rows_of
 from ctlabs.filtering.results import Covariances, Filtered
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
+from ctlabs.linalg.covariance import symmetric
 from ctlabs.models import DiscreteModel, at
 
 
@@ -156,7 +157,7 @@ def consider(
         K[k][: signal.n, used] = np.linalg.solve(inner, T @ P[:, : signal.n]).T
         rest = np.eye(n) - K[k][:, used] @ T
         P = rest @ P @ rest.T + K[k][:, used] @ R @ K[k][:, used].T
-        P = P_plus[k] = 0.5 * (P + P.T)
+        P = P_plus[k] = symmetric(P)
     return whole, Covariances(own.t, P_minus, P_plus, K, S, own.used)
 
 

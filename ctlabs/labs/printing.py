@@ -15,6 +15,7 @@ from typing import Any
 
 from ctlabs import reporting
 from ctlabs.reporting.symbols import GREEK
+from ctlabs.text import LOWERED
 
 TEMPLATES = Path(reporting.__file__).parent / "templates"
 #: Further files of a report's folder, by what a person types; the others are always there.
@@ -38,7 +39,6 @@ _PAGES = {"pdf": r"`#link(<\1>)[#context str(counter(page).at(<\1>).first())]`{=
 _SIGNS = {
     "✓": r"\checkmark", "∎": r"\blacksquare", "→": r"\to", "≤": r"\le", "≥": r"\ge", "∞": r"\infty", "√": r"\surd", "≈": r"\approx",
 }  # fmt: skip
-_RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻", "0123456789+-")
 
 
 def title_page(path: Path) -> dict[str, str]:
@@ -142,7 +142,7 @@ def _in_latex(words: str) -> str:
     """Words whose letters LaTeX's fonts have: Greek ones and signs as equations."""
     words = re.sub("([A-Za-zΦΨ])\u0304", r"$\\bar \1$", words)
     words = re.sub("([A-Za-z])\u0302|x̂", lambda m: rf"$\hat {m[1] or 'x'}$", words)
-    words = re.sub("[⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻]+", lambda m: f"^{m[0].translate(_RAISED)}^", words)
+    words = re.sub("[⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻]+", lambda m: f"^{m[0].translate(LOWERED)}^", words)
     return "".join(f"${_SIGNS[c]}$" if c in _SIGNS else _greek(c) for c in words).replace("−", "-")
 
 

@@ -12,12 +12,12 @@ from typing import Any
 
 from ctlabs.files.modelfile.expressions import ExpressionError, comma_hint, parse
 from ctlabs.files.spelling import EITHER, GROUPED, shown
+from ctlabs.text import DASHES, LOWERED
 
 #: What a text of a cell is written as without quotes.
 NUMBERS = "0123456789.+-eE"
 _BLANKS = re.compile(r"[ \u00a0\u2007\u2009\u202f]+")
-_MINUS = str.maketrans(dict.fromkeys("−–‐‑‒﹣", "-") | {"＋": "+"})
-_RAISED = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁺", "0123456789-+")
+_MINUS = str.maketrans(dict.fromkeys(DASHES, "-") | {"＋": "+"})
 #: A power of ten as it is printed, behind the digits before it.
 _TEN = re.compile(r"(?<=[\d.,]) ?[·⋅×*∙] ?10(?:\^\(?([-+]?\d{1,3})\)?|([⁻⁺]?[⁰¹²³⁴⁵⁶⁷⁸⁹]{1,3}))")
 _PLAIN = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?", re.ASCII)
@@ -33,7 +33,7 @@ def plainly(text: str) -> str:
     text = text.strip()
     if _PLAIN.fullmatch(text):
         return text
-    told = _TEN.sub(lambda found: f"e{found[1] or found[2].translate(_RAISED)}", text.translate(_MINUS))
+    told = _TEN.sub(lambda found: f"e{found[1] or found[2].translate(LOWERED)}", text.translate(_MINUS))
     told = re.sub(r"^([-+]) ", r"\1", _BLANKS.sub(" ", told))
     mantissa, *power = re.split(r"(?=[eE])", told, maxsplit=1)
     if " " in mantissa and (found := GROUPED.fullmatch(mantissa)) and found[4] == " ":

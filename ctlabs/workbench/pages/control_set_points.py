@@ -57,10 +57,11 @@ class SetPoints:
             return _Row(field, self.show_.plot(test=f"plot-control-step-{i}"))
 
     def _typed(self, name: str) -> None:
-        text = self.rows[name].field.value
-        if _refusal(text) is None:
-            self.desk.set_points[name] = _finite(text)
-            self._draw(name)
+        try:
+            self.desk.set_points[name] = _finite(self.rows[name].field.value)
+        except ValueError:  # which the field says itself
+            return
+        self._draw(name)
 
     def _draw(self, name: str) -> None:
         found = self.found
