@@ -2,7 +2,8 @@ r"""Words and numbers for readers: translation, placeholders, number formats.
 
 Reader-facing text is translated where it enters a report, a figure or a message (gettext; English is the source language):
 by :func:`text`, which also puts values in, or by :func:`_`. Placeholders are ``{name}`` where they do not follow a LaTeX
-command, ``_``, ``^`` or ``}``, so that ``\bar{P}`` in a text stays LaTeX.
+command, ``_``, ``^`` or ``}``, so that ``\bar{P}`` in a text stays LaTeX. No numerical library is loaded here, so that the
+commands which only list, help and refuse answer at once.
 """
 
 from __future__ import annotations
@@ -13,22 +14,24 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from numpy.typing import ArrayLike
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 _ = gettext.translation("ctlabs", localedir=str(Path(__file__).parent / "locale"), fallback=True).gettext
 
 _PLACEHOLDER = re.compile(r"(?<![\\\w^}])\{([a-zA-Z]\w*)(?::(\d+))?\}")
-RAISED = "⁰¹²³⁴⁵⁶⁷⁸⁹"
-#: Raised digits and signs as plain ones, for str.translate.
-LOWERED = str.maketrans(f"{RAISED}⁻⁺", "0123456789-+")
+RAISED_DIGITS = "⁰¹²³⁴⁵⁶⁷⁸⁹"
+#: Plain digits and signs as raised ones, and back, for str.translate.
+RAISED = str.maketrans("0123456789-+/", f"{RAISED_DIGITS}⁻⁺ᐟ")
+LOWERED = {raised: plain for plain, raised in RAISED.items()}
 #: What is written for a minus sign.
 DASHES = "−–‐‑‒﹣"
 #: Digits that are free of rounding: a number is taken to so many before it is shown with fewer.
 SURE = 12
 #: A unit of one letter or word, such as m, °C or %, and its power.
-_SIMPLE = re.compile(rf"([°%‰]?[^\W\d_{RAISED}]*)([{RAISED}]*)")
+_SIMPLE = re.compile(rf"([°%‰]?[^\W\d_{RAISED_DIGITS}]*)([{RAISED_DIGITS}]*)")
 
 
 class Own(str):
@@ -74,7 +77,7 @@ class Uncertain:
 
 def raised(power: int) -> str:
     """An exponent: −12 as ⁻¹²."""
-    return "⁻" * (power < 0) + "".join(RAISED[int(digit)] for digit in str(abs(power)))
+    return str(power).translate(RAISED)
 
 
 def text(*sentences: str, **values: object) -> str:
@@ -116,10 +119,9 @@ def latex(value: object, digits: int = 5) -> str:
     >>> print(latex(1.5e-7), latex([0.5, 0.25]), latex(True))
     1.5\cdot 10^{-7} (0.5, 0.25) \text{yes}
     """
-    if isinstance(value, bool | np.bool_):
+    value = _plain(value)
+    if isinstance(value, bool):
         return rf"\text{{{number(value)}}}"
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
     if not isinstance(value, list | tuple):
         return latex_number(value, digits)  # type: ignore[arg-type]  # numbers, and whatever number() writes
     if _rectangular(value):
@@ -133,13 +135,17 @@ def prose(value: object, digits: int = 5) -> str:
     >>> prose(1.2723e-5), prose([0.5, -2.5e-7]), prose(None), prose(12)
     ('1.2723×10⁻⁵', '(0.5, −2.5×10⁻⁷)', '—', '12')
     """
-    if isinstance(value, np.ndarray):
-        value = value.tolist()
+    value = _plain(value)
     if isinstance(value, list | tuple) and _rectangular(value):
         return f"${latex_matrix(value, digits)}$"
     if isinstance(value, list | tuple):
         return f"({', '.join(prose(item, digits) for item in value)})"
     return printed(number(value, digits))
+
+
+def _plain(value: object) -> object:
+    """An array or a number of numpy as Python's own."""
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 def _rectangular(value: Sequence[object]) -> bool:
@@ -159,35 +165,33 @@ def number(value: object, digits: int = 5) -> str:
     >>> number(0.5), number(1234567.0), number(-1e-20), number(None), number([1, 0.25])
     ('0.5', '1234600', '-1e-20', '—', '[1, 0.25]')
     """
+    value = _plain(value)
     if value is None:
         return "—"
     if isinstance(value, Uncertain):
         return str(value)
-    if isinstance(value, bool | np.bool_):
+    if isinstance(value, bool):
         return _("yes") if value else _("no")
-    if isinstance(value, int | np.integer):
-        return str(int(value))
+    if isinstance(value, int):
+        return str(value)
     if isinstance(value, str):
         return {"inf": "∞", "-inf": "−∞"}.get(value, value)  # as results.json has them
-    if isinstance(value, complex | np.complexfloating):
+    if isinstance(value, complex):
         real = re.sub("^-", "−", number(value.real, digits))  # one sign of minus in one number
         return f"{real} {'−' if value.imag < 0 else '+'} {number(abs(value.imag), digits)}i"
-    if isinstance(value, float | np.floating):
-        return _real(float(value), digits)
-    if isinstance(value, np.ndarray):
-        return number(value.tolist(), digits)
+    if isinstance(value, float):
+        return _real(value, digits)
     return "[" + ", ".join(number(item, digits) for item in value) + "]"  # type: ignore[attr-defined]  # what is left is a sequence
 
 
 def _real(value: float, digits: int) -> str:
-    if not np.isfinite(value):
+    if not math.isfinite(value):
         return "∞" if value > 0 else "−∞" if value < 0 else "NaN"
     if value == 0:
         return "0"
     value = float(f"{value:.{max(SURE, digits) - 1}e}")  # so that rounding in the sixteenth digit turns no half
     if 1e-4 <= abs(value) < 1e7:
-        rounded = float(f"{value:.{digits - 1}e}")
-        return np.format_float_positional(rounded, trim="-")
+        return repr(float(f"{value:.{digits - 1}e}")).removesuffix(".0")
     mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
     mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
     return f"{mantissa}e{int(exponent)}"
@@ -224,12 +228,16 @@ def latex_matrix(value: ArrayLike, digits: int = 5) -> str:
     >>> latex_matrix([[1, 0.5], [0, 1]])
     '\\begin{bmatrix} 1 & 0.5 \\\\ 0 & 1 \\end{bmatrix}'
     """
-    matrix = np.asarray(value)
-    if matrix.size == 1:
-        return latex_number(matrix.item(), digits)
-    rows = matrix.reshape(-1, 1) if matrix.ndim == 1 else matrix
-    body = r" \\ ".join(" & ".join(latex_number(element, digits) for element in row) for row in rows.tolist())
+    rows = [_listed(row) for row in _listed(value)]
+    if [len(row) for row in rows] == [1]:
+        return latex_number(rows[0][0], digits)
+    body = r" \\ ".join(" & ".join(latex_number(element, digits) for element in row) for row in rows)
     return rf"\begin{{bmatrix}} {body} \end{{bmatrix}}"
+
+
+def _listed(value: object) -> list[Any]:
+    value = _plain(value)
+    return list(value) if isinstance(value, list | tuple) else [value]
 
 
 def squared(unit: str) -> str:
@@ -243,7 +251,7 @@ def squared(unit: str) -> str:
         return unit
     if simple is None or not simple[1]:
         return f"({unit})²"
-    power = 2 * int("".join(str(RAISED.index(digit)) for digit in simple[2]) or 1)
+    power = 2 * int(simple[2].translate(LOWERED) or 1)
     return simple[1] + raised(power)
 
 

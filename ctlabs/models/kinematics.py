@@ -23,10 +23,9 @@ from numpy.typing import ArrayLike
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel
+from ctlabs.text import LOWERED, RAISED
 
 NAMES = ("x", "v", "a", "j")
-DIGITS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻ᐟ", "0123456789-/")
-RAISED = str.maketrans("0123456789-/", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻ᐟ")
 _FACTOR = re.compile(r"(m|s|rad|1)(\^?-?[0-9]*|⁻?[⁰¹²³⁴⁵⁶⁷⁸⁹]+(?:ᐟ[⁰¹²³⁴⁵⁶⁷⁸⁹]+)?)")
 
 
@@ -62,7 +61,7 @@ class Unit:
                     msg = f"unit: expected powers of m and s such as m²/s³ or 1/(m·s), received {text!r}"
                     raise ValueError(msg)
                 if found[1] in exponents:
-                    exponents[found[1]] += sign * Fraction(found[2].translate(DIGITS).strip("^") or 1)
+                    exponents[found[1]] += sign * Fraction(found[2].translate(LOWERED).strip("^") or 1)
         return cls(exponents["m"], exponents["s"])
 
     def __mul__(self, other: Unit) -> Unit:

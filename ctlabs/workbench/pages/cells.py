@@ -6,6 +6,8 @@ import math
 import re
 from typing import TYPE_CHECKING, NamedTuple
 
+from ctlabs.text import RAISED
+
 if TYPE_CHECKING:
     from ctlabs.workbench.desk.sheet import Cell
 
@@ -34,11 +36,8 @@ def number(value: float) -> str:
     if math.isinf(value):
         return "∞" if value > 0 else "−∞"
     digits, _, power = f"{value:.6g}".partition("e")
-    raised = f"·10{str(int(power)).translate(_RAISED)}" if power else ""
+    raised = f"·10{str(int(power)).translate(RAISED)}" if power else ""
     return digits.replace("-", "−") + raised
-
-
-_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def shown(cell: Cell) -> Shown:
