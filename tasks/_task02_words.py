@@ -35,13 +35,13 @@ def answers(p, answer):
         "b": "A larger R makes the estimates less accurate and the gain smaller, as in lab 1 and whatever u is ({tab:sweep_b})." if variances(p)[-1] else "Without errors of measurement each estimate is the last measurement, as in lab 1 and whatever u is ({tab:sweep_b}).",
         "c": "By {eq:steady} gain and relative accuracy depend on ρ alone ({fig:ratio})." if bias is None or p.u == 0
              else "By {eq:steady} gain and relative accuracy depend on ρ alone ({fig:ratio}). With the gain goes the bias of a filter that forgets the drift, {eq:forgotten}.",
-        "d": "The covariances, and so the effect of an anomaly, are those of lab 1 ({fig:anomaly})." if gain else "There is no steady state in which an anomaly could change anything here.",
+        "d": "As in lab 1 a missing measurement leaves the prediction as it is, and a perfect one makes the error zero; the deviation from the limit then shrinks by $(1-\\bar K)^2$ at each measurement, whatever u is ({fig:anomaly})." if gain else "There is no steady state in which an anomaly could change anything here.",
     }
 
 
 def conclusions(r, p, answer):
     """What the numbers say."""
-    lines = [text("A known input moves the estimate by {step:4} m each period and nothing else: variances, gain and settling are those of lab 1.", step=answer["control_increment"])]
+    lines = [text("A known input moves the estimate by {step:4} m each period and changes nothing else: variances, gain and settling are those of lab 1.", step=answer["control_increment"])]
     bias = answer["unmodelled_drift_bias_posterior"]
     if bias is None:
         lines.append("A filter that forgets the drift fails here: its gain tends to 0, and its bias grows without limit.")
