@@ -47,8 +47,8 @@ def plan(r, lab, experiment):
     r.table("plan", ["quantity", "value", "why"], [
         ["measurements in a run", steps, text("at most 300, of the {settled} that the given filter takes to settle: the figures show its transient, not its limits", settled=lab.settled) if lab.settled is not None and lab.settled > steps
          else "two settling times of the given parameters, at least 20 and at most 300 (40 where nothing settles); for each level of a factor its own"],
-        ["initial mean", list(p.x0_mean), "given; then wrong by one standard deviation (by 1 where that is 0)"],
-        ["initial covariance, diagonal", list(np.diag(p.P0)), "given; then times 0.1 and 10"],
+        ["initial mean", listed(f"{number(mean)} {unit}" for mean, unit in zip(p.x0_mean, lab.system.units, strict=True)), "given; then wrong by one standard deviation (by 1 where that is 0)"],
+        ["initial covariance, diagonal", listed(f"{number(each)} {unit}" for each, unit in zip(np.diag(p.P0), squared(lab), strict=True)), "given; then times 0.1 and 10"],
         *([f"{SYMBOLS[name]}, {units[name]}", getattr(p, name), text("given; then {low} and {high}", low=low, high=high) if getattr(p, name) else "given; multiples of 0 are 0"] for name, (low, high) in chosen),
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "the same random numbers for all levels, so that they compare"],

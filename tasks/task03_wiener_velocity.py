@@ -36,7 +36,7 @@ class Parameters(_kinematics.KinematicParameters):
 
 def closed_form(r, lab):
     """The gain of the α–β tracker."""
-    r.says("**The α–β filter.** The steady filter is the α–β tracker {ref:bar_shalom, chapter 6} with $\\alpha = \\bar{K}_1$, $\\beta = \\bar{K}_2\\tau$. Of $\\bar{P}^- = \\Phi\\bar{P}^+\\Phi^T + Q_d$ with $\\bar{P}^-_{j1} = \\bar{K}_jR/(1-\\alpha)$ and $\\bar{P}^+_{j1} = \\bar{K}_jR$ the element (2,2) gives the first equation below, the element (1,2) gives $\\bar{P}^+_{22}$, and then (1,1) gives the second:")
+    r.says("**The α–β filter.** The steady filter is the α–β tracker {ref:bar_shalom, chapter 6} with $\\alpha = \\bar{K}_1$, $\\beta = \\bar{K}_2\\tau$. In $\\bar{P}^- = \\Phi\\bar{P}^+\\Phi^T + Q_d$ with $\\bar{P}^-_{j1} = \\bar{K}_jR/(1-\\alpha)$ and $\\bar{P}^+_{j1} = \\bar{K}_jR$ the element (2,2) gives the first equation below, the element (1,2) gives $\\bar{P}^+_{22}$, and then (1,1) gives the second:")
     r.math(r"\frac{\beta^2}{1 - \alpha} = \frac{\sigma_w^2\tau^3}{R} = \rho, \qquad \alpha^2 + \alpha\beta + \frac{\beta^2}6 - 2\beta = 0, \qquad \bar P^+ = \begin{bmatrix} \alpha R & \beta R/\tau \\ \beta R/\tau & \sigma_w^2\tau\,\bigl(\tfrac\alpha\beta - \tfrac12\bigr) \end{bmatrix}", "alphabeta")
     found = [lab.limit.K[0, 0], lab.limit.K[1, 0] * lab.p.tau]
     r.value("alpha_beta", found, "1", symbol=r"(\alpha, \beta)", agrees=lab.answer, routes=("Riccati equation", "the two equations, root bracketed"), kind=SOLVER)

@@ -50,7 +50,7 @@ def cell(value: Any) -> str:
         widths = {len(row) for row in value}
         flat = all(not isinstance(each, list | tuple) for row in value for each in row)
         if flat and len(widths) == 1 and len(value) <= LARGE and max(widths) <= LARGE:
-            return f"${latex_matrix(value)}$"
+            return _matrix(value)
         sizes = " × ".join(str(size) for size in _sizes(value))
         return fill(_("{sizes} numbers"), sizes=sizes)
     if isinstance(value, list | tuple) and len(value) > SHOWN:
@@ -58,6 +58,23 @@ def cell(value: Any) -> str:
     if isinstance(value, list | tuple):
         return ", ".join(printed(number(v)) for v in value)
     return printed(number(value))
+
+
+def _matrix(rows: Sequence[Sequence[Any]]) -> str:
+    r"""A matrix in an equation; words, such as units, are set upright, and a single one is no equation.
+
+    >>> _matrix([["m²", "m²/s"], ["1", 0.5]]), _matrix([["m²"]])
+    ('$\\begin{bmatrix} \\mathrm{m²} & \\mathrm{m²/s} \\\\ 1 & 0.5 \\end{bmatrix}$', 'm²')
+    """
+    if len(rows) == len(rows[0]) == 1 and isinstance(rows[0][0], str):
+        return printed(number(rows[0][0]))
+    return f"${latex_matrix([[_upright(each) for each in row] for row in rows])}$"
+
+
+def _upright(value: Any) -> Any:
+    """A word in an equation; numbers, and "inf" and "-inf" among the words, as they are."""
+    word = isinstance(value, str) and number(value) == value and any(letter.isalpha() for letter in value)
+    return rf"\mathrm{{{value}}}" if word else value
 
 
 def _sizes(value: Any) -> list[int]:
