@@ -186,7 +186,7 @@ def judged(r, shown):
     for name in shown:
         first = "{name}: variant 2 is clearly better in {better}" if better[name] else "{name}: variant 2 is clearly better in no state"
         lines.append(text(first, "; clearly worse in {worse}." if worse[name] else ".", name=name, better=", ".join(better[name]), worse=", ".join(worse[name])))
-    r.says("Two mean squares are called clearly different from {count:2} standard errors on. By this rule, for variant 2 beside variant 1,", count=CLEAR)
+    r.says("Two mean squares count as clearly different if they are more than {count:2} standard errors apart. By this rule, for variant 2 beside variant 1,", count=CLEAR)
     r.items(lines)
     nees = [[float(each.nees[-1]) for each in stats] for stats, _P, _scores in shown.values()]
     scores = np.array([scores[1] for _s, _P, scores in shown.values()])

@@ -38,7 +38,7 @@ def reliable(sensor):
     """What the NEES says of the filters, in a sentence."""
     bad = [name for name, nees in zip(("variant 1", "variant 2", "the extended filter"), sensor["nees"], strict=True) if not nees <= BELIEVED]
     if not bad:
-        return text("The NEES of no filter exceeds {limit:2} on any trajectory of the true sensor, 4 being that of a consistent filter: the variances that they claim can be believed.", limit=BELIEVED)
+        return text("No filter has a NEES above {limit:2} on any trajectory of the true sensor, where a consistent filter has 4: the variances that the filters claim can be believed.", limit=BELIEVED)
     return text("The NEES exceeds {limit:2} on some trajectory of the true sensor for {names} (at most {nees}), 4 being that of a consistent filter: the variances that are claimed there are too small.",
                 limit=BELIEVED, names=", ".join(map(text, bad)), nees=", ".join(f"{x:.3g}" for x in sensor["nees"] if not x <= BELIEVED))
 

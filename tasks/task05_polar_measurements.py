@@ -108,12 +108,14 @@ def plan(r, p, experiment, truth):
     settled = settling(truth)
     steps = min(max(SIMULATED, 10 + (settled or SIMULATED)), 60)
     position, velocity = by_hand.spread(p)
+    speed = p.D / (length(p) * p.tau)
     r.says("Parts (c) and (f) fix the geometry at D, θ: the pseudo-measurements are linear with a constant R, and theory and ensemble can be compared exactly. Part (g) uses the true sensor: range and bearing with their own noise, the conversion, and R at the geometry that each filter predicts at each measurement, on three trajectories. All filters see the same random numbers. {tab:plan} has the numbers.")
     r.table("plan", ["quantity", "value", "why"], [
         ["measurements, fixed geometry", steps, "the transient and ten more"],
         ["measurements, true sensor", length(p), "fewer where the point would wander by more than D/4"],
-        ["initial mean", list(truth.x0), "the point at D, θ, at rest"],
-        ["initial σ: position, velocity", [math.sqrt(position), math.sqrt(velocity)], "as good as one measurement, $\\sqrt{\\sigma_D^2 + D^2\\sigma_\\theta^2}$; $\\sqrt{10\\sigma_w^2\\tau}$"],
+        ["mean velocity, true sensor", text("at rest: 0; approaching: {half} m/s towards the sensor; crossing: {speed} m/s across the radius", half=0.5 * speed, speed=speed), "three trajectories: over the run the distance to the sensor is kept, halved, or grows to $\\sqrt2D$ as the bearing turns"],
+        ["initial mean, fixed geometry", text("{x} m, 0 m/s, {y} m, 0 m/s", x=truth.x0[0], y=truth.x0[2]), "the point at D, θ, at rest"],
+        ["initial σ: position, velocity", text("{position} m, {velocity} m/s", position=math.sqrt(position), velocity=math.sqrt(velocity)), "as good as one measurement, $\\sqrt{\\sigma_D^2 + D^2\\sigma_\\theta^2}$; $\\sqrt{10\\sigma_w^2\\tau}$"],
         ["factors", "initial state ×0.1, ×10; disturbance ×0.1, ×10; each measurement error ×⅓, ×3; period ×½, ×2", "one at a time"],
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "common random numbers for both variants"],
