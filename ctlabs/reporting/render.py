@@ -152,11 +152,11 @@ def svg(figure: Drawing | Figure) -> bytes:
 def png(figure: Drawing | Figure) -> bytes:
     """A figure as a palette PNG; the same figure gives the same bytes."""
     figure = drawn(figure)
-    FigureCanvasAgg(figure)
-    raw = io.BytesIO()
-    figure.savefig(raw, format="png", facecolor="white", dpi=DPI)
-    packed = io.BytesIO()
-    _of_few_colours(Image.open(raw).convert("RGB"), COLOURS).save(packed, format="png", optimize=True)
+    figure.set(dpi=DPI, facecolor="white")
+    canvas, packed = FigureCanvasAgg(figure), io.BytesIO()
+    canvas.draw()  # once; savefig would draw twice, and write a file only to be read
+    dots = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+    _of_few_colours(dots, COLOURS).save(packed, format="png", optimize=True)
     return packed.getvalue()
 
 
