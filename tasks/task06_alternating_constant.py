@@ -190,7 +190,7 @@ def plan(r, p, experiment, start, both):
     ]
     if (start, both) != (p.P0, p.R):
         rows.insert(2, ["second system: R, m²", list(both), text("one lost and one perfect measurement, from the variance {P0} m²", P0=start)])
-    r.says("{tab:plan} lists what was chosen. The ensemble is compared with the variances of {part:b}: mean error, RMS, NEES, NIS. Where the variance is zero in theory, the error must be rounding.",
+    r.says("{tab:plan} lists what was chosen. The ensemble is compared with the variances of {part:b}: mean error, RMS, NEES, NIS. Where the variance is zero in theory, the error may be no more than rounding.",
            " The given list has a lost and a perfect measurement, so one system is enough." if (start, both) == (p.P0, p.R)
            else " A second system has a lost and a perfect measurement among the given ones.")
     r.table("plan", ["quantity", "value", "why"], rows, "Plan of the experiment.")
@@ -214,7 +214,7 @@ def part_c(r, p, answer, system, experiment, start, both):
     if (start, both) == (p.P0, p.R):
         r.says("The lost measurement leaves the error as it was; after the perfect one it is zero and stays so.")
         return found
-    portrait(r, experiment, model(start, both), len(both), prefix="extremes_", stream=1, figures={"ensemble": "With a lost and a perfect measurement."})
+    portrait(r, experiment, model(start, both), len(both), prefix="extremes_", stream=1, figures={"ensemble": "One measurement is lost and one is perfect."})
     r.says("{fig:extremes_ensemble} is the same for the second system, with the variances {R} m² from $P_0 = {P0}$ m². The lost measurement leaves the RMS error where it was; from the perfect one on it is zero, and there is no NEES.", R=both, P0=start)
     return found
 
