@@ -164,7 +164,7 @@ def part_e(r, p, answer):
     r.items(["$|\\Phi| < 1$: the right side grows like $\\Phi^{-2i}$, so $P(t_i^+) \\to 0$ geometrically: the state becomes known exactly.",
              "$|\\Phi| = 1$ (missing from the sheet): $1/P(t_i^+) = 1/P_0 + i/R$, so $P(t_i^+) \\to 0$ only like $R/i$.",
              "$|\\Phi| > 1$: the first term vanishes and the sum tends to $\\Phi^2/(\\Phi^2-1)$, so $P(t_i^+) \\to (\\Phi^2-1)R/\\Phi^2 < R$: no number of measurements does better. ∎",
-             "$P_0 = 0$: the variance stays 0, whatever Φ is, and so does the gain; an unstable filter is then of no use, for it never corrects an error."])
+             "$P_0 = 0$: the variance stays 0, whatever Φ is, and so does the gain. For $|\\Phi| > 1$ such a filter is of no practical use: it never corrects an error, and the smallest one grows."])
     start, length = p.P0 or p.R, 40
     shown = sorted({0.6, 0.9, 1.0, 1.1, 1.5, round(abs(p.Phi), 6)})
     curves, limits = {}, {}
@@ -216,7 +216,7 @@ def part_f(r, p, answer, system):
     }
     figure = plots.sawtooth(four, xlabel=STEP, ylabel="variance, m²", limits=[(s.P_minus[0, 0], s.P_plus[0, 0]) for s in limits])
     r.says("The variances of {fig:table3} and {tab:table3} are known before any measurement. Those of variants 1 to 5 begin above their limits and come down to them, the first four in two or three steps; in variant 6, whose noise is large beside $P_0$, they rise.")
-    r.figure("table3", figure, "The six variants of table 3 from $P_0$ over four measurements: prediction raises the variance towards or above its limit, each measurement lowers it. Dotted: steady values.")
+    r.figure("table3", figure, "The six variants of table 3 from $P_0$ over four measurements: each measurement lowers the variance, and the prediction after it raises it again. Dotted: steady values.")
     schedules = [covariances(s, p.steps) for s in systems]
     rows = [
         (variant + 1, i, s.P_minus[i, 0, 0], s.P_plus[i, 0, 0], s.K[i, 0, 0])
