@@ -83,17 +83,18 @@ def numerical_forms(r, truth, design, one):
             "Numerical forms: operations in a step, and correct digits of the variance and of the estimate of $x$. The fine sensor has the variance {fine:2} m², $10^{-12}$ of that of the first prediction.", fine=fine)
     absent = dict.fromkeys(called(form) for where in refused.values() for form in where)
     if absent:
-        r.says("Some forms cannot filter one of the three systems or more, and are absent from those columns, or from the table: {names}.", names=", ".join(absent))
+        r.says("Not every form can filter all three systems; these are missing from some columns, or from the whole table: {names}.", names=", ".join(absent))
     if {"information", "srif"} & {form for where in refused.values() for form in where}:
         r.says("At rest $P_0$ is singular: what is known exactly has infinite information, so that the forms which carry $P^{-1}$ cannot start here.")
     for name, system, count in (("flops_true_model", truth, costs[0]), ("flops_simplified", design, costs[2])):
         r.value(name, list(count.values()), reason="forms that cannot start here, named above")
         r.check(text("operations of the short form, {n} states", n=system.n), count["conventional"], operations(system.n), ("counted", "formula"), EXACT)
-    given, worse = (", ".join(text("the {form} form", form=called(form)) for form in lost[systems[i][0]]) for i in (0, 1))
-    r.says("Fewer than 8 digits of the variance of $x$ are kept with the given sensor by {given}, with the fine one by {fine}. The short form is a small difference of large numbers when a measurement is much better than the prediction.",
-           given=given or "no form", fine=worse or "no form")
+    few, fewer = ([text("the {form} form", form=called(form)) for form in lost[systems[i][0]]] for i in (0, 1))
+    r.says(("With the given sensor every form keeps at least 8 digits of the variance of $x$." if not few else "With the given sensor fewer than 8 digits of the variance of $x$ are kept by {few}."),
+           (" So it is with the fine one." if not few and not fewer else " With the fine one every form keeps 8 digits." if not fewer else " With the fine one fewer than 8 are kept by {fewer}."),
+           " (The steady form is not counted.) The short form is a small difference of large numbers when a measurement is much better than the prediction.", few=", ".join(few), fewer=", ".join(fewer))
     optimal_ = {called(form): cost for form, cost in costs[0].items() if cost and form != "steady"}
-    return given, min(optimal_, key=optimal_.get)
+    return ", ".join(few), min(optimal_, key=optimal_.get)
 
 
 def called(form):
