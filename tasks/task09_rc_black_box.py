@@ -84,7 +84,7 @@ def part_a(r, p, answer, perfect):
               Arrow("2", "z"), Arrow("b2", "k", turn="along"), Arrow("k", "1")]
     r.figure("diagram", plots.block_diagram(nodes, arrows), "The circuit as a block diagram, with $f_1 = 1/R_1C_1 + 1/R_2C_1$ and $f_2 = 1/R_2C_2$. The second section loads the first, which is the feedback; v is zero in part (a).")
     r.says("{fig:diagram} shows what the loading does: the output voltage acts back on $U_1$. So $U_0$ is $U_1$ smoothed by a first-order lag with the time constant $R_2C_2$, and the filter has to undo that lag.")
-    r.says("The matrices of one period follow from $F$, $G$ and $Q$ as in {ref:maybeck, section 4.9}. All variances below are in units of $b^2$ (V²), voltages in units of $b$. For the given parts, sampled every {dt} s:", dt=p.dt)
+    r.says("The matrices of one period follow from $F$, $G$ and $Q$ as in {ref:maybeck, section 4.9}. All variances below are in units of $b^2$ (V²), voltages in units of $b$; a strength of white noise is in V²s, so that the factor 2 in $Q = 2b^2$ stands for 2 s. For the given parts, sampled every {dt} s:", dt=p.dt)
     r.model(perfect)
     routes = ("doubling of the short interval", "divided differences and Lyapunov's equation")
     r.value("Phi", perfect.Phi, agrees=answer, routes=routes)
