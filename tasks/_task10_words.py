@@ -22,7 +22,7 @@ def result(p, measured, sd):
     floor = by_hand.conditional(p.P0)
     first = text("Samples taken every half cycle, or a multiple of it, show the oscillator in one phase only: they lose its velocity, whose variance never falls below the {floor:4} m²/s² that the initial correlation leaves." if floor else "Samples taken every half cycle, or a multiple of it, show the oscillator in one phase only: they lose its velocity, of which here the initial covariance alone tells.", floor=floor)
     second = text("Near such a period the velocity is observable and yet poorly observed, elsewhere it becomes known ({fig:periods}).")
-    third = text("In the experiment the RMS error of the velocity was {bad} at $d_1$ and {good} at $d_2$, where theory has {one:3} and {two:3} m/s.", bad=measured[0], good=measured[2], one=sd[0], two=sd[2])
+    third = text("In the experiment the RMS error of the velocity was {bad} m/s at $d_1$ and {good} m/s at $d_2$, where theory has {one:3} and {two:3} m/s.", bad=measured[0], good=measured[2], one=sd[0], two=sd[2])
     return [first, second, third]
 
 

@@ -27,7 +27,7 @@ from ctlabs.reporting.drawing import Curve, Drawing, Mark, Panel
 from ctlabs.reporting.draws import one_of, span
 from ctlabs.reporting.params import Count, Covariance, LabParameters, Positive, Variance, given
 from ctlabs.reporting.report import SOLVER, Report
-from ctlabs.text import text
+from ctlabs.text import latex_number, text
 
 META = {
     "name": "task10",
@@ -102,6 +102,11 @@ def part_a(r, p, bad, good, experiment):
             r.check(text("estimates of 25 records, dt = {dt} s", dt=system.dt), some.x_plus[-1], whole, ("filter", "all measurements at once"), SOLVER, scale=known * max(np.abs(whole).max(), 1.0))
 
 
+def of_N(factor):
+    """So many times N inside an equation."""
+    return "N" if factor == 1 else f"{latex_number(factor)}N"
+
+
 def part_b(r, p, answer, bad, good):
     """Why 2π is bad, from the inverse covariance."""
     r.section("b", "Why 2π is a bad period")
@@ -110,8 +115,8 @@ def part_b(r, p, answer, bad, good):
     r.says("At $d = 2\\pi$ (and at any $d = k\\pi$) $\\Phi = \\pm I$ leaves every covariance as it is, so only the (1,1) element grows:")
     r.math(r"P^{-1}(t_N^+) = P_0^{-1} + \frac NR\begin{bmatrix} 1 & 0 \\ 0 & 0 \end{bmatrix} \quad\Rightarrow\quad P_{11} = \frac{RP_{11}(0)}{R + NP_{11}(0)}, \quad P_{12} = \frac{RP_{12}(0)}{R + NP_{11}(0)}, \quad P_{22} = P_{22}(0) - \frac{NP_{12}^2(0)}{R + NP_{11}(0)}", "grows")
     (a, b), (_b, c) = p.P0
-    r.says("The formulas on the right hold for a singular $P_0$ too. With the given numbers $P_{11} = {top}/({R} + {a}N)$, $P_{12} = {mid}/({R} + {a}N)$ and $P_{22} = {c} - {square} \\cdot N/({R} + {a}N)$. The variance of the position tends to zero; that of the velocity stays above",
-           top=p.R * a, mid=p.R * b, R=p.R, a=a, c=c, square=b * b)
+    r.says("The formulas on the right hold for a singular $P_0$ too. With the given numbers $P_{11} = {top}/({R} + {some})$, $P_{12} = {mid}/({R} + {some})$ and $P_{22} = {c} - {square}/({R} + {some})$. The variance of the position tends to zero; that of the velocity stays above",
+           top=p.R * a, mid=p.R * b, R=p.R, c=c, some=of_N(a), square=of_N(b * b))
     r.math(r"\lim_{N\to\infty} P_{22} = P_{22}(0) - \frac{P_{12}^2(0)}{P_{11}(0)} = {floor} \; \text{m}^2/\text{s}^2,", "floor", floor=by_hand.conditional(p.P0))
     r.says("the variance of $\\dot y(0)$ once $y(0)$ is known: the measurements inform on the velocity only through the initial correlation. ∎",
            " (Here the position is known from the start, and the velocity keeps its variance.)" if not a else "")
@@ -168,7 +173,7 @@ def strobe(r, p):
     t, at = np.linspace(0, 4 * d, 801), d * np.arange(5)
     curves = (Curve("y(0) = 1 m, ẏ(0) = 0", t, np.cos(t), "blue"), Curve("y(0) = 1 m, ẏ(0) = 1.5 m/s", t, np.cos(t) + 1.5 * np.sin(t), "orange"),
               Curve("samples of either", at, np.cos(at), "black", "points", size=6.0))
-    r.figure("strobe", Drawing("Stroboscope", TIME, (Panel("y, m", curves),)), "Two motions with the same start and different velocities, and their samples every {d:4} s, the losing period nearest to $d_1$: the same.", d=d)
+    r.figure("strobe", Drawing("Stroboscope", TIME, (Panel("y, m", curves),)), "Two motions that start at the same place with different velocities. Their samples every {d:4} s, the losing period nearest to $d_1$, are the same.", d=d)
 
 
 def rule(r, losses):
@@ -183,7 +188,7 @@ def rule(r, losses):
             r.says("The period ${name} = {dt}$ s meets it: the eigenvalues $-i$ and $i$ come together in {value}, and the rank falls to {rank}.", name=NAMES[name], dt=loss.dt,
                    value=round(math.cos(loss.dt)), rank=loss.rank)
         else:
-            r.says("The period ${name} = {dt}$ s does not: the nearest losing period is {nearest:4} s, {percent:2} % away, and the rank is {rank}. The smallest singular value of the matrix in {eq:det} is {condition:3} of the largest ({verdict}).", name=NAMES[name], dt=loss.dt,
+            r.says("The period ${name} = {dt}$ s does not: the nearest losing period is {nearest:4} s, {percent:2} % away, and the rank is {rank}. The ratio of the smallest to the largest singular value of the matrix in {eq:det} is {condition:3} ({verdict}).", name=NAMES[name], dt=loss.dt,
                    nearest=nearest, percent=100 * loss.distance, rank=loss.rank, condition=by_hand.reciprocal_condition(loss.dt), verdict=quality(loss.dt))
     r.check("nearest losing periods", [loss.losing_periods[0] for loss in losses.values()], [math.pi * max(1, round(loss.dt / math.pi)) for loss in losses.values()],
             ("differences of eigenvalues", "zeros of sin d"))
@@ -260,7 +265,7 @@ def part_c(r, p, bad, good, experiment, steps):
     systems = {"$d_1$": bad, "1.2 % off a loss": close, "$d_2$": good}
     schedules = {name: covariances(system, steps) for name, system in systems.items()}
     ensembles = {"$d_1$": portrait(r, experiment, bad, steps, prefix="bad_", xlabel=TIME, state=1, figures={
-        "errors": "The prediction and filtering errors of the velocity at the first period; the innovations are those of the position." })}
+        "errors": "The period is the first one; the innovations are those of the position, the errors those of the velocity." })}
     ensembles["$d_2$"] = portrait(r, experiment, good, steps, prefix="good_", state=1, figures={})
     ensembles["1.2 % off a loss"] = experiment.statistics(close, steps=steps)
     agreement(r, "1.2 % off a loss", ensembles["1.2 % off a loss"], schedules["1.2 % off a loss"].P_plus)
