@@ -198,7 +198,7 @@ def literal(r, p, answer, experiment):
             "The literal reading at $t = {t}$ s: errors over {runs} runs on the same data, with standard errors. NEES is 1 for a filter whose variance is right on average; a dash where it claims to be certain.", t=p.t, runs=experiment.runs)
     if len(rows) < 3 * len(LEVELS):
         r.says("Where $\\sqrt{R_2}$ is too narrow for a grid of {count} points the exact filter is left out; its posterior sits near the solutions of $\\sin x = z_2$.", count=POINTS)
-    r.says("{tab:literal} compares the ways for three prior variances; a difference from {clear:2} standard errors on is called clear.", clear=CLEAR)
+    r.says("{tab:literal} compares the ways for three prior variances; a difference counts as clear if it exceeds {clear:2} standard errors.", clear=CLEAR)
     r.items([compared([row for row in rows if row[0] == level * P]) for level in LEVELS])
 
 

@@ -74,7 +74,7 @@ def conclusions(r, p, answer):
     elif p.R12 == 0:
         lines.append("With $R_{12} = 0$ the \"correlated\" case is the independent one, and all three ways agree.")
     else:
-        lines.append(text("With $R_{12} = {R12}$ a filter that ignores the correlation estimates {x:4} instead of {right:4}; it claims the variance {P:4} and has {true:4}, where {least:4} is possible. Decorrelated by $L^{-1}$, one after another is again both at once.",
+        lines.append(text("With $R_{12} = {R12}$ a filter that ignores the correlation estimates {x:4} instead of {right:4}; it claims the variance {P:4} and has {true:4}, where {least:4} is possible. After decorrelation by $L^{-1}$ the updates one after another again give what both at once give.",
                           R12=p.R12, x=values["correlated_sequential_naive"][0], P=values["correlated_sequential_naive"][1], right=values["correlated_joint"][0], least=values["correlated_joint"][1], true=values["naive_actual_variance"]))
     lines.append("A diagonal $R$ is sufficient; it is necessary where $PH^T$ has independent columns, and for the sheet's own pair whenever $P^- > 0$, but not in general.")
     lines.append(largest(r))

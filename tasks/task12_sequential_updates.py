@@ -85,7 +85,7 @@ def part_a(r, p, answer):
 
 def part_b(r, p, answer):
     """What 'independent white' says."""
-    r.section("b", "Is \"independent white\" Gaussian said twice?")
+    r.section("b", "Does \"independent white\" say one thing twice?")
     r.says("*White* concerns one sequence in time: its values at different instants are uncorrelated, and, if they are jointly Gaussian, independent. If \"independent\" meant the same thing, it would be redundant. Here it says of **two** sequences that no values of $v_1$ and $v_2$, at any two instants, depend on each other, and that does not follow from each being white and Gaussian. So the phrase is not redundant. It leaves unsaid that both are independent of $x(t_0)$ and of $w_d$, which (a) uses.")
     r.says("Three pairs, each member white and Gaussian with variances 1 and $R_2$, that are not independent:")
     r.items(["$v_2$ correlated with $v_1$ at the same instant: part (d).",

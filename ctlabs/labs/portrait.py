@@ -205,10 +205,10 @@ def largest(report: Report) -> str:
 
 def _measured_unit(model: DiscreteModel, measurement: int) -> str:
     """The unit of a measurement that reads states of one unit; "units of z" where that cannot be told."""
-    if model.H.ndim == 2:
-        units = {unit for unit, h in zip(model.units, model.H[measurement], strict=True) if h}
-        if len(units) == 1 and units != {""}:
-            return units.pop()
+    read = model.H[..., measurement, :].reshape(-1, model.n).any(axis=0)
+    units = {unit for unit, h in zip(model.units, read, strict=True) if h}
+    if len(units) == 1 and units != {""}:
+        return units.pop()
     return "units of z"
 
 

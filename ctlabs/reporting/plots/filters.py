@@ -119,7 +119,7 @@ def errors(
         for k, style in ((1, "-"), (2, "--")):
             axes.plot(ensemble.t, k * band, color=ORANGE, linestyle=style, label=f"±{k}σ" if k > 1 else "±σ")
             axes.plot(ensemble.t, -k * band, color=ORANGE, linestyle=style)
-        axes.set_ylabel(f"{name}{of_unit(of)}")
+        axes.set_ylabel(f"{name}{of_unit(of)}".replace(" (", "\n("))  # in two lines: a panel is low
         whole(axes)
     grid[-1, 0].set_xlabel(xlabel)
     legend(figure, grid[0, 0], columns=5)
