@@ -91,7 +91,7 @@ def result(p, answer, measured, sd):
 
 def discussion(r):
     """What the experiment adds to the theory."""
-    r.says("**Theory and experiment.** Both ensembles agree with their covariances in the tests of {app:chance}. The points of {fig:ensemble} are correlated in time, over about the time constants of the filter for the altitude and over the whole run for the command: a mean error that begins on one side stays there, and one such series of points outside a band of 95 % is no contradiction.")
+    r.says("**Theory and experiment.** Both ensembles agree with their covariances in the tests of {app:chance}. The points of {fig:ensemble} are correlated in time, over about the time constants of the filter for the altitude and over the whole run for the command: a mean error that lies on one side stays there for a while, and a row of points outside a band of 95 % is one event and no contradiction.")
     r.says("**Two readings of the data.** With the printed squares the aircraft may fly far higher than any aircraft can, or below the ground, of which a linear model knows nothing. What the lab asks about is the same in both readings, since after the first seconds the gains depend on $N_c/N_m$ alone. Only before that do they depend on the variance of the command: if it is large, the first measurement is taken over as it is.")
     r.says("**What the model leaves out.** The command is a constant that nothing drives, so that the filter becomes ever surer of it and $K_3 \\to 0$. Should the pilot change the command at a late time, the filter would follow only slowly; a small strength of noise in $\\dot{h}_{c0}$ keeps $K_3$ positive, gives the three-state Riccati equation its stabilising solution, and costs little accuracy.")
 
