@@ -22,7 +22,7 @@ def selections(r, p, every, answer):
         return
     maps = {
         title: (every[part].rms, every[part].feasible(p.limit_rms), answer[f"{part}_best_pair"])
-        for title, part in {"numbers of (a) and (b)": "b", "(c), larger P0": "c", "(d), larger Qd": "d", "(e), larger R": "e"}.items()
+        for title, part in {"numbers of (a) and (b)": "b", "(c), larger $P_0$": "c", "(d), larger $Q_d$": "d", "(e), larger $R$": "e"}.items()
     }
     r.figure("pairs", plots.pair_maps(every["b"].instants, maps, xlabel="first fix, instant", ylabel="second fix, instant"),
              "RMS at the end, m, of every pair of fixes. Coloured: pairs that keep the limit on the RMS before a fix; grey numbers: those that do not. Framed: the best pair that keeps it.")

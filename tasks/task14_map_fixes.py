@@ -73,7 +73,7 @@ def planned(p, system, instants):
 def part_a(r, p, systems, every, answer):
     """No other condition: why the last instants."""
     r.section("a", "The least RMS at the end, no other condition")
-    r.says("The covariance does not depend on data ({ref:maybeck, section 5.3}), so a plan can be made before the flight. Between fixes the variance grows by $Q_d$ a period; a fix adds information:")
+    r.says("The covariance does not depend on data ({ref:maybeck, section 5.3}), so a plan can be made before the flight. Between fixes the position moves by the known displacement $c$ of a period, which leaves the error as it is, and the variance grows by $Q_d$ a period; a fix adds information:")
     r.math(r"P(t_{i+1}^-) = P(t_i^+) + Q_d, \qquad P(t_i^+) = h(P(t_i^-)) \;\text{at a fix}, \qquad h(P) = \frac{PR}{P + R}, \qquad P(t_i^+) = P(t_i^-) \;\text{elsewhere}", "variance")
     r.model(systems["a"])
     r.value("pairs", len(every["a"].rms), agrees=answer, routes=("enumeration", "binomial coefficient"), kind=EXACT)
