@@ -77,7 +77,7 @@ def conclusions(r, p, answer, system):
     if p.w0 == p.wn and equal:
         lines.append("The frequencies are equal: the filter is a constant factor, the difference of signal and noise is not observable but decays, so that the filter is stable.")
     elif equal and given_:
-        lines.append(text("Equal frequencies, $w_n = w_0$, would give {equal} V² ({ratio} of the present variance) by a static filter, unobservable but stable.", equal=equal, ratio=equal / given_))
+        lines.append(text("Equal frequencies, $w_n = w_0$, would give {equal} V² ({ratio} times the present variance) by a static filter, unobservable but stable.", equal=equal, ratio=equal / given_))
     elif equal is None:
         lines.append("Equal frequencies would here mean two Wiener processes, whose difference is neither seen nor stable: there is no steady state.")
     if limit:

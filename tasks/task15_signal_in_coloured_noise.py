@@ -123,8 +123,8 @@ def part_b(r, p, answer, system, small):
     r.section("b", "The basis (z, s) and the reduced filter")
     r.says("In the basis $x^* = (z, s) = Tx$ the measurement is the first state, which is known exactly after each update, and")
     r.math(r"T = \begin{bmatrix} 1 & 1 \\ 1 & 0 \end{bmatrix}, \quad \Phi^* = T\Phi T^{-1} = \begin{bmatrix} b & a-b \\ 0 & a \end{bmatrix}, \quad Q_d^* = \begin{bmatrix} q_1+q_2 & q_1 \\ q_1 & q_1 \end{bmatrix}, \quad H^* = \begin{bmatrix} 1 & 0 \end{bmatrix}, \qquad P^*(t_i^+) = TP(t_i^+)T^T = \begin{bmatrix} 0 & 0 \\ 0 & p_i \end{bmatrix}.", "basis")
-    r.says("The element $P_{22}^* = p_i$ obeys the recursion of part (a), in which nothing but its own last value appears; the first row and column are zero. So only $\\hat{s}$ has to be computed. What $z(t_i)$ adds to $z(t_{i-1})$ is a measurement of the signal one step before. Its noise contains the noise $w_1$ of the signal itself and so is correlated with it ({ref:maybeck, section 5.9}),")
-    r.math(r"z_i - b\,z_{i-1} = (a-b)\,s_{i-1} + (w_1 + w_2), \qquad s_i = a\,s_{i-1} + w_1.", "derived")
+    r.says("The element $P_{22}^* = p_i$ obeys the recursion of part (a), in which nothing but its own last value appears; the first row and column are zero. So only $\\hat{s}$ has to be computed. What $z(t_i)$ adds to $z(t_{i-1})$ is a measurement of the signal one step before. With $w_d = (w_{d1}, w_{d2})$ its noise contains that of the signal itself, $w_{d1}$, and so is correlated with it ({ref:maybeck, section 5.9}),")
+    r.math(r"z_i - b\,z_{i-1} = (a-b)\,s_{i-1} + (w_{d1} + w_{d2}), \qquad s_i = a\,s_{i-1} + w_{d1}.", "derived")
     r.says("The reduced filter, complete, is")
     r.math(r"\hat s_0 = K_{s,0}\,z_0, \qquad \hat s_i = a\,\hat s_{i-1} + K_{s,i}\,[z_i - b\,z_{i-1} - (a-b)\,\hat s_{i-1}], \qquad \hat n_i = z_i - \hat s_i,", "reduced")
     r.says("with $p_i$ and $K_{s,i}$ as in {part:a}: one state and one scalar recursion instead of two states and three elements of a covariance. {fig:reduced} shows how it is built: the delay on the left takes the colour out of the measurement, the loop through $a - b$ subtracts what the last estimate lets one expect of the rest.")
@@ -193,7 +193,7 @@ def analysis_c(r, p, answer):
 def wrong_filters(r, p):
     """The given filter on other truths."""
     r.says("**The filter that does not know.** The filter designed for the given numbers runs on each changed truth. It claims its own p; its true variance follows from covariance analysis, and by hand, since only the signal's error matters, with the gain K of the design,")
-    r.math(r"e_i = [a - (a-b)K]\,e_{i-1} - (1-K)w_1 + K w_2 \quad\Rightarrow\quad p = \frac{(1-K)^2q_1 + K^2q_2}{1 - [a - (a-b)K]^2}.", "wrong")
+    r.math(r"e_i = [a - (a-b)K]\,e_{i-1} - (1-K)w_{d1} + K w_{d2} \quad\Rightarrow\quad p = \frac{(1-K)^2q_1 + K^2q_2}{1 - [a - (a-b)K]^2}.", "wrong")
     design, rows = model(p), []
     if by_hand.variance_limit(p.w0, p.wn, p.dt, p.Q1, p.Q2) is None:
         r.says("Here it has no steady state to compare: {reason}.", reason=NO_LIMIT)
