@@ -61,8 +61,8 @@ def trap(r, p, answer, system, double):
     r.model(double)
     seen = observability.analyse(double)
     r.value("observability_rank_two_states", seen.rank, agrees=answer, routes=("staircase", "rank of the observability matrix"), kind=EXACT)
-    r.says("Its observability matrix is $\\begin{bmatrix} 1 & 1 \\\\ 0 & 0 \\end{bmatrix}$, of rank {rank}: $x_1 - x_2$ leaves no trace in $z$. The mode not seen has the {mode}: it does not decay, so the model is not even detectable, which the theorem of a unique steady state asks for ({ref:anderson_moore, chapter 4}). A program that is asked for the steady covariance must refuse, and this one does:",
-           rank=seen.rank, mode=seen.undetectable_modes[0])
+    r.says("Its observability matrix is $\\begin{bmatrix} 1 & 1 \\\\ 0 & 0 \\end{bmatrix}$, of rank {rank}: $x_1 - x_2$ leaves no trace in $z$. The mode that is not seen is that of $x_1 - x_2$, with the eigenvalue 0: it does not decay, so the model is not even detectable, which the theorem of a unique steady state asks for ({ref:anderson_moore, chapter 4}). A program that is asked for the steady covariance must refuse, and this one does:",
+           rank=seen.rank)
     said = [refusal(bucy.steady, double), refusal(steady.solve, discretise(double, p.dt))]
     names = ("continuous", "discrete")
     r.items([text("The solver of the {solver} filter says: “{words}”.", solver=name, words=words) for name, words in zip(names, said, strict=True)])
@@ -71,7 +71,7 @@ def trap(r, p, answer, system, double):
     r.check("both solvers name the mode that is not seen", named, [1.0, 1.0], ("message of the solver", "staircase"), EXACT)
     r.says("**What its covariance does.** In time it is well defined. Put $s = x_1 + x_2$ and $u = ax_1 - bx_2$ with $b = q_1/(q_1+q_2)$, $a = 1 - b$ (any $a$, $b$ with the sum 1 without noise). The noises of $s$ and $u$ are uncorrelated, and $x_1 = u + bs$, $x_2 = as - u$:")
     r.math(r"\dot P_s = q_1 + q_2 - \frac{P_s^2}{R}, \qquad \dot P_{su} = -\frac{P_s}{R}P_{su}, \qquad \dot P_u = \frac{q_1q_2}{q_1+q_2} - \frac{P_{su}^2}{R}", "trap")
-    r.says("The first equation is that of the one-state filter with the same initial value, so $P_{11} + 2P_{12} + P_{22} = P_s = P(t)$ exactly. $P_{su}$ dies out, and then $P_u$ grows at the rate $q_1q_2/(q_1+q_2)$ for ever, and with it $P_{11}$, $P_{22}$ and $-P_{12}$. For $q_1 = q_2$ this is $(q_1+q_2)t/4$. ∎")
+    r.says("The first equation is that of the one-state filter with the same initial value, so $P_{11} + 2P_{12} + P_{22} = P_s = P(t)$ exactly. $P_{su}$ dies out, and then $P_u$ grows at the rate $q_1q_2/(q_1+q_2)$ for ever, and with it $P_{11}$, $P_{22}$ and $-P_{12}$. For $q_1 = q_2$ this rate is $(q_1+q_2)/4$. ∎")
     tau, rate = scale(p), answer["growth_rate_x1"]
     times = [0.0, *(tau * np.array([0.5, 1.0, 2.0, 5.0, 20.0, 100.0, 200.0]))]
     found, one = bucy.transient(double, times), bucy.transient(system, times).P[:, 0, 0]
