@@ -117,12 +117,12 @@ def part_b(r, p, answer, sampled):
     r.value("posterior_variance_limit", limit.P_plus[0, 0], "m²", symbol=r"P^+_\infty", agrees=answer, routes=("Riccati equation", "closed form"))
     k = by_hand.last(p.dt)
     if k > LONGEST:
-        r.says("The last measurement not later than 1 s has the number {k}. The recursion is not run so far; a power of the matrix of its step takes its place.", k=k)
+        r.says("Up to 1 s there are {k} measurements. The recursion is not run so far; a power of the matrix of its step takes its place.", k=k)
         at_1s = answer["posterior_variance_at_1s"]
         r.value("posterior_variance_at_1s", at_1s, "m²", symbol=AT_1S)
         r.check("P⁺ at 1 s", at_1s, by_hand.sampled_power(p.beta, p.dt, k), ("closed form", "power of the step's matrix"))
     else:
-        r.says("The last measurement not later than 1 s has the number {k}, at {t} s.", "" if k else " That is none yet: the variance is still P(0) = 1 m².", k=k, t=k * p.dt)
+        r.says("The last measurement up to 1 s is number {k}, at {t} s." if k else "Up to 1 s there is no measurement: the variance is still P(0) = 1 m².", k=k, t=k * p.dt)
         shown = covariances(sampled, max(k, 1))
         r.value("posterior_variance_at_1s", shown.P_plus[k, 0, 0], "m²", symbol=AT_1S, agrees=answer)
 
