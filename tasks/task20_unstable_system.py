@@ -260,7 +260,7 @@ def part_d(r, p, answer, experiment, systems, sampled, steps, together):
     if not steps:
         r.says("No record is simulated: within one period x would grow so much that its rounding errors reach the error of the estimate. The variances above need none.")
         return {"measured": None, "sd": None, "when": None}
-    r.says("**Simulated records.** {fig:errors} shows 25 runs for {name}, {fig:ensemble} the statistics of {runs} runs; {tab:ensemble} has all R.", name=label(p.R_values[0]), runs=experiment.runs)
+    r.says("**Simulated records.** {fig:errors} shows 25 runs for {name}, {fig:ensemble} the statistics of {runs} runs; {tab:ensemble} has further ensembles, one for each R.", name=label(p.R_values[0]), runs=experiment.runs)
     own = portrait(r, experiment, sampled[0], steps, xlabel=TIME, together_steps=together, figures={
         "errors": "x itself grows beyond every axis; the errors stay within bands that soon have a constant width.",
         "ensemble": "The RMS follows theory to its limit; neighbouring points lie on one side for a while, as successive errors are correlated."})
@@ -270,7 +270,7 @@ def part_d(r, p, answer, experiment, systems, sampled, steps, together):
         agreement(r, label(R), stats, theory.P_plus)
         size = math.sqrt(p.P0 * math.exp(2 * theory.t[-1]) + 0.5 * p.Q * math.expm1(2 * theory.t[-1]))
         rows.append((R, theory.t[-1], size, theory.sd_plus[-1, 0], rms(stats), mean_error(stats)))
-    r.table("ensemble", ["R, m²·s", "at t, s", "RMS of x, m", "σ of theory, m", "RMS error, m", "mean error, m"], rows, "Ensembles of their own at the last instant.")
+    r.table("ensemble", ["R, m²·s", "at t, s", "RMS of x, m", "σ of theory, m", "RMS error, m", "mean error, m"], rows, "The errors at the last instant, in an ensemble for each R that is independent of the one in {fig:ensemble}.")
     return {"measured": rms(own, unit="m"), "sd": float(covariances(sampled[0], steps).sd_plus[-1, 0]), "when": steps * p.dt}
 
 
