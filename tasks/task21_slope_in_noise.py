@@ -92,7 +92,7 @@ def stability(r, p, system):
     r.says("**Is the filter stable?** Its homogeneous part is $\\dot{y} = -K(t)\\,t\\,y = -(Pt^2/R)\\,y$. Since $\\dot{P}/P = -Pt^2/R$ too, the transition function is")
     r.math(r"\psi(t, s) = e^{-\int_s^tK(\tau)\tau\,\mathrm{d}\tau} = \frac{P(t)}{P(s)} = \frac{3R + P_0s^3}{3R + P_0t^3}, \qquad 0 \le s \le t.", "transition")
     if not p.P0:
-        r.says("With P0 = 0 the gain is 0 and $\\psi = 1$: an error neither grows nor dies out. The filter is stable in Lyapunov's sense, not asymptotically; it takes no measurements, and its output is 0 for every input.")
+        r.says("With $P_0 = 0$ the gain is 0 and $\\psi = 1$: an error neither grows nor dies out. The filter is stable in Lyapunov's sense, not asymptotically; it takes no measurements, and its output is 0 for every input.")
         r.check("ψ(t, 0) without gain", varying.transition(system, TIMES)[:, 0, 0], [1.0] * 4, ("integrated", "closed form"))
         for name, verdict in (("verdict_a", False), ("uniformly_asymptotically_stable", False), ("exponentially_stable", False), ("bibo_stable", True)):
             r.value(name, verdict)
@@ -137,8 +137,8 @@ def halving_and_bound(r, p, system, T):
     age = np.linspace(0.0, 4 * T, 161)[1:]
     decay = {text("error at {s} s", s=s): np.array([by_hand.variance(p.R, p.P0, s + t) / by_hand.variance(p.R, p.P0, s) for t in age]) for s in (0.0, T, 3 * T, 10 * T)}
     figure = plots.lines(age, decay, xlabel="time since the error entered, s", ylabel="what is left of it, ratio ψ(s + T, s)", ordered=True, ylim=(0, 1.05))
-    r.says("{fig:decay} and {tab:halving} show the missing uniformity: the curves are drawn over the age of the error, so for a uniformly asymptotically stable filter they would all lie below one curve that falls to zero. Here they rise to 1 as the error enters later and later; where only a few per cent are left of the error that enters at t = 0, that of $10t_*$ has lost less than two thirds.")
-    r.figure("decay", figure, "What is left of an error, by its age, if it enters at 0, $t_*$, $3t_*$ and $10t_*$: the later it enters, the longer it stays.")
+    r.says("{fig:decay} and {tab:halving} show the missing uniformity: the curves are drawn over the age of the error, so for a uniformly asymptotically stable filter they would all lie below one curve that falls to zero. Here they rise towards 1 in the end, as the error enters later and later; where only a few per cent are left of the error that enters at t = 0, that of $10t_*$ has lost less than two thirds.")
+    r.figure("decay", figure, "What is left of an error, by its age, if it enters at 0, $t_*$, $3t_*$ and $10t_*$. In the end an error stays the longer, the later it enters.")
 
 
 def part_b(r, p, answer):
@@ -160,7 +160,7 @@ def part_b(r, p, answer):
         steps = max(numbers[-1], 1)
         shown = covariances(model(p, steps), steps)
         r.value("posterior_variance", shown.P_plus[numbers, 0, 0], "m²/s²", at=TIMES, symbol="P_k", agrees=answer)
-        r.says("At each time the last measurement not later than it counts: the numbers {numbers}.", numbers=", ".join(map(str, numbers)))
+        r.says("The answers give the variance at {times} s, each after the last measurement up to that time: the measurements {numbers}.", "" if numbers[0] else " The number 0 means that there is none yet.", times=", ".join(f"{t:g}" for t in TIMES), numbers=", ".join(map(str, numbers)))
     some = covariances(model(p, 20), 20)
     plus = [by_hand.sampled_variance(p.R, p.P0, p.dt, k) for k in range(21)]
     routes = ("recursion", "closed form")
@@ -196,7 +196,7 @@ def part_c(r, p, system, steps):
         return
     r.says("**There is no nontrivial steady state.** By that we mean a positive limit of P, or a constant gain in the limit with which the filter goes on measuring. In {eq:variance} and {eq:closed} 1/P grows beyond every bound, so P → 0 and K → 0, like")
     r.math(r"P(t) \to \frac{3R}{t^3}, \qquad K(t) \to \frac3{t^2}, \qquad \frac{K_k}{\Delta t} \to \frac{3}{t_k^2}", "tails")
-    r.says("whatever P0 is. (The arrows of {eq:tails} mean that the ratio of both sides tends to 1.) On logarithmic axes P ends on a straight line of slope −3, and it never stays within a given fraction of its limit 0. In the end the filter is the least-squares line through the origin and all the data, with equal weights, and a new measurement moves it less and less.")
+    r.says("whatever $P_0$ is. (The arrows of {eq:tails} mean that the ratio of both sides tends to 1.) On logarithmic axes P ends on a straight line of slope −3, and it never stays within a given fraction of its limit 0. In the end the filter is the least-squares line through the origin and all the data, with equal weights, and a new measurement moves it less and less.")
     T = scale(p)
     tail = varying.transient(system, [500 * T, 1000 * T])
     r.order("slope of log P against log t, reversed", tail.P[:, 0, 0], 3.0, ("Riccati equation, integrated", "closed form"), within=1e-3)
@@ -221,7 +221,7 @@ def falling(r, p, system, shown, steps):
     curve = varying.transient(system, t)
     figure = plots.lines(t, {"continuous P(t)": curve.P[:, 0, 0]}, xlabel=TIME, ylabel="variance P, m²/s²", log="xy",
                          points={"discrete P⁺": (shown.t[1:], shown.P_plus[1:, 0, 0])}, straight={"$3R/t^3$": (t[t > T], 3 * p.R / t[t > T] ** 3)})
-    r.says("{fig:slope} shows the fall of P on logarithmic axes: flat at P0 as long as t is below $t_*$, then along the dashed line $3R/t^3$, three decades in P for one in t. It goes on for ever; a steady state would be a horizontal line at the right. The dots of the discrete filter lie below the curve, and {tab:limit} shows that the difference is halved with the period.")
+    r.says("{fig:slope} shows the fall of P on logarithmic axes: flat at $P_0$ as long as t is below $t_*$, then along the dashed line $3R/t^3$, three decades in P for one in t. It goes on for ever; a steady state would be a horizontal line at the right. The dots of the discrete filter lie below the curve, and {tab:limit} shows that the difference is halved with the period.")
     r.figure("slope", figure, "P(t) and the variance of the discrete filter on logarithmic axes: in the end a straight line of slope −3.")
     window = np.linspace(0.0, max(4 * T, 4 * p.dt), 301)
     teeth = min(steps, max(4, math.ceil(window[-1] / p.dt)))
