@@ -164,7 +164,7 @@ def part_b(r, p, answer, discrete):
 
 def part_c(r, p, answer, discrete):
     """The basis (z, x1) and the reduced filter."""
-    r.section("c", "The basis (z, x1) and the reduced filter")
+    r.section("c", "The basis (z, x₁) and the reduced filter")
     r.says("The sum z, which is known, is taken for a state:")
     r.math(r"x^* = \begin{bmatrix} z \\ x_1 \end{bmatrix} = Tx, \quad T = \begin{bmatrix} 1 & 1 \\ 1 & 0 \end{bmatrix}, \qquad \Phi^* = \begin{bmatrix} b & 1-b \\ 0 & 1 \end{bmatrix}, \quad Q_d^* = \begin{bmatrix} q_1+q_2 & q_1 \\ q_1 & q_1 \end{bmatrix}, \quad H^* = \begin{bmatrix} 1 & 0 \end{bmatrix}, \qquad P^{*+} = \begin{bmatrix} 0 & 0 \\ 0 & p_i \end{bmatrix}", "basis")
     r.says("The first state is known after each update. The other is measured by the difference $z_i - bz_{i-1} = (1-b)x_1(t_{i-1}) + w_{d1} + w_{d2}$, the discrete counterpart of $\\dot{z} + az$, and the reduced filter is")
