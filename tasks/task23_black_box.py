@@ -169,7 +169,7 @@ def part_d(r, p, experiment, answer, system, small, discrete, box, steps):
     sweep(r, p, optimal)
     agrees = bool(abs(answer["posterior_variance_steady"] - optimal) <= 0.05 * optimal)
     r.value("verdict_d", agrees)
-    r.says("Does the experiment agree with part (b)? At the given period the steady variance is {above:3} % above that of the continuous filter. We call up to 5 % agreement: ", "it agrees." if agrees else "it does not, as the period is too long.", above=100 * (answer["posterior_variance_steady"] / optimal - 1) if optimal else 0.0)
+    r.says("Does the experiment agree with part (b)? At the given period the steady variance is {above:3} % above that of the continuous filter. Up to 5 % is called agreement here: ", "it agrees." if agrees else "it does not, as the period is too long.", above=100 * (answer["posterior_variance_steady"] / optimal - 1) if optimal else 0.0)
     r.says("**The simulated filter.** {fig:ensemble} compares {runs} runs with theory. The errors of signal and noise are equal and opposite, as their sum is known, so the two rows of panels are one test.", runs=experiment.runs)
     stats = portrait(r, experiment, discrete, steps, xlabel=TIME, first=0, figures={
         "ensemble": "The RMS begins at the error of the best constant gain; where the points leave the band they do so in groups, as successive errors are correlated."})
