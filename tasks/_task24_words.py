@@ -11,7 +11,7 @@ def share(answer):
 
 def result(p, answer, measured, theory):
     """The lab in three sentences."""
-    first = "With the state known the disturbance costs {known:4} m² per step; not knowing it costs {price:3} m² more, and {late:3} m² again if each measurement is answered a step late." if p.R else "With a perfect sensor the regulator costs no more than with the state known, {known:4} m² per step; answering each measurement a step late costs {late:3} m² more."
+    first = "With the state known the disturbance costs {known:4} m² per step; not knowing it costs {price:3} m² more, and another {late:3} m² if each measurement is answered a step late." if p.R else "With a perfect sensor the regulator costs no more than with the state known, {known:4} m² per step; answering each measurement a step late costs {late:3} m² more."
     return [
         text(first, known=answer["cost_known"], price=answer["cost_current"] - answer["cost_known"], late=answer["cost_delayed"] - answer["cost_current"]),
         "The two halves of the regulator are designed apart: its gain is that of the known state whatever the sensor, and its filter is that of the plant whatever the cost ({fig:noise}).",

@@ -130,7 +130,7 @@ def part_c(r, p, answer, system, both):
     r.says("**The feedback.** With a constant gain $L_*$ on the optimal estimate, $\\hat x_{k+1} = (\\Phi - bL_*)\\hat x_k + K\\nu_{k+1}$, and the innovations are white with $K^2E\\nu^2 = P^- - P^+$. The error of the estimate does not correlate with it, so that")
     r.math(r"J(L_*) = Q_xP^+ + (P^- - P^+)\,\frac{Q_x + Q_uL_*^2}{1 - (\Phi - bL_*)^2}, \qquad |\Phi - bL_*| < 1", "other")
     r.says("The sensor enters through $P^+$ and $P^- - P^+$ alone, and these do not depend on $L_*$: the fraction has its minimum at the same $L_* = L$ for all $R$, as if the state were known.")
-    r.says("**The estimator.** With the feedback $L$ and any other gain of the estimator, {eq:whole} reads $J = SQ + L^2W\\,E(\\hat x_k - x_k)^2$: the filter that makes the error smallest makes the cost smallest, whatever $Q_x$ and $Q_u$ are. {fig:gains} shows both.")
+    r.says("**The estimator.** With the feedback $L$ and any other gain of the estimator, {eq:whole} reads $J = SQ + L^2W\\,E(\\hat x_k - x_k)^2$: the filter that makes the error smallest makes the cost smallest, whatever $Q_x$ and $Q_u$ are. {fig:gains} shows the one, {fig:estimators} the other.")
     halves(r, p, answer, both)
     value = answer["cost_other_gain"]
     loop = with_gain(both["current"], p.L_star)
