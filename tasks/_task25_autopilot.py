@@ -34,8 +34,8 @@ def part_e(r, p, answer, aircraft):
     r.value("altitude_variance_free", still.P_plus[0, 0], "m²", symbol=r"E h^2_\text{free}", agrees=answer, routes=("Lyapunov equation", "integral of the spectrum"))
     best = regulator(aircraft, cost_of(p))
     routes = ("Riccati equation", "spectral factorisation")
-    r.value("autopilot_gain", best.L[0], "SI", symbol="L", agrees=answer, routes=routes)
-    r.value("autopilot_filter_gain", best.K[:, 0], "SI", symbol="K", agrees=answer, routes=routes)
+    r.value("autopilot_gain", best.L[0], "1, s", symbol="L", agrees=answer, routes=routes)
+    r.value("autopilot_filter_gain", best.K[:, 0], "1/s, 1/s²", symbol="K", agrees=answer, routes=routes)
     r.value("autopilot_cost_continuous", best.cost.value, "m²", symbol=r"J_\text{cont}", agrees=answer, routes=("separation", "integrals of the closed loop"))
     r.value("altitude_variance", best.closed.steady().x.P[0, 0], "m²", symbol="E h^2", agrees=answer, routes=("Lyapunov equation", "integrals of the closed loop"))
     budget = cost_budget(best)
@@ -54,7 +54,7 @@ def sampled(r, p, answer, aircraft):
     """The period and the delay."""
     found = regulator(aircraft, cost_of(p), dt=p.dt_a)
     routes = ("doubling and Riccati equation", "matrix exponential and quadrature")
-    r.value("autopilot_gain_sampled", found.L[0], "SI", symbol=r"L\ (h_a)", agrees=answer, routes=routes)
+    r.value("autopilot_gain_sampled", found.L[0], "1, s", symbol=r"L\ (h_a)", agrees=answer, routes=routes)
     r.value("autopilot_cost", found.cost.value, "m²", symbol=r"J(h_a)", agrees=answer, routes=routes)
     r.check("cost of the sampled autopilot", found.cost.closed_loop, answer["autopilot_cost"], ("covariances of the closed loop", "matrix exponential and quadrature"))
     late = regulator(aircraft, cost_of(p), dt=p.dt_a, delay=p.dt_a)
@@ -75,5 +75,5 @@ def sampled(r, p, answer, aircraft):
     r.figure("autopilot", Drawing("Autopilot", "period of the regulator, s", (Panel("cost J, m²", curves, kind="count", levels=levels),), marks=(Mark("half the period of the oscillation", lost),)),
              "Cost of the autopilot's regulator against its period. Near half the period of the oscillation it is hardly better than none.")
     on, behind = (by_hand.sampled(p, lost, late * lost)[0] for late in (0, 0.5))
-    r.says("{fig:autopilot} has a peak at {lost:3} s, half the period of the autopilot's own oscillation: the samples then see, and the held input moves, only one of its two phases; so it is at the multiples of that period. At the peak the regulator costs {on:4} m², where the aircraft left alone has {free:4} m². The dashed curve has a lower peak: with an answer that comes half a period late the regulator costs {behind:4} m² there.",
+    r.says("{fig:autopilot} has a peak at {lost:3} s, half the period of the autopilot's own oscillation: the samples then see, and the held input moves, only one of its two phases. The same happens at the multiples of that period. At the peak the regulator costs {on:4} m², where the aircraft left alone has {free:4} m². The dashed curve has a lower peak: with an answer that comes half a period late the regulator costs {behind:4} m² there.",
            lost=lost, on=on, free=answer["altitude_variance_free"], behind=behind)

@@ -75,4 +75,4 @@ def pictures(r, flights, free):
         band = Band("95 % of ensembles", t, sd[:, i] * (1 - half), sd[:, i] * (1 + half), "blue")
         panels.append(Panel(what, (Curve("ensemble", t, rms[:, i], "blue", "points", size=3.0),), (band,), kind="count"))
     r.figure("ensemble", Drawing("Ensemble", "time t, s", tuple(panels)), "RMS of altitude and correction over all flights, in the band where theory expects 95 % of the points.")
-    r.says("{fig:flights} shows single flights, {fig:ensemble} the RMS of all {runs}.", runs=flights.runs)
+    r.says("In {fig:flights} the flights begin as wide apart as those of the aircraft left alone; then each keeps for about two thirds of the time to the band of the regulator, about which the noise of the command drives it. {fig:ensemble} has the RMS of all {runs}: it goes from the start to its limit along the band, and about one point in twenty lies outside.", runs=flights.runs)

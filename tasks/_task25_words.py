@@ -9,14 +9,14 @@ def result(p, answer, measured, theory):
     return [
         text("Sampled every {h} s, an integrator with noise of strength {q} m²/s cannot be held better than {J:4} m² on average, and the regulator that does it has the gain {g:4}/h: it moves the state beyond zero.",
              h=p.dt, q=p.Q, J=answer["cost_minimum"], g=answer["gain_times_period"]),
-        "With a weighed input, a noisy sensor and a delay the cost is a sum of two roots and a product, {eq:whole}, in which the period counts like a weight and like a noise ({fig:periods}).",
+        "With a weighted input, a noisy sensor and a delay the cost is a sum of two roots and a product, {eq:whole}, in which the period counts like a weight and like a noise ({fig:periods}).",
         text("In the experiment the autopilot of lab 13 with a regulator had the mean cost {measured} m² over the last samples, where theory has {theory:4} m².", measured=measured, theory=theory),
     ]
 
 
 def discussion(r, answer):
     """What the numbers mean together."""
-    r.says("**A cost must be sampled like a plant.** The weights of {eq:weights} are as much a property of the held input as the model {eq:model} is. The rectangle rule and the omitted cross term do no harm for short periods with a weighed input, where both vanish beside ρ; with a free input they are there at every period, and the loss of {one:2} or {other:2} % stays the same however fast one samples.",
+    r.says("**A cost must be sampled like a plant.** The weights of {eq:weights} are as much a property of the held input as the model {eq:model} is. The rectangle rule and the omitted cross term do no harm for short periods with a weighted input, where both vanish beside ρ; with a free input they are there at every period, and the loss of {one:2} or {other:2} % stays the same however fast one samples.",
            one=100 * (answer["costs_naive"][0] / answer["cost_minimum"] - 1), other=100 * (answer["costs_naive"][1] / answer["cost_minimum"] - 1))
     r.says("**Period, noise and delay.** In {eq:whole} the period adds $h^2/12$ to the weight of the input and $qh/4$ to the strength of the sensor's noise, each times $q$ or $h$ as its unit demands: a slow computer is like an input that costs more and a sensor that is worse. A delay is different. Its cost is in proportion to τ from the first millisecond on, while that of a short period grows with its square where ρ and $R_c$ are not zero: time is better spent on an early answer than on a fast rate.")
     r.says("**The autopilot's bad periods.** At half the period of the oscillation the held input pushes one half-wave up and the next one down, and the samples see the oscillation always in the same phase. What they see and what the input moves are then one combination of the two states each. These two need not be the same: if the answer comes half a period late, a quarter of the oscillation, the input finds that phase which was measured, and a delay can lower the cost where sampling has nearly destroyed it ({fig:autopilot}).")

@@ -1,7 +1,7 @@
 r"""Lab 25. Sampled minimum variance: what the period costs.
 
 Source: Åström & Wittenmark 1997, chapter 11. For ẋ = u + w with an input held for a period the sheet asks
-for the exact sampled cost, the regulator of least variance, the price of two naive designs, the cost with a weighed
+for the exact sampled cost, the regulator of least variance, the price of two naive designs, the cost with a weighted
 input, a noisy sensor and a delay, the autopilot of lab 13 with a regulator, and an experiment.
 
 Expected answer: the weights h, h²/2, h³/3 and qh²/2; Lh = (3 + √3)/(2 + √3), J = qh(3 + √3)/6; without the cross term
@@ -147,7 +147,7 @@ def part_c(r, p, answer, found, cost):
         ["least variance", by_hand.GAIN, best, 0, best],
         ["samples only", 1, J[0], 100 * (J[0] / best - 1), believed[0]],
         ["no cross term", by_hand.NO_CROSS_TERM, J[1], 100 * (J[1] / best - 1), believed[1]],
-    ], "Three regulators of one plant, and what the naive ones believe to cost.")
+    ], "Three regulators of one plant, and what the naive ones believe they cost.")
     r.says("{tab:naive} has the numbers. Neither naive design knows its cost: one counts the samples only, the other leaves out that its input also works between them. The percentages do not depend on $h$ and $q$.")
     figures(r, p, answer)
 
