@@ -51,7 +51,7 @@ def part_f(r, p, answer, optimal, truths, beyond, experiment):
         limit = answer["cost_actual"] if i else answer["cost"]
         rows.append((name, runs.cost(SETTLED), runs.expected(SETTLED), limit, Uncertain(float(runs.rms[-1, 0]), float(runs.rms[-1, 0]) / math.sqrt(2 * runs.runs)), runs.sd[-1, 0]))
         own = own or runs
-    r.table("ensemble", ["plant", "mean cost", "in theory", "its limit", "RMS of x1 + x2 at the end", "in theory"], rows,
+    r.table("ensemble", ["plant", "mean cost", "in theory", "its limit", "RMS of $x_1 + x_2$ at the end", "in theory"], rows,
             "The mean cost of the ensemble over the last instants, with its standard error.")
     _growth(r, answer, optimal, beyond, own, dt)
     measured, theory = rows[0][1], rows[0][2]
@@ -70,7 +70,7 @@ def _growth(r, answer, optimal, beyond, own, dt):
     model, signals = sampled(optimal.loop(beyond), dt)
     sd = np.sqrt(loops.in_time(model, signals, STEPS)[0][:, 0, 0])
     curves.append(Curve("twice as far as the bound, theory", t, np.where(sd < 30 * own.sd[:, 0].max(), sd, np.nan), "orange", "dash"))
-    r.figure("growth", Drawing("Growth", "time t (units of the plant)", (Panel("RMS of x1 + x2 (units of the plant)", tuple(curves), bands, kind="log"),)),
+    r.figure("growth", Drawing("Growth", "time t (units of the plant)", (Panel("RMS of $x_1 + x_2$ (units of the plant)", tuple(curves), bands, kind="log"),)),
              "RMS of the controlled quantity from rest: of the ensemble with the right plant, and in theory with an input that is too strong by twice the upper margin.")
     r.says("In {fig:growth} the two loops begin alike. The right plant settles; that with an input too strong by {percent:3} % has one slowly growing motion, which the experiment with the right plant does not contain: an ensemble, however large, says nothing about another plant.",
            percent=200 * (answer["gain_margins"][1] - 1))

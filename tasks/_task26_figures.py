@@ -45,7 +45,7 @@ def against_gain(r, p, answer):
     curves.append(Curve("with the filter of (e)", 100 * (wide - 1), [np.nan if x is None else x for x in other], "blue", "dash"))
     marks = (Mark("bounds", 100 * (low - 1)), Mark("", 100 * (high - 1)))
     r.figure("gain", Drawing("Cost", "error of the input's gain, m − 1, %", (Panel("cost J (units of the plant)", tuple(curves), kind="count", reach=(0.0, top)),), marks=marks),
-             "Cost against the true strength of the input. The optimal regulator is the best at m = 1 and of no use a little beside it; that of part (e) costs more and does not mind.")
+             "Cost against the true strength of the input. The optimal regulator is the best at m = 1 and useless a little way off; that of part (e) costs more and bears the error.")
     r.says("In {fig:gain} the cost of the optimal regulator goes to infinity at both bounds of {eq:bounds}. Nothing at $m = 1$ announces it.")
 
 

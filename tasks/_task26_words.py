@@ -35,7 +35,7 @@ def answers(answer):
     """Each item of the sheet in a sentence or two."""
     return {
         "a": "The gains are those of {eq:gains}, the least cost is {eq:cost}.",
-        "b": "The bounds are {eq:bounds}; with the state known only {eq:known} is asked. {fig:nyquist} shows why.",
+        "b": "The bounds are {eq:bounds}; with the state known only {eq:known} is asked. {fig:nyquist} shows why. The optimal loop's margins of phase, delay and distance are φ, τ and $\\min|1 + \\ell|$; those of the known state's feedback stand in the section.",
         "c": "The cost stands in {fig:gain}; it grows beyond all bounds at {eq:bounds}." if answer["cost_actual"] is not None else "With the given $m$ the loop is not stable ({fig:gain}).",
         "d": "The upper bound is $1 + 1/(fd)$ and tends to 1 as $q$ or σ grows; the lower one does so if both grow ({fig:margins}, {tab:weights}).",
         "e": "The filter's gain is {eq:recovered}; {fig:recovery} shows the margins and the price.",

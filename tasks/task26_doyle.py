@@ -92,9 +92,11 @@ def part_a(r, p, answer, optimal):
 def part_b(r, answer, optimal, own):
     """The margins."""
     r.section("b", "What the loop bears")
+    f = answer["feedback_gain"][0]
     r.says("**The state known.** With $u = -Lx$ and an input that is $m$ times as strong the loop has the polynomial $s^2 + (mf - 2)s + 1$. It is stable for")
     r.math(r"m > \frac2f", "known")
-    r.says("and as $f > 4$, from less than one half on up to any gain: this is what every optimal feedback of a known state with one input bears, with 60° of phase ({ref:anderson_moore_lq, chapter 5}).")
+    r.says("and as $f > 4$, from less than one half on up to any gain. The open loop $\\ell = fs/(s - 1)^2$ has the magnitude 1 at two frequencies. Its phase may be wrong by $\\arccos(2/f)$, which is more than 60°, or the input come late by $\\arccos(2/f)/\\omega_1$ with the higher of them, $\\omega_1 = (f + \\sqrt{f^2 - 4})/2$; and $|1 + \\ell| \\ge 1$ at every frequency. Half the gain, 60° and the distance 1 from −1 are what every optimal feedback of a known state with one input bears ({ref:anderson_moore_lq, chapter 5}). Here these two are {phase:3}° and {delay:3} s. (A delay is the phase divided by the frequency, so that a fast loop bears only a short one.)",
+           phase=float(np.degrees(by_hand.known_phase(f))), delay=by_hand.known_delay(f))
     r.says("**The state estimated.** From the measurement to $-u$ the regulator is")
     r.math(r"C(s) = L(sI - A + BL + KH)^{-1}K = \frac{fd\,(2s - 1)}{s^2 + (f + d - 2)s + 1 + fd}", "compensator")
     r.says("and the plant from the input to the measurement is $m/(s - 1)^2$, so that the loop has the polynomial")
@@ -104,15 +106,15 @@ def part_b(r, answer, optimal, own):
     routes = ("python-control", "polynomials")
     r.value("loop_polynomial", np.poly(optimal.poles).real, agrees=answer, routes=("eigenvalues of the closed loop", "polynomials"))
     r.value("gain_margins", own.gain, symbol=r"m_\text{min}, m_\text{max}", agrees=answer, routes=("poles of the closed loop", "closed form"))
-    r.check("bounds of the gain", by_hand.gain_margins(answer["feedback_gain"][0], answer["filter_gain"]), answer["gain_margins"], ("Hurwitz's condition in numbers", "closed form"))
+    r.check("bounds of the gain", by_hand.gain_margins(f, answer["filter_gain"]), answer["gain_margins"], ("Hurwitz's condition in numbers", "closed form"))
     r.value("known_state_margin", 2 / optimal.L[0, 0], symbol=r"m_\text{min, known}", agrees=answer, routes=("Riccati equation", "closed form"))
     r.value("phase_margin", own.phase, "rad", symbol=r"\varphi", agrees=answer, routes=routes)
     r.value("delay_margin", own.delay, "s", symbol=r"\tau", agrees=answer, routes=routes)
     r.value("modulus_margin", own.modulus, symbol=r"\min|1 + \ell|", agrees=answer, routes=routes)
     r.value("disk_margin", own.disk, symbol=r"\alpha", agrees=answer, routes=routes)
     low, high = answer["gain_margins"]
-    r.says("Here the loop bears factors from {low:5} to {high:5}: an input that is {up:3} % too strong or {down:3} % too weak destroys it. It bears {phase:3}° of phase or a delay of {delay:3} s, and its frequency response comes to within {near:3} of −1, where that of a known state keeps a distance of 1.",
-           low=low, high=high, up=100 * (high - 1), down=100 * (1 - low), phase=float(np.degrees(answer["phase_margin"])), delay=answer["delay_margin"], near=answer["modulus_margin"])
+    r.says("Here the loop bears factors from {low:5} to {high:5}: an input that is {up:3} % too strong or {down:3} % too weak destroys it. It bears {phase:3}° of phase or a delay of {delay:3} s, and the frequency response ℓ of the open loop comes to within {near:3} of −1, where that of a known state keeps a distance of 1. In gain and phase at once it bears every factor $(2 + \\alpha\\delta)/(2 - \\alpha\\delta)$, δ complex and $|\\delta| < 1$, with $\\alpha = \\min 2|1 + \\ell|/|1 - \\ell|$ = {disk:3}.",
+           low=low, high=high, up=100 * (high - 1), down=100 * (1 - low), phase=float(np.degrees(answer["phase_margin"])), delay=answer["delay_margin"], near=answer["modulus_margin"], disk=answer["disk_margin"])
     nyquist(r, answer)
 
 

@@ -52,6 +52,16 @@ def gain(weight):
     return 2 + math.sqrt(4 + weight)
 
 
+def known_phase(f):
+    """Where ω + 1/ω = f the known state's loop fs/(s − 1)² has the magnitude 1; its phase may be wrong there by this much, rad."""
+    return math.acos(2 / f)
+
+
+def known_delay(f):
+    """The delay that uses up this phase at the higher of the two frequencies, s."""
+    return 2 * known_phase(f) / (f + math.sqrt(f * f - 4))
+
+
 def estimator(sigma, mu):
     """k1, k2 where the input has noise of strength mu too: s² + as + c is the stable factor of (s² − 1)² − σs² + μ."""
     c = math.sqrt(1 + mu)
