@@ -185,7 +185,7 @@ def judged(r, worlds, samples, variants, true, bound, printed, lower, whole):
         else []
     )
     r.says("{tab:verdict} judges the printed errors one by one.")
-    r.table("verdict", ["variant", "σ̂_ε printed, u", "σ_ε true, u", "σ_ε bound, u", "printed below the bound, %", "percentile, printed filter", "percentile, P0 = 0"],
+    r.table("verdict", ["variant", "σ̂_ε printed, u", "σ_ε true, u", "σ_ε bound, u", "printed below the bound, %", "percentile, printed filter", "percentile, $P_0 = 0$"],
             [(i + 1, printed[i], true[i], bound[i], below[i], *percent[i]) for i in range(len(variants))],
             "The printed errors against theory, and their percentiles among {runs} seeds of the printed filter and of the best causal one.", runs=r.runs)
     spread = {

@@ -124,7 +124,7 @@ def stability_pictures(r, p, field):
             spread = np.sqrt(size[:, 1:].mean(axis=1))
             growth[f"Δt = {dt:.4g} s"] = np.where(spread > 0, spread, np.nan)
     if growth:
-        r.says("{fig:growth} shows the growth that the eigenvalues do not: up to von Neumann's limit the field comes to rest, beyond it the curves rise geometrically until the disturbances have left the field, although up to the other limit all eigenvalues but those of the boundary node are inside the unit circle.")
+        r.says("{fig:growth} shows the growth that the eigenvalues do not: up to von Neumann's limit the root mean square settles, beyond it the curves rise geometrically until the disturbances have left the field, although up to the other limit all eigenvalues but those of the boundary node are inside the unit circle.")
         r.figure("growth", plots.lines(np.arange(p.m + 1), growth, xlabel="step number k", ylabel="RMS of z over the nodes, u", log="y", ordered=True, steps=True),
                  "The field's theoretical root mean square for the given Δt, for the two limits of {eq:waves}, and for their geometric mean.")
 

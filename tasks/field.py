@@ -49,8 +49,8 @@ META = {
 class Parameters(LabParameters):
     """What may be changed; the printed variants of the table keep their own α = β and σ_n. u is the field's unit."""
 
-    alpha: Positive = given(0.1, unit="1/s", meaning="coefficient of the first derivative in place, α = b01", draw=span(0.05, 0.12, 0.01))
-    beta: Positive = given(0.1, unit="1/m", meaning="coefficient of the first derivative in time, β = b10", draw=span(0.05, 0.12, 0.01))
+    alpha: Positive = given(0.1, unit="1/s", meaning="coefficient of the first derivative in place, α = b₀₁", draw=span(0.05, 0.12, 0.01))
+    beta: Positive = given(0.1, unit="1/m", meaning="coefficient of the first derivative in time, β = b₁₀", draw=span(0.05, 0.12, 0.01))
     sigma_n: Positive = given(1.0, unit="u", meaning="standard deviation of the measurement noise at a node", draw=span(0.5, 3, 0.25))
     sigma_eta: Positive = given(
         3.0, unit="u/√(m·s)", meaning="standard deviation of the driving noise at a node and step",
