@@ -43,10 +43,10 @@ def part_figure1(r, p, y, experiment):
                          straight={"true values": ([1, p.k, np.nan, 1, p.k], [p.lam, p.lam, np.nan, p.mu, p.mu])})
     r.says("{fig:figure1} and {tab:figure1} are the paper's figure 1 on a logarithmic axis, since everything happens in the first samples. The estimates settle, but not at the true values (dashed): from the first sample on their ratio is that of the prior variances." if p.sigma_lambda2 * p.sigma_mu2 else "{fig:figure1} and {tab:figure1} are the paper's figure 1 on a logarithmic axis. What has no prior variance is not estimated, and stays where it was.")
     r.figure("figure1", figure, "Estimates of λ and μ from one record with λ = {lam} and μ = {mu} (dashed).", lam=p.lam, mu=p.mu)
-    r.table("figure1", ["k", "λ̂", "μ̂", "λ̂ + μ̂", "σ of λ̂", "σ of λ̂ + μ̂"],
+    r.table("figure1", ["k", "λ̂, u", "μ̂, u", "λ̂ + μ̂, u", "σ of λ̂, u", "σ of λ̂ + μ̂, u"],
             [(keep[i], *found.x[i], found.x[i].sum(), math.sqrt(found.P[i, 0, 0]), math.sqrt(max(found.P[i].sum(), 0.0))) for i in np.searchsorted(keep, marks)],
             "The same record at some k.")
-    r.says("For {fig:section5_ensemble} λ and μ are drawn from their priors anew in each of the {runs} runs. The errors of λ̂ and μ̂ stay large while their sum becomes known; an error hardly changes from one measurement to the next, so that mean, RMS and NEES drift slowly and keep to one side, whereas NIS, whose innovations are white, scatters.", runs=experiment.runs)
+    r.says("For {fig:section5_ensemble} λ and μ are drawn from their priors anew in each of the {runs} runs. The errors of λ̂ and μ̂ stay large while their sum becomes known; an error hardly changes from one measurement to the next, so that mean, RMS and NEES drift slowly and keep to one side for long, whereas NIS, whose innovations are white, scatters.", runs=experiment.runs)
     count = min(p.k, 60)
     stats = portrait(r, experiment, named(constants(p)), count, prefix="section5_", xlabel=STEP, figures={"ensemble": "The drift of the points is one deviation, not many."})
     return {"measured": rms(stats, unit="u"), "sd": float(covariances(named(constants(p)), count).sd_plus[-1, 0]), "count": count}
@@ -164,7 +164,7 @@ def doubted(r, p, counts, noise, poly, experiment):
     ending = by_hand.posterior_odds(p.lam + p.mu, 1e300, p.sigma_w2, p.sigma_lambda2, p.sigma_mu2) if p.sigma_lambda2 else (1.0 if p.sigma_mu2 and p.lam + p.mu else 0.5)
     drift, y = polynomial(), poly.z[1:, 0, 0]
     other = hypotheses.hypotheses([bayes.model(drift), bayes.model(drift.ignoring())], poly.z[1:])
-    r.says("**Is there a slow error at all?** Two filters, one with μ and one without, even odds, and Bayes' rule on their innovations {ref:magill}. In {fig:hypotheses} the probability of a slow error in (i) is followed over the measurements. The data hold one value of λ + μ, however many the samples, so that the question is never decided; a drift as in (ii), which the signal cannot imitate, is found: its probability after the last sample is {last}.", last=float(other.probability[-1, 0, 0]))
+    r.says("**Is there a slow error at all?** Two filters, one with μ and one without, begin with even odds, which Bayes' rule changes by their innovations {ref:magill}. In {fig:hypotheses} the probability of a slow error in (i) is followed over the measurements. The data hold one value of λ + μ, however many the samples, so that the question is never decided; a drift as in (ii), which the signal cannot imitate, is found: its probability after the last sample is {last}.", last=float(other.probability[-1, 0, 0]))
     common, noise_ = drift.phi @ drift.K_lambda @ drift.phi.T, drift.noise * np.eye(drift.N)
     densities = [by_hand.log_density(y, drift.phi @ drift.m_lambda, K) for K in (common + drift.psi @ drift.K_mu @ drift.psi.T + noise_, common + noise_)]
     r.check("log-likelihoods of the two hypotheses, (ii)", other.log_likelihood[-1, :, 0], densities, ("innovations of two filters", "joint density"))

@@ -40,7 +40,7 @@ def discussion(r, p):
     if both(p):
         r.says("**More data, worse estimates.** An estimator that ignores the error averages the noise away and takes what remains for the signal. While noise dominates it is nearly optimal; later it trusts its average more than that deserves, and if $2\\sigma_\\mu^2 > \\sigma_\\lambda^2$ its variance has a minimum and rises again ({eq:naive}, {fig:figure2}). The optimal estimator, and the one that considers the error without estimating it ({fig:consider}), keep a gain that allows for it.")
         r.says("**Numbers.** As λ + μ becomes known, the covariance of (λ, μ) becomes nearly singular. What a filter loses there is not accuracy of the estimates but the small variance of the sum ({tab:rounding}); who needs it carries a root of P.")
-    r.says("**Points outside the band.** In {fig:section5_ensemble} the errors of a run are nearly the same number from one measurement to the next. So the averages over the runs keep to the side on which they began, NEES as well, and a row of points outside the band is one event. The tests of {app:chance} take the correlation into account.")
+    r.says("**Points outside the band.** In {fig:section5_ensemble} the errors of a run are nearly the same number from one measurement to the next. So the averages over the runs keep to one side for long, and a row of points outside the band is one event. The tests of {app:chance} take the correlation into account.")
 
 
 def answers(p):

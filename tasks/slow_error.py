@@ -118,7 +118,7 @@ def three_examples(r, p, y, poly, moved):
             r.check(text("risk R[N], {name}", name=name), risk, np.diag(phi @ P @ phi.T), routes, scale=slack * size)
         rows += [(name, problem.N, at, s, R, math.sqrt(R)) for at, s, R in zip(when, s_hat, risk, strict=True)]
     r.table("batch", ["example", "samples", "N (time in s for (ii), (iii))", "ŝ[N, k]", "R[N]", "√R[N]"], rows,
-            "Estimates and risks at instants within the record, at its end and, the last of (ii) and (iii), beyond it.")
+            "Estimates and risks at instants within the record, at its end and, the last of (ii) and (iii), beyond it; in the unit of the samples and its square.")
     r.says("{tab:batch} has estimates and risks of the three examples, each confirmed by conditioning the joint Gaussian distribution of everything.")
     batch_figures(r, poly, moved)
 
@@ -172,7 +172,7 @@ def part_recursive(r, p, answer, y, poly, moved, experiment):
 def closed_forms(r, p, answer, y, experiment, system, short, small, whole, scale):
     """Variances, gains and the floor of the example of constants."""
     routes, D = ("square-root recursion", "closed form"), ("P11[k]", "P22[k]", "P12[k]")
-    r.says("**Closed forms.** Only the sum of the samples matters; with $D = \\sigma_w^2 + k(\\sigma_\\lambda^2 + \\sigma_\\mu^2)$,")
+    r.says("**Closed forms.** Only the sum of the samples matters; with $D = \\sigma_w^2 + k(\\sigma_\\lambda^2 + \\sigma_\\mu^2)$ and the gains $K^*$ of λ̂ and $\\Delta^*$ of μ̂ (the paper's letters),")
     r.math(r"P_{11} = \frac{\sigma_\lambda^2(\sigma_w^2 + k\sigma_\mu^2)}{D}, \quad P_{22} = \frac{\sigma_\mu^2(\sigma_w^2 + k\sigma_\lambda^2)}{D}, \quad P_{12} = -\frac{k\sigma_\lambda^2\sigma_\mu^2}{D}, \quad K^* = \frac{\sigma_\lambda^2}{D}, \quad \Delta^* = \frac{\sigma_\mu^2}{D}.", "closed")
     for name, value, letter in (("lambda_variance", whole.P[-1, 0, 0], "P_{11}"), ("mu_variance", whole.P[-1, 1, 1], "P_{22}"), ("covariance", whole.P[-1, 0, 1], "P_{12}")):
         r.value(name, value, "u²", symbol=letter, agrees=answer, routes=routes)
