@@ -23,7 +23,7 @@ def discussion(r, p, answer, R):
     r.says("**What is known costs nothing.** The input moves the state and the estimate alike, so that it cancels in the error. The estimate is a sum of what is known and of what was measured; only the second has a variance.")
     if answer["unmodelled_drift_bias_posterior"] is not None and p.u and R:
         ratio = answer["unmodelled_drift_bias_posterior"] ** 2 / (answer["gain_steady"] * R)
-        r.says("**What is forgotten costs a bias.** The innovations of the forgetful filter have the mean $\\bar b^- = u\\tau/\\bar K$, and the gain turns this into just the $u\\tau$ that is lacking at each step. The square of the bias after an update is {ratio:3} of the variance that the filter claims. Such a fault shows in the mean of the innovations and not in P.", ratio=ratio)
+        r.says("**What is forgotten costs a bias.** The innovations of the forgetful filter have the mean $\\bar b^- = u\\tau/\\bar K$, and the gain turns this into just the $u\\tau$ that is lacking at each step. The square of the bias after an update is {ratio:3} times the variance that the filter claims. Such a fault shows in the mean of the innovations and not in P.", ratio=ratio)
     r.says("**Points outside the bands.** One point in twenty is expected outside. Of the error at one instant the share $1 - \\bar K$ passes to the next, so that neighbouring points tend to lie on one side; {app:chance} tests all instants at once and allows for it.")
 
 

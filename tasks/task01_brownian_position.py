@@ -76,6 +76,7 @@ def analysis(r, p, answer, R):
     r.says("**Model.** The constant $x_0$ and the Brownian motion are one state: $\\dot{x} = w$ with $x(t_0) = x_0$. Over one period the increments add $Q_d = \\sigma_w^2\\tau$ to the variance, for the variance of a sum of independent increments is the sum of theirs; $\\sigma_w^2$ is a diffusion in m²/s and not a variance {ref:maybeck, section 4.9}. In the letters of the general model")
     r.math(r"F = 0, \quad G = 1, \quad Q = \sigma_w^2, \quad \Phi = 1, \quad Q_d = \sigma_w^2\tau, \quad H = 1")
     r.model(model(p, R))
+    last_of_list(r, p)
     r.says("**Filter.** From $\\hat{x}(t_0^+) = \\bar x_0$ and $P(t_0^+) = P_0$ {ref:maybeck, section 5.3},")
     r.math(r"\hat x(t_i^-) = \hat x(t_{i-1}^+), \qquad P(t_i^-) = P(t_{i-1}^+) + Q_d", "prediction")
     r.math(r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R(t_i)}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = [1 - K(t_i)]P(t_i^-)", "update")
@@ -93,6 +94,12 @@ def analysis(r, p, answer, R):
     r.math(r"b_i = b_0\prod_{j \le i}[1 - K(t_j)],", "bias")
     r.says("so that after {n} measurements the share {left:3} of it is left.", n=len(at), left=answer["bias_factor"][-1])
     steady_state(r, p, answer, R)
+
+
+def last_of_list(r, p):
+    """Where R is a list, a sentence on which of its elements stands for it."""
+    if np.ndim(p.R):
+        r.says("Of the listed variances the last one, {R} m², is shown. It is the R of the steady state and of every experiment that does not name another; the variances and gains along the measurements are those of the whole list.", R=by_hand.variances(p)[-1])
 
 
 def steady_state(r, p, answer, R):
@@ -217,7 +224,8 @@ def wrong_mean(r, p, build, experiment, steps, R):
     figure = plots.lines(i, {"theory": -actual.bias_plus[i, 0]}, xlabel=STEP, ylabel="bias, truth − estimate, m", points={"ensemble": (i, -wrong.bias[i, 0])}, steps=True, marker=".")
     r.figure("bias", figure, "Bias of a filter whose initial mean is wrong by {start:3} m: theory and the mean of the ensemble.", start=start)
     r.says("**A wrong initial mean.** In {fig:bias} the filter starts {start:3} m too low. ", ("Its P does not know of that, and its gain is 0 from the start: the bias stays." if p.P0 == 0 and p.sigma_w2 == 0 else
-           "The bias falls by the factor $1 - K(t_i)$ at each measurement, as in {eq:bias}: at first by large steps, because P is large, later by the factor of the steady gain."), start=start)
+           "The bias falls by the factor $1 - K(t_i)$ at each measurement, as in {eq:bias}: at first by large steps, because P is large, later by the factor of the steady gain." if p.sigma_w2 else
+           "The bias falls by the factor $1 - K(t_i)$ at each measurement, as in {eq:bias}: at first by large steps, because P is large, later by ever smaller ones, as the gain tends to 0."), start=start)
 
 
 def part_b(r, p, build, experiment, steps, R):

@@ -59,6 +59,7 @@ def part_a(r, p, answer, build):
     r.math(r"x(t_{i+1}) = x(t_i) + u\tau + w_d(t_i), \qquad \hat x(t_i^-) = \hat x(t_{i-1}^+) + u\tau, \qquad P(t_i^-) = P(t_{i-1}^+) + Q_d", "prediction")
     system = build(lab1.by_hand.variances(p))
     r.model(build(lab1.by_hand.variances(p)[-1]))
+    lab1.last_of_list(r, p)
     r.says("The update is that of lab 1,")
     r.math(r"K(t_i) = \frac{P(t_i^-)}{P(t_i^-) + R(t_i)}, \qquad \hat x(t_i^+) = \hat x(t_i^-) + K(t_i)[z(t_i) - \hat x(t_i^-)], \qquad P(t_i^+) = [1 - K(t_i)]P(t_i^-).", "update")
     r.says("**Why the covariances do not feel the input.** In the error $e = \\hat{x} - x$ the input cancels, $e(t_i^-) = e(t_{i-1}^+) - w_d(t_{i-1})$. So the variances, the gain, the settling and the effect of an anomaly are those of lab 1, whatever u.")
