@@ -39,7 +39,7 @@ from ctlabs.reporting import plots
 from ctlabs.reporting.draws import one_of, span
 from ctlabs.reporting.params import Count, LabParameters, Positive, Variance, given
 from ctlabs.reporting.report import EXACT, Report
-from ctlabs.text import number, text
+from ctlabs.text import latex, number, prose, text
 
 SIGMA, TAU = sympy.symbols("sigma_w tau", positive=True)
 #: New units of length (m) and time (s) in which everything is computed again; no simple powers of each other.
@@ -197,7 +197,7 @@ def existence(r, lab):
     deadbeat = backward_gain(n, p.tau)
     bound = sensitivity.fixed_gain(replace(lab.system, P0=np.zeros((n, n))), deadbeat, n).P_plus[n]
     r.says("**Bounds, without the theorem.** Put {curve} through the last {n} measurements: an estimate that uses nothing older, so that its error comes from the errors of these measurements and from the noise of the periods between them. It is the filter with the constant gain $K_* = ({gain})^T$, all of whose poles are 0, and its error variances are, in the order of the states, {bound}. The optimal filter, which uses all measurements and $P_0$, has no larger ones from measurement {n} on, whatever $P_0$. So they are bounded, while those of the state ($\\sigma_w^2 > 0$) grow without bound, that of x like {growth}. ∎",
-           curve=CURVE[n], n=n, gain=", ".join(number(float(k)) for k in deadbeat[:, 0]), bound=listed(f"{number(b)} {u}" for b, u in zip(np.diag(bound), squared(lab), strict=True)), growth=growth(n))
+           curve=CURVE[n], n=n, gain=", ".join(latex(float(k)) for k in deadbeat[:, 0]), bound=listed(f"{prose(float(b))} {u}" for b, u in zip(np.diag(bound), squared(lab), strict=True)), growth=growth(n))
     r.check("error covariance of the backward differences", bound, by_hand.backward_differences(n, p.sigma_w2, p.tau, p.R), ("filter with poles at 0", "polynomial through n measurements"))
     variances = np.diagonal(covariances(lab.system, max(p.steps, n + 10)).P_plus, axis1=1, axis2=2)[n:]
     scale = np.where(np.diag(bound) > 0, np.diag(bound), 1.0)
@@ -267,7 +267,7 @@ def table_of_limits(r, lab):
     for j, (name, unit, square) in enumerate(zip(lab.system.states, lab.system.units, squared(lab), strict=True)):
         before, after = lab.limit.P_minus[j, j], lab.limit.P_plus[j, j]
         alone = None if lab.settled is None else settling_step(variances[:, j : j + 1], [after])
-        rows.append((f"${name}$, {unit}", f"{number(before)} {square}", f"{number(after)} {square}", math.sqrt(after), alone or "—", "—" if alone is None else alone * lab.p.tau))
+        rows.append((f"${name}$, {unit}", f"{prose(before)} {square}", f"{prose(after)} {square}", math.sqrt(after), alone or "—", "—" if alone is None else alone * lab.p.tau))
     r.says("{tab:limits} has the limits of the error variances, which $P(t_i^-)$ and $P(t_i^+)$ approach from any $P_0$, and the time in which they do so from the given one.")
     r.table("limits", ["state", "variance before an update", "variance after it", "σ after it", "settled at measurement", "settled at, s"], rows,
             "Limits of the error variances and the time to reach them (within 1 %, state by state; the filter has settled when the last of them has).")

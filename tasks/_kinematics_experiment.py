@@ -28,7 +28,7 @@ from ctlabs.models.discretisation import discretise
 from ctlabs.reporting import plots
 from ctlabs.reporting.drawing import Curve, Drawing, Panel
 from ctlabs.reporting.report import EXACT
-from ctlabs.text import number, text
+from ctlabs.text import prose, text
 
 #: Levels of the factors in the experiment; the period enters the ratio by a high power.
 LEVELS = {"P0": (0.1, 10.0), "sigma_w2": (0.1, 10.0), "R": (0.2, 5.0), "tau": (0.5, 2.0)}
@@ -47,8 +47,8 @@ def plan(r, lab, experiment):
     r.table("plan", ["quantity", "value", "why"], [
         ["measurements in a run", steps, text("at most 300, of the {settled} that the given filter takes to settle: the figures show its transient, not its limits", settled=lab.settled) if lab.settled is not None and lab.settled > steps
          else "two settling times of the given parameters, at least 20 and at most 300 (40 where nothing settles); for each level of a factor its own"],
-        ["initial mean", listed(f"{number(mean)} {unit}" for mean, unit in zip(p.x0_mean, lab.system.units, strict=True)), "given; then wrong by one standard deviation (by 1 where that is 0)"],
-        ["initial covariance, diagonal", listed(f"{number(each)} {unit}" for each, unit in zip(np.diag(p.P0), squared(lab), strict=True)), "given; then times 0.1 and 10"],
+        ["initial mean", listed(f"{prose(mean)} {unit}" for mean, unit in zip(p.x0_mean, lab.system.units, strict=True)), "given; then wrong by one standard deviation (by 1 where that is 0)"],
+        ["initial covariance, diagonal", listed(f"{prose(each)} {unit}" for each, unit in zip(np.diag(p.P0), squared(lab), strict=True)), "given; then times 0.1 and 10"],
         *([f"{SYMBOLS[name]}, {units[name]}", getattr(p, name), text("given; then {low} and {high}", low=low, high=high) if getattr(p, name) else "given; multiples of 0 are 0"] for name, (low, high) in chosen),
         ["runs", experiment.runs, text("a standard error of the variance of {percent} %", percent=round(100 * math.sqrt(2 / experiment.runs), 1))],
         ["seed", experiment.seed, "the same random numbers for all levels, so that they compare"],
@@ -154,7 +154,7 @@ def wrong_start(r, lab, experiment, steps):
     shown = sorted({k for k in (0, 1, 2, 3, 5, 10, steps) if k <= steps})
     labels = named(lab)
     r.table("bias", ["i", *(text("bias of {state}", state=s) for s in labels), *(text("ensemble: {state}", state=s) for s in labels)],
-            [(k, *actual.bias_plus[k], *(mean_error(stats, k, j) for j in range(n))) for k in shown], "Mean error of the estimate, estimate − truth, where the truth starts above the initial mean by {offset}.", offset=listed(f"{number(float(o))} {u}" for o, u in zip(offset, lab.system.units, strict=True)))
+            [(k, *actual.bias_plus[k], *(mean_error(stats, k, j) for j in range(n))) for k in shown], "Mean error of the estimate, estimate − truth, where the truth starts above the initial mean by {offset}.", offset=listed(f"{prose(float(o))} {u}" for o, u in zip(offset, lab.system.units, strict=True)))
     largest_pole = float(np.abs(lab.limit.poles).max())
     if not np.any(p.P0) and not p.sigma_w2:
         r.says("{tab:bias} has the numbers. The filter believes that it knows everything: its gain is 0 and the bias is never corrected.")
