@@ -36,7 +36,7 @@ def part_a(r, p):
         linear.append([c * e - s * e, s * e + c * e])
     r.order("what the first order leaves out is of the second", list(np.linalg.norm(np.subtract(exact, linear), axis=1)), 2.0, ("exact conversion", "first order"))
     bias, index = p.D * p.sigma_theta**2 / 2, p.D * p.sigma_theta**2 / 2 / p.sigma_D
-    r.says("The largest term left out shortens the radius by $D\\sigma_\\theta^2/2 = {bias}$ m on average, {index:2} of $\\sigma_D$: the first order is {quality} here.",
+    r.says("The largest term left out shortens the radius by $D\\sigma_\\theta^2/2 = {bias}$ m on average, which is {index:2} times $\\sigma_D$: the first order is {quality} here.",
            bias=bias, index=index, quality="good" if index < 0.1 else "doubtful" if index < 0.5 else "not good enough")
 
 

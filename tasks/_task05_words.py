@@ -36,11 +36,10 @@ def reason(ratio, sensor):
 
 def reliable(sensor):
     """What the NEES says of the filters, in a sentence."""
-    bad = [name for name, nees in zip(("variant 1", "variant 2", "the extended filter"), sensor["nees"], strict=True) if not nees <= BELIEVED]
+    bad = [text("{name} up to {nees:3}", name=text(name), nees=float(nees)) for name, nees in zip(("variant 1", "variant 2", "the extended filter"), sensor["nees"], strict=True) if not nees <= BELIEVED]
     if not bad:
         return text("No filter has a NEES above {limit:2} on any trajectory of the true sensor, where a consistent filter has 4: the variances that the filters claim can be believed.", limit=BELIEVED)
-    return text("The NEES exceeds {limit:2} on some trajectory of the true sensor for {names} (at most {nees}), 4 being that of a consistent filter: the variances that are claimed there are too small.",
-                limit=BELIEVED, names=", ".join(map(text, bad)), nees=", ".join(f"{x:.3g}" for x in sensor["nees"] if not x <= BELIEVED))
+    return text("On some trajectory of the true sensor the NEES exceeds {limit:2}, where a consistent filter has 4: {filters}. The variances that are claimed there are too small.", limit=BELIEVED, filters="; ".join(bad))
 
 
 def result(r, worth, gain, sensor):
@@ -61,7 +60,7 @@ def result(r, worth, gain, sensor):
 def discussion(r, p, sensor):
     """What the experiment adds to the theory."""
     index = p.D * p.sigma_theta**2 / 2 / p.sigma_D
-    r.says("**Where the theory ends.** The set of all points with the measured range is a circle. The first order replaces it by its tangent, and at the distance $D\\sigma_\\theta$ from the point of contact the two are $D\\sigma_\\theta^2/2$ apart, {bias:3} m, which is {index:2} of $\\sigma_D$. Variant 2 is the filter that trusts the direction of the tangent; variant 1 has a rounder ellipse and notices the difference less. So the longer the ellipse, the more there is to gain in {fig:by_ratio}, and the sooner the gain is lost again.",
+    r.says("**Where the theory ends.** The set of all points with the measured range is a circle. The first order replaces it by its tangent, and at the distance $D\\sigma_\\theta$ from the point of contact the two are $D\\sigma_\\theta^2/2$ apart, {bias:3} m, which is {index:2} times $\\sigma_D$. Variant 2 is the filter that trusts the direction of the tangent; variant 1 has a rounder ellipse and notices the difference less. So the longer the ellipse, the more there is to gain in {fig:by_ratio}, and the sooner the gain is lost again.",
            bias=index * p.sigma_D, index=index)
     if sensor["extended"] and not sensor["not_extended"]:
         r.says("**The extended filter** takes range and bearing as they are. It is clearly better than variant 2 in some states and clearly worse in none ({tab:true_ratios}): it is to be preferred here.")
