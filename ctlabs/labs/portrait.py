@@ -205,8 +205,8 @@ def largest(report: Report) -> str:
 
 def _measured_unit(model: DiscreteModel, measurement: int) -> str:
     """The unit of a measurement that reads states of one unit; "units of z" where that cannot be told."""
-    read = model.H[..., measurement, :].reshape(-1, model.n).any(axis=0)
-    units = {unit for unit, h in zip(model.units, read, strict=True) if h}
+    rows = model.H[..., measurement, :].reshape(-1, model.n)
+    units = {unit for unit, read in zip(model.units, rows.T, strict=True) if read.any()}
     if len(units) == 1 and units != {""}:
         return units.pop()
     return "units of z"
