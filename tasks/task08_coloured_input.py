@@ -186,10 +186,10 @@ def part_e(r, p, answer, systems):
     """The equations of the sensitivity analysis."""
     r.section("e", "Sensitivity: the joint covariance of truth and filter")
     nodes = {
-        "T": Node((0, 0), "true\nsystem"), "z": Node((1.6, 0), "", "branch"), "F": Node((3.1, 0), "simplified\nfilter"),
-        "+": Node((4.9, 0), "", "sum"), "e": Node((6.1, 0), "$e$", "signal"), "c": Node((0, 1.0), "", "branch"), "K": Node((3.1, -1.0), r"$\alpha,\,Q_d,\,R$"),
+        "T": Node((0, 0), "true\nsystem"), "F": Node((3.1, 0), "simplified\nfilter"),
+        "+": Node((4.9, 0), "", "sum"), "e": Node((6.1, 0), "$e$", "signal"), "x": Node((0, 1.0), "$x$", "signal"), "K": Node((3.1, -1.0), r"$\alpha,\,Q_d,\,R$"),
     }
-    arrows = [Arrow("T", "z", "$z$"), Arrow("z", "F"), Arrow("F", "+", r"$\hat{x}$", "+"), Arrow("+", "e"), Arrow("T", "c"), Arrow("c", "+", "$x$", "−"), Arrow("K", "F", "$K_i$")]
+    arrows = [Arrow("T", "F", "$z$"), Arrow("F", "+", r"$\hat{x}$", "+"), Arrow("+", "e"), Arrow("T", "x"), Arrow("x", "+", "", "−"), Arrow("K", "F", "$K_i$")]
     r.figure("sensitivity", plots.block_diagram(nodes, arrows), "Sensitivity analysis. The measurements come from the true system; of the filter's own covariance only the gain has an effect.")
     r.says("{fig:sensitivity} shows what is computed ({ref:gelb, chapter 7}; {ref:maybeck, chapter 6}). Let $\\xi = (x, y, \\hat{x})$ and $X = E[\\xi\\xi^T]$. Between samples the truth moves by its own matrices and the estimate by the simplified one; an update touches the estimate only:")
     r.math(r"X_i^- = \begin{bmatrix} \alpha & \varphi & 0 \\ 0 & \beta & 0 \\ 0 & 0 & \alpha \end{bmatrix}X_{i-1}^+{\begin{bmatrix} \alpha & \varphi & 0 \\ 0 & \beta & 0 \\ 0 & 0 & \alpha \end{bmatrix}}^T + \begin{bmatrix} Q_{d,11} & Q_{d,12} & 0 \\ Q_{d,12} & Q_{d,22} & 0 \\ 0 & 0 & 0 \end{bmatrix}")
