@@ -47,7 +47,7 @@ def answers(lab):
         "a": "The matrices are those of {part:a}; the noises of a period are written as $G_d\\bar w_d$ with a unit lower triangular $G_d$.",
         "b": "$\\bar G_d$ is the Cholesky factor of $Q_d$; the units are in {tab:units}.",
         "c": text("The solution is written out in {part:c}. By {eq:growth} the variances grow without bound, that of x like {growth} ({fig:open_loop}).", growth=growth(n)) if p.sigma_w2 else "The solution is written out in {part:c}; without disturbance the variances of {eq:growth} are 0.",
-        "d": text("The motion is a Wiener process in the {quantity}; what is estimated is the current state and not the constant. The error variances are bounded ({fig:bounded}), their limits are in {tab:limits}, the influence of the factors in {tab:factors}.", quantity=QUANTITY[n]) if p.sigma_w2
+        "d": text("The motion is a Wiener process in the {quantity}; what is estimated is the current state and not the constant. The error variances are bounded ({fig:bounded}), their limits and the times to reach them are in {tab:limits}, the influence of the factors in {tab:factors}.", quantity=QUANTITY[n]) if p.sigma_w2
              else text("Without disturbance the coordinate is {curve}; all error variances tend to 0 ({tab:factors}).", curve=CURVE[n]),
     }
 
