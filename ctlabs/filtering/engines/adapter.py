@@ -158,8 +158,8 @@ def _vague(state: vague.State, H: Array, R: Array) -> tuple[vague.State, Update]
     (m, n), used = H.shape, np.isfinite(R.diagonal())
     K, S = np.zeros((n, m)), np.diag(np.full(m, np.inf))
     if used.any():
-        before, own = state, (np.eye(used.sum()), H[used], contract.Noise(R[np.ix_(used, used)]))
-        state, told = vague.update(before._replace(x=np.zeros((n, 1))), *own)  # of unit innovations: the gain
+        before, own = state._replace(x=np.zeros((n, 1))), (np.eye(used.sum()), H[used], contract.Noise(R[np.ix_(used, used)]))
+        state, told = vague.update(before, *own)  # of unit innovations: the gain
         K[:, used] = state.x
         S[np.ix_(used, used)] = vague.innovation(before, *own)[1]
         left_out = np.flatnonzero(used)[~told.used]

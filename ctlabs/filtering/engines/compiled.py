@@ -78,9 +78,12 @@ def log_likelihood(problem: FilterProblem) -> tuple[float, int]:
         return _counted(record(problem))
     if begun is not None and begun.rows == rows:
         return float(begun.diffuse[0]), int(used.sum())
+    asked = used.copy()
     done = _forward(problem, used, _histories(0, model.n, model.m), begun)
     if done is None:
         return _counted(_perfect(problem))
+    if not np.array_equal(used, asked):  # again one of what was known
+        return _counted(record(problem))
     return done[0] if begun is None else done[0] + float(begun.diffuse[0]), int(used.sum())
 
 
@@ -140,11 +143,13 @@ def _forward(problem: FilterProblem, used: Mask, out: Histories, begun: Beginnin
         k, x, P = begun.rows, begun.x[:, 0], begun.P
     own, begin_at, algorithm = (system(model), fixed(x), fixed(problem.z[:, :, 0]), fixed(used)), k, "joseph"
     end, k, total = forward.filtered(own[0], own[1], fixed(P), own[2], own[3], begin_at, out)
-    if end in (forward.LOSING, forward.INDEFINITE):
+    if end in (forward.LOSING, forward.INDEFINITE, forward.PERFECT):
         L, algorithm = np.zeros((model.n, model.n)), "array"
         columns = contract.rooted(P) if begun is None or begun.L is None else begun.L
         L[:, : columns.shape[1]] = columns
-        end, k, total = roots.forward(own[0], own[1], fixed(L), own[2], own[3], begin_at, out)
+        entering = used.copy()
+        end, k, total = roots.forward(own[0], own[1], fixed(L), own[2], entering, begin_at, out)
+        used[:] = entering
     if end == forward.OVERFLOW:
         msg = f"P_minus: expected finite covariances, received an overflow {_when(problem, k)}"
         raise FloatingPointError(msg)

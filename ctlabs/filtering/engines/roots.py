@@ -11,7 +11,8 @@ is found from the array before the update, in which no inverse of R stands besid
           \hat x^-_{k+1} = \Phi\hat x^+ + c + NS^{-1}\nu
 
 A variance of 1e-12 of what it was keeps ten digits here, in Joseph's form four. Of 1e-18, or less, also a root has too few: that is
-refused (``INDEFINITE``).
+refused (``INDEFINITE``). What perfect measurements leave at the rounding level of its own terms is zero, and such a measurement of what
+is known already is left out.
 
 Source: Kailath, Sayed & Hassibi, *Linear Estimation* (2000), chapter 12.
 """
@@ -20,8 +21,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ctlabs.filtering.engines.common import EPS, System, copied, emptied, entry, helper, motion, picked, root, triangle
-from ctlabs.filtering.engines.forward import DONE, INDEFINITE, LOG_2PI, OVERFLOW, PERFECT
+from ctlabs.filtering.engines.common import EPS, System, copied, crossed_out, emptied, entry, helper, motion, picked, root, triangle
+from ctlabs.filtering.engines.forward import DONE, INDEFINITE, LOG_2PI, MARGIN, OVERFLOW, PERFECT, terms
 from ctlabs.filtering.engines.means import Applied, Histories, means, moved, put, put_gains, whitened
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import kernel
@@ -102,10 +103,28 @@ def led(W: Array, top: int, begin: int, Phi: Array, L: Array, G: Array) -> None:
 
 
 @helper
-def beyond(P: Array, P_minus: Array, W: Array, H: Array, pick: Array, count: int, row: Array, size: Array) -> bool:
+def known(P: Array, W: Array, H: Array, R: Array, d: Array, pick: Array, count: int, sizes: Array) -> int:
+    """The first element without a noise of its own (d = 0) whose innovation, given those before it, is rounding; −1 if none.
+
+    ``W``: C in its first columns; ``sizes`` (2, m): room.
+    """
+    for a in range(count):
+        if d[a] == 0.0:
+            lost = MARGIN * P.shape[0] * EPS * np.sqrt(terms(P, H, R, pick, a, W, sizes))
+            if abs(W[a, a]) <= lost:
+                return a
+    return -1
+
+
+@helper
+def beyond(
+    P: Array, L: Array, P_minus: Array, W: Array, H: Array, R: Array, pick: Array, count: int, perfect: bool, row: Array, size: Array
+) -> bool:
     """Whether the rounding of the roots before an update may be more than :data:`LEFT` of those after it, or of C.
 
-    ``W``: C and K̄ = P⁻HᵀC⁻ᵀ in its first columns, so that the gain is K̄C⁻¹; ``row`` (m,), ``size`` (n,): room.
+    A root at the rounding level of its terms after a ``perfect`` measurement becomes zero, and as long as it is on its way there it is no
+    loss: nothing but such measurements made it small. ``W``: C and K̄ = P⁻HᵀC⁻ᵀ in its first columns, so that the gain is K̄C⁻¹;
+    ``row`` (m,), ``size`` (n,): room.
     """
     n = P.shape[0]
     for i in range(n):
@@ -125,7 +144,17 @@ def beyond(P: Array, P_minus: Array, W: Array, H: Array, pick: Array, count: int
             row[a] /= W[a, a]
             for j in range(n):
                 terms += abs(row[a]) * abs(H[pick[a], j]) * size[j]
-        if EPS * terms > LEFT * np.sqrt(P[i, i]):
+        if EPS * terms <= LEFT * np.sqrt(P[i, i]):
+            continue
+        noise = 0.0
+        for a in range(count):
+            for b in range(count):
+                noise += abs(row[a] * R[pick[a], pick[b]] * row[b])
+        if perfect and np.sqrt(P[i, i]) <= MARGIN * n * EPS * terms:
+            crossed_out(P, i)
+            for j in range(n):
+                L[i, j] = 0.0
+        elif not perfect or 4 * noise > P[i, i]:
             return True
     return False
 
@@ -145,7 +174,10 @@ def gains(W: Array, n: int, count: int, Kt: Array) -> None:
 def forward(
     system: System, x0: Array, L0: Array, z: Array, used: Array, begin: int, out: Histories
 ) -> tuple[int, int, float]:
-    """As :func:`ctlabs.filtering.engines.forward.forward`, from a root of P0; a perfect measurement ends it (``PERFECT``)."""
+    """As :func:`ctlabs.filtering.engines.forward.forward`, from a root of P0.
+
+    Perfect measurements of what is known are taken out of ``used``; N ≠ 0 beside one ends it (``PERFECT``).
+    """
     n, m, rows = x0.shape[0], z.shape[1], z.shape[0]
     keep, correlated = out.nis.shape[0] > 0, system.N.size > 0
     at, row = means(x0, m, 1), np.empty(m)
@@ -155,6 +187,7 @@ def forward(
     Phi_N, Q_N, M, N_S = np.empty((n, n)), np.empty((n, n)), np.zeros((n, m)), np.zeros(n)
     Kt = np.empty((m, n))
     noise, d, pick, count, total = np.empty((m, m)), np.empty(m), np.empty(m, dtype=np.int64), 0, 0.0
+    sizes = np.empty((2, m))
     for k in range(begin, rows):
         if k > begin:
             Phi, Q = entry(system.Phi, k - 1), entry(system.Q, k - 1)
@@ -195,8 +228,10 @@ def forward(
         H, R = entry(system.H, k), entry(system.R, k)
         count = picked(used[k], pick)
         copied(x_minus, x)
-        if count > 0:
-            if not triangle(R, noise, d, pick, count):
+        perfect, looking = False, count > 0
+        while looking:
+            perfect = not triangle(R, noise, d, pick, count)
+            if perfect and correlated:
                 return PERFECT, k, np.nan
             emptied(W, 0.0)
             measured(W, L, H, pick, count, noise, d)
@@ -204,6 +239,12 @@ def forward(
                 for j in range(n):
                     W[count + i, count + j] = L[i, j]
             turned(W, 0, count, count + n, count + n)
+            a = known(P_minus, W, H, R, d, pick, count, sizes) if perfect else -1
+            if a >= 0:
+                used[k, pick[a]] = False
+                count = picked(used[k], pick)
+            looking = a >= 0 and count > 0
+        if count > 0:
             for a in range(count):
                 if W[a, a] == 0.0:
                     return INDEFINITE, k, np.nan
@@ -222,7 +263,7 @@ def forward(
                     L[i, j] = W[count + i, count + j]
             if not squared(L, P):
                 return OVERFLOW, k, np.nan
-            if beyond(P, P_minus, W, H, pick, count, row, left):
+            if beyond(P, L, P_minus, W, H, R, pick, count, perfect, row, left):
                 return INDEFINITE, k, np.nan
             if correlated:  # N S⁻¹ν
                 for a in range(count - 1, -1, -1):
