@@ -154,7 +154,7 @@ def _forward(problem: FilterProblem, used: Mask, out: Histories, begun: Beginnin
         msg = f"P_minus: expected finite covariances, received an overflow {_when(problem, k)}"
         raise FloatingPointError(msg)
     if end == forward.INDEFINITE:
-        raise LostDigits(_beyond(_when(problem, k)))
+        raise LostDigits(beyond(_when(problem, k)))
     return None if end == forward.PERFECT else (float(total), algorithm)
 
 
@@ -172,7 +172,8 @@ def _when(problem: FilterProblem, k: int) -> str:
     return f"at step {k} (t = {moment(problem.t[k])} s)"
 
 
-def _beyond(where: str) -> str:
+def beyond(where: str) -> str:
+    """That square roots have too few digits ``where``."""
     return (
         f"S: expected a covariance with digits left in double precision, received one {where} of a measurement, or of a difference of "
         "some, whose noise is near the rounding of its prediction: a larger R, or fewer such elements at once, leaves some; a form with "

@@ -230,7 +230,7 @@ def determined(
 
 
 @helper
-def losing(P: Array, P_minus: Array, Kt: Array, H: Array, pick: Array, count: int, size: Array) -> bool:
+def losing(P: Array, P_minus: Array, Kt: Array, H: Array, pick: Array, count: int, perfect: bool, size: Array) -> bool:
     """Whether the update leaves more rounding than :data:`LOST` in a variance of the innovation or of an estimate.
 
     Row i of I − KH is a difference, known to ε of the sum of (|I| + |K||H|)σ⁻. What a perfect measurement determined is zero.
@@ -245,7 +245,7 @@ def losing(P: Array, P_minus: Array, Kt: Array, H: Array, pick: Array, count: in
         terms = np.sqrt(max(P_minus[i, i], 0.0))
         for a in range(count):
             terms += abs(Kt[a, i]) * size[0, a]
-        if P[i, i] != 0.0 and 2 * EPS * terms > LOST * np.sqrt(max(P[i, i], 0.0)):
+        if not (perfect and P[i, i] == 0.0) and 2 * EPS * terms > LOST * np.sqrt(max(P[i, i], 0.0)):
             return True
     return False
 
@@ -387,7 +387,7 @@ def forward(
             if exact is not None:  # noqa: SIM102  # numba leaves out what stands under this alone
                 if perfect:
                     determined(P, P_minus, Kt, H, R, pick, count, B, S, C, work)
-            if losing(P, P_minus, Kt, H, pick, count, sizes) or thin(P, work):
+            if losing(P, P_minus, Kt, H, pick, count, perfect, sizes) or thin(P, work):
                 return LOSING, k, np.nan
             half = 0.5 * count * LOG_2PI
             for a in range(count):

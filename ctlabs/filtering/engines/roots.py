@@ -21,7 +21,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from ctlabs.filtering.engines.common import EPS, System, copied, crossed_out, emptied, entry, helper, motion, picked, root, triangle
+from ctlabs.filtering.engines.common import (
+    EPS,
+    System,
+    copied,
+    crossed_out,
+    emptied,
+    entry,
+    helper,
+    motion,
+    picked,
+    root,
+    triangle,
+)
 from ctlabs.filtering.engines.forward import DONE, INDEFINITE, LOG_2PI, MARGIN, OVERFLOW, PERFECT, terms
 from ctlabs.filtering.engines.means import Applied, Histories, means, moved, put, put_gains, whitened
 from ctlabs.linalg.checks import Array
@@ -160,6 +172,69 @@ def beyond(
 
 
 @helper
+def ahead(L: Array, Phi: Array, G: Array, W: Array) -> None:
+    """L ← a root of ΦLLᵀΦᵀ + GGᵀ."""
+    n = L.shape[0]
+    emptied(W, 0.0)
+    led(W, 0, 0, Phi, L, G)
+    turned(W, 0, n, n, 2 * n)
+    for i in range(n):
+        for j in range(n):
+            L[i, j] = W[i, j]
+
+
+@helper
+def told(
+    L: Array, P_minus: Array, H: Array, R: Array, alone: bool, used: Array, pick: Array, noise: Array, d: Array, W: Array, sizes: Array
+) -> int:
+    """The array after an update with the elements ``used``, in W: C, K̄ and L⁺; how many they are, or −1.
+
+    Perfect measurements of what is known are taken out of ``used``. There may be perfect ones where w and v are ``alone``, otherwise
+    −1. ``noise``, ``d``: R's factors; ``sizes`` (2, m): room.
+    """
+    n, count = L.shape[0], picked(used, pick)
+    while count > 0:
+        perfect = not triangle(R, noise, d, pick, count)
+        if perfect and not alone:
+            return -1
+        emptied(W, 0.0)
+        measured(W, L, H, pick, count, noise, d)
+        for i in range(n):
+            for j in range(n):
+                W[count + i, count + j] = L[i, j]
+        turned(W, 0, count, count + n, count + n)
+        a = known(P_minus, W, H, R, d, pick, count, sizes) if perfect else -1
+        if a < 0:
+            break
+        used[pick[a]] = False
+        count = picked(used, pick)
+    return count
+
+
+@helper
+def after(
+    L: Array, P: Array, P_minus: Array, W: Array, H: Array, R: Array, d: Array, pick: Array, count: int, S: Array, row: Array, size: Array
+) -> int:
+    """L⁺, P⁺ and S (of the elements picked) out of the array; how it ended. ``row`` (m,), ``size`` (n,): room."""
+    perfect = False
+    for a in range(count):
+        if W[a, a] == 0.0:
+            return INDEFINITE
+        perfect |= d[a] == 0.0
+        for b in range(a + 1):
+            s = 0.0
+            for c in range(b + 1):
+                s += W[a, c] * W[b, c]
+            S[a, b], S[b, a] = s, s
+    for i in range(L.shape[0]):
+        for j in range(L.shape[0]):
+            L[i, j] = W[count + i, count + j]
+    if not squared(L, P):
+        return OVERFLOW
+    return INDEFINITE if beyond(P, L, P_minus, W, H, R, pick, count, perfect, row, size) else DONE
+
+
+@helper
 def gains(W: Array, n: int, count: int, Kt: Array) -> None:
     """Kᵀ = (K̄C⁻¹)ᵀ, (count, n) of ``Kt``."""
     for i in range(n):
@@ -192,8 +267,8 @@ def forward(
         if k > begin:
             Phi, Q = entry(system.Phi, k - 1), entry(system.Q, k - 1)
             coupled = correlated and count > 0
-            emptied(W, 0.0)
             if coupled:
+                emptied(W, 0.0)
                 H = entry(system.H, k - 1)
                 motion(system, k - 1, pick, count, Phi_N, Q_N, M, noise, d)
                 root(Q_N, G, left, rest)
@@ -212,11 +287,7 @@ def forward(
             else:
                 if k == begin + 1 or correlated or system.Q.shape[0] > 1:
                     root(Q, G, left, rest)
-                led(W, 0, 0, Phi, L, G)
-                turned(W, 0, n, n, 2 * n)
-                for i in range(n):
-                    for j in range(n):
-                        L[i, j] = W[i, j]
+                ahead(L, Phi, G, W)
             moved(Phi, system.c, k - 1, 0, 1, at)
             if coupled:
                 for i in range(n):
@@ -226,45 +297,21 @@ def forward(
             return OVERFLOW, k, np.nan
         copied(P_minus, P)
         H, R = entry(system.H, k), entry(system.R, k)
-        count = picked(used[k], pick)
         copied(x_minus, x)
-        perfect, looking = False, count > 0
-        while looking:
-            perfect = not triangle(R, noise, d, pick, count)
-            if perfect and correlated:
-                return PERFECT, k, np.nan
-            emptied(W, 0.0)
-            measured(W, L, H, pick, count, noise, d)
-            for i in range(n):
-                for j in range(n):
-                    W[count + i, count + j] = L[i, j]
-            turned(W, 0, count, count + n, count + n)
-            a = known(P_minus, W, H, R, d, pick, count, sizes) if perfect else -1
-            if a >= 0:
-                used[k, pick[a]] = False
-                count = picked(used[k], pick)
-            looking = a >= 0 and count > 0
+        count = told(L, P_minus, H, R, not correlated, used[k], pick, noise, d, W, sizes)
+        if count < 0:
+            return PERFECT, k, np.nan
         if count > 0:
+            end = after(L, P, P_minus, W, H, R, d, pick, count, S, row, left)
+            if end != DONE:
+                return end, k, np.nan
             for a in range(count):
-                if W[a, a] == 0.0:
-                    return INDEFINITE, k, np.nan
                 total -= np.log(abs(W[a, a]))
-                for b in range(a + 1):
-                    s = 0.0
-                    for c in range(b + 1):
-                        s += W[a, c] * W[b, c]
-                    S[a, b], S[b, a] = s, s
             whitened(z, k, 0, 1, H, W, pick, count, at)
             total -= 0.5 * (at.nis[0] + count * LOG_2PI)
             for i in range(n):
                 for a in range(count):
                     x[i, 0] += W[count + i, a] * e[a, 0]
-                for j in range(n):
-                    L[i, j] = W[count + i, count + j]
-            if not squared(L, P):
-                return OVERFLOW, k, np.nan
-            if beyond(P, L, P_minus, W, H, R, pick, count, perfect, row, left):
-                return INDEFINITE, k, np.nan
             if correlated:  # N S⁻¹ν
                 for a in range(count - 1, -1, -1):
                     for b in range(a + 1, count):

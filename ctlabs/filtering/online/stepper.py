@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from math import isfinite, isnan
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from scipy.linalg import lapack
@@ -13,6 +14,7 @@ from ctlabs.filtering import contradictions, gathered, measured
 from ctlabs.filtering.algorithms import contract, vague
 from ctlabs.filtering.algorithms.catalogue import form
 from ctlabs.filtering.algorithms.contract import CovarianceState, RootState
+from ctlabs.filtering.engines.compiled import beyond
 from ctlabs.filtering.engines.driver import innovation, taken_over
 from ctlabs.filtering.online.plants import Given, Periodic, Sampled, Snapshot
 from ctlabs.filtering.results import Contradiction, FilteredRow, LeftOut, Mask, gains
@@ -37,7 +39,8 @@ class Losing(Exception):
 class Stepper:
     """What takes an online filter of a ``plant`` by an ``algorithm`` from instant to instant; it keeps nothing of the data.
 
-    Joseph's form gives way to square roots from the instant on at which more than 1e-10 of a variance may be rounding.
+    Joseph's form gives way to square roots from the instant on at which more than 1e-10 of a variance may be rounding, where something is
+    measured perfectly, and after a start without information.
 
     ``first``: 0 or 1, the first instant that is measured, from which contradictions count their rows
     """
@@ -48,8 +51,8 @@ class Stepper:
         self._zeros = np.zeros((plant.model.n, 1))
         self._nan, self._all = np.full(m, np.nan), np.ones(m, dtype=bool)
         self._unmeasured = np.diag(np.full(m, np.inf))
-        self._loops: Any = None  # the recursion of Joseph's form for regular noises, which knows when it loses digits
-        if self.form is JOSEPH:
+        self._loops: Any = None  # the recursions of both, which know when they lose digits
+        if self.form in (JOSEPH, ROOTS):
             from ctlabs.filtering.engines import instant  # costs 0.3 s to import: here rather than in a step
 
             self._loops = instant
@@ -62,9 +65,9 @@ class Stepper:
         vaguely = self._algorithm != "steady" and vague.needed(plant.model, plant.P0)
         state: Any = vague.start(plant.model, plant.P0) if vaguely else None
         if state is None or state.settled:
-            state = self.form.start(plant.model, plant.P0)
+            state = (ROOTS if self._loops is not None and plant.perfect else self.form).start(plant.model, plant.P0)
         perfect = plant.perfect and not isinstance(state, vague.State)
-        known = JOSEPH.start(plant.model, plant.P0) if perfect else None
+        known = JOSEPH.start(plant.model, plant.P0) if perfect and self._loops is None else None
         exact = gathered.begun(plant.model.x0, plant.P0) if perfect else None
         told: tuple[Any, ...] = (self._nan, self._unmeasured, np.nan, 0.0, 0.0, exact, exact, self._nan, self._nan)
         H, R = plant.measured(0)
@@ -73,27 +76,21 @@ class Stepper:
 
     def stepped(self, last: Snapshot, given: Given) -> Snapshot:
         """The next instant with its data."""
-        try:
+        with suppress(Losing):
             return self._with(self._predicted(last, given), given.z)
-        except Losing:
-            if isinstance(last.after, CovarianceState):
-                last = last._replace(after=self._rooted(last.after))
-            return self.updated(self._predicted(last, given), given.z)
+        if isinstance(last.after, CovarianceState):
+            last = last._replace(after=self._rooted(last.after))
+        return self.updated(self._predicted(last, given), given.z)
 
     def updated(self, instant: Snapshot, z: Array) -> Snapshot:
         """The instant with the data z: from its state before to that after."""
-        try:
+        with suppress(Losing):
             return self._with(instant, z)
-        except Losing:
-            return self._with(instant._replace(before=self._rooted(instant.before)), z)
+        return self._with(instant._replace(before=self._rooted(instant.before)), z)
 
     def _rooted(self, state: CovarianceState) -> Any:
         """The same by square roots."""
         return taken_over(ROOTS, self._plant.model, *self._values(state))
-
-    def _of(self, state: Any) -> contract.Form:
-        """The form whose state it is."""
-        return ROOTS if self.form is JOSEPH and isinstance(state, RootState) else self.form
 
     def _predicted(self, last: Snapshot, given: Given) -> Snapshot:
         """The next instant before its data."""
@@ -102,8 +99,10 @@ class Stepper:
             msg = "u0: expected the known input from t0 to the first measurement (the model has B), received None"
             raise ValueError(msg)
         motion, state, ahead, exact = plant.motion(last, given), last.after, last.known, last.gathered
-        if self._loops is not None and ahead is None and isinstance(state, CovarianceState):
+        if self._in_loops(state):
             before = self._moved(state, *motion)
+            if exact is not None:
+                exact = self._gathered(exact, state, motion)
         else:
             before, ahead, exact = self._ahead(state, ahead, exact, motion)
         k = last.k + 1
@@ -119,14 +118,17 @@ class Stepper:
         if self._regular(instant, z):
             return self._plainly(instant, z)
         vaguely = isinstance(instant.before, vague.State)
-        if instant.ahead is None and not vaguely and measured.perfect(instant.R).any():
+        if instant.approaching is None and not vaguely and measured.perfect(instant.R).any():
             x, P = self._values(instant.before)
-            instant = instant._replace(ahead=taken_over(JOSEPH, self._plant.model, x, P), approaching=gathered.begun(x[:, 0], P))
+            ahead = None if self._loops is not None else taken_over(JOSEPH, self._plant.model, x, P)
+            if self._loops is not None and isinstance(instant.before, CovarianceState):
+                instant = instant._replace(before=self._rooted(instant.before))
+            instant = instant._replace(ahead=ahead, approaching=gathered.begun(x[:, 0], P))
         return self._partly(instant, z, vaguely=vaguely)
 
     def _regular(self, instant: Snapshot, z: Array) -> bool:
         """Whether all elements enter, with the plant's regular R, and the form has taken over."""
-        if self._plant.regular is None or isnan(z.dot(z)) or isinstance(instant.before, vague.State) or instant.ahead is not None:
+        if self._plant.regular is None or isnan(z.dot(z)) or isinstance(instant.before, vague.State) or instant.approaching is not None:
             return False
         return instant.R is self._plant.own_R or np.array_equal(instant.R, self._plant.own_R)
 
@@ -154,49 +156,78 @@ class Stepper:
         """The instant after all of its elements, of a constant and regular R."""
         assert self._plant.regular is not None
         state, none = instant.before, self._nan
-        after, nu, S, nis, log = self._taken(instant, z - instant.seen, instant.H, self._plant.regular)
+        if self._in_loops(state):
+            after, nu, S, nis, log = self._looped(instant, z, self._all)
+        else:
+            after, nu, S, nis, log = self._by_form(instant, z - instant.seen, instant.H, self._plant.regular)
         return Snapshot(
             *instant[:3], z, *instant[4:7], self._all, state, after, None, None, nu, S, nis, log, log, None, None, none, none
         )
 
-    def _taken(self, instant: Snapshot, data: Array, H: Array, R: contract.Noise) -> tuple[Any, Array, Array, float, float]:
-        """State, ν, S, νᵀS⁻¹ν and log-likelihood of the update with these data, all finite."""
-        state = instant.before
-        if self._in_loops(state) and not R.singular and (looped := self._looped(state, data, H, R.matrix)):
-            return looped
-        found = self._by_form(state, data[:, None], H, R)
-        self._finite(instant.t, found[0], found[2].diagonal())
-        return found
-
     @QUIET
-    def _by_form(self, state: Any, data: Array, H: Array, R: contract.Noise) -> tuple[Any, Array, Array, float, float]:
-        """The same by the form."""
-        after, told = self._of(state).update(state, data, H, R)
-        nu, S = innovation(*self._values(state), data, H, R)
+    def _by_form(self, instant: Snapshot, data: Array, H: Array, R: contract.Noise) -> tuple[Any, Array, Array, float, float]:
+        """State, ν, S, νᵀS⁻¹ν and log-likelihood of the form's update with these data, all finite."""
+        state = instant.before
+        after, told = self.form.update(state, data[:, None], H, R)
+        nu, S = innovation(*self._values(state), data[:, None], H, R)
+        self._finite(instant.t, after, S.diagonal())
         return after, nu[:, 0], S, float(told.nis[0]), float(told.log_likelihood[0])
 
     def _in_loops(self, state: Any) -> bool:
-        """Whether it is one of Joseph's form, which has loops."""
-        return self._loops is not None and isinstance(state, CovarianceState)
+        """Whether the compiled loops take it on."""
+        return self._loops is not None and not isinstance(state, vague.State)
 
-    def _looped(self, state: CovarianceState, data: Array, H: Array, R: Array) -> tuple[Any, Array, Array, float, float] | None:
-        """The same by the compiled loop; nothing where something overflows, which is the form's to say."""
-        (x, P), (m, n) = state, H.shape
-        after, nu, S, K = CovarianceState(np.empty((n, 1)), np.empty((n, n))), np.empty(m), np.empty((m, m)), np.empty((n, m))
-        end, nis, log = self._loops.updated(_own(x), _own(P), data, _own(H), _own(R), *after, nu, S, K)
-        if end == self._loops.LOSING:
+    def _looped(self, instant: Snapshot, z: Array, used: Mask) -> tuple[Any, Array, Array, float, float]:
+        """The same by a compiled loop, of the elements ``used``, from which it takes out perfect ones that are known.
+
+        In Joseph's form of all elements, or of a part of them as if there were no others.
+        """
+        state, loops, n = instant.before, self._loops, instant.H.shape[1]
+        whole = isinstance(state, RootState) or used.all()
+        data, H, R = z - instant.seen, _own(instant.H), _own(instant.R)
+        if not whole:
+            data, H, R = data[used], H[used], np.array(R[np.ix_(used, used)])
+        rows = len(data)
+        x_plus, factor, nu, S, K = np.empty((n, 1)), np.empty((n, n)), np.empty(rows), np.empty((rows, rows)), np.empty((n, rows))
+        if isinstance(state, RootState):
+            P = _own(self._values(state)[1])
+            found = loops.told(_own(state.x), _own(state.root), P, data, H, R, used, x_plus, factor, nu, S, K)
+        else:
+            found = loops.updated(_own(state.x), _own(state.P), data, H, R, x_plus, factor, nu, S, K)
+        end, nis, log = found
+        if end == loops.LOSING:
             raise Losing
+        if end == loops.OVERFLOW:
+            self._overflow(instant.t)
+        if end == loops.INDEFINITE:
+            raise FloatingPointError(beyond(f"at t = {moment(instant.t)} s"))
+        after = type(state)(x_plus, factor)
+        if not whole:
+            nu, S, K = self._spread(nu, S, K, used)
         self._gained = S, K
-        return (after, nu, S, nis, log) if end == self._loops.DONE else None
+        return after, nu, S, nis, log
 
-    def _moved(self, state: CovarianceState, Phi: Array, c: Array | None, Q: contract.Noise) -> CovarianceState:
-        """One step ahead by the compiled loop."""
-        (x, P), n = state, len(Phi)
-        x_minus, P_minus = np.empty((n, 1)), np.empty((n, n))
-        c = self._zeros if c is None else _own(c)
-        if not self._loops.predicted(_own(x), _own(P), _own(Phi), c, _own(Q.matrix), x_minus, P_minus):
+    def _spread(self, nu: Array, S: Array, K: Array, used: Mask) -> tuple[Array, Array, Array]:
+        """What all elements have of what the elements used have."""
+        whole = self._nan.copy(), self._unmeasured.copy(), np.zeros((len(K), len(used)))
+        whole[0][used], whole[1][np.ix_(used, used)], whole[2][:, used] = nu, S, K
+        return whole
+
+    def _moved(self, state: Any, Phi: Array, c: Array | None, Q: contract.Noise) -> Any:
+        """One step ahead by a compiled loop."""
+        (x, factor), n = state, len(Phi)
+        x_minus, ahead = np.empty((n, 1)), np.empty((n, n))
+        given = _own(x), _own(factor), _own(Phi), self._zeros if c is None else _own(c), _own(Q.matrix), x_minus, ahead
+        if isinstance(state, RootState):
+            self._loops.led(*given)
+        elif not self._loops.predicted(*given):
             raise Losing
-        return CovarianceState(x_minus, P_minus)
+        return type(state)(x_minus, ahead)
+
+    def _gathered(self, exact: Any, state: Any, motion: tuple[Array, Array | None, contract.Noise]) -> Any:
+        """What rounding has gathered, one step ahead."""
+        Phi, c, Q = motion
+        return gathered.predicted(exact, *self._values(state), Phi, c, Q.matrix, self._plant.model.m)
 
     @QUIET
     def _ahead(self, state: Any, known: Any, exact: Any, motion: tuple[Array, Array | None, contract.Noise]) -> tuple[Any, Any, Any]:
@@ -208,13 +239,15 @@ class Stepper:
                 return before, known, exact
             x, P = before.x, before.P
             if self._plant.perfect:
-                known, exact = taken_over(JOSEPH, model, x, P), gathered.begun(x[:, 0], P)
+                exact = gathered.begun(x[:, 0], P)
+            if self._loops is not None:
+                return RootState(x, before.L), None, exact
+            if self._plant.perfect:
+                known = taken_over(JOSEPH, model, x, P)
             return taken_over(self.form, model, x, P), known, exact
         if known is not None:
-            known = JOSEPH.predict(known, *motion)
-            Phi, c, Q = motion
-            exact = gathered.predicted(exact, state.mean, state.covariance, Phi, c, Q.matrix, model.m)
-        return self._of(state).predict(state, *motion), known, exact
+            known, exact = JOSEPH.predict(known, *motion), self._gathered(exact, state, motion)
+        return self.form.predict(state, *motion), known, exact
 
     @QUIET
     def _partly(self, instant: Snapshot, z: Array, *, vaguely: bool) -> Snapshot:
@@ -226,11 +259,14 @@ class Stepper:
         nu, S, none = self._nan.copy(), self._unmeasured.copy(), self._nan
         told: tuple[Any, ...] = (nu, S, np.nan, 0.0, 0.0, instant.approaching, instant.gathered, none, none)
         changed = Snapshot(*instant[:3], z, *instant[4:7], used, state, state, instant.ahead, instant.ahead, *told)
-        if used.any():
+        if used.any() and self._in_loops(state):
+            after, nu, S, nis, log = self._looped(changed, z, used)
+            changed = changed._replace(after=after, innovation=nu, S=S, nis=nis, log_likelihood=log, diffuse=log)
+        elif used.any():
             own = ((z - instant.seen)[used, None], H[used], self._plant.noise(R, used))
             changed = self._vaguely(changed, own) if vaguely else self._told(changed, own)
         self._finite(instant.t, changed.after, changed.S.diagonal()[changed.used])
-        if changed.known is not None:
+        if changed.approaching is not None:
             changed = self._compared(changed, H, R)
         if self._contradictions(changed):
             changed = changed._replace(log_likelihood=-np.inf, diffuse=-np.inf)
@@ -239,12 +275,9 @@ class Stepper:
     def _told(self, instant: Snapshot, own: Own) -> Snapshot:
         """The instant after its elements used, once the form has taken over."""
         data, H, R = own
-        if instant.ahead is None:
-            known, found = None, self._taken(instant, data[:, 0], H, R)
-        else:  # whose own recursion tells what is known: both by the form
-            known, found = JOSEPH.update(instant.ahead, *own)[0], self._by_form(instant.before, *own)
+        known = None if instant.ahead is None else JOSEPH.update(instant.ahead, *own)[0]  # whose own recursion tells what is known
         nu, S, used = instant.innovation, instant.S, instant.used
-        after, nu[used], S[np.ix_(used, used)], nis, log = found
+        after, nu[used], S[np.ix_(used, used)], nis, log = self._by_form(instant, data[:, 0], H, R)
         return instant._replace(after=after, known=known, nis=nis, log_likelihood=log, diffuse=log)
 
     def _vaguely(self, instant: Snapshot, own: Own) -> Snapshot:
@@ -289,23 +322,27 @@ class Stepper:
         free = np.isposinf(P.diagonal()) & start
         finite = (np.isfinite(P) | np.diag(free)).all() and (np.isfinite(x[:, 0]) | free).all()
         if not (finite and (np.isfinite(variances) | start).all()):
-            msg = f"form {self._algorithm}: expected finite covariances, received an overflow at t = {moment(t)} s"
-            raise FloatingPointError(msg)
+            self._overflow(t)
+
+    def _overflow(self, t: float) -> NoReturn:
+        msg = f"form {self._algorithm}: expected finite covariances, received an overflow at t = {moment(t)} s"
+        raise FloatingPointError(msg)
 
     def _gain(self, now: Snapshot, P_minus: Array) -> Array:
         """K = P⁻HᵀS⁻¹, 0 where an element does not enter."""
         if now.S is not self._gained[0]:
-            if not self._regular(now, now.z):
-                return gains(P_minus[None], now.H, now.S[None], now.used[None])[0]
-            looped = self._in_loops(now.before) and self._looped(now.before, now.z - now.seen, now.H, self._plant.own_R)
-            if not looped:
+            if self._in_loops(now.before) and now.used.any():
+                self._looped(now, now.z, now.used.copy())
+            elif self._regular(now, now.z):
                 _, K, info = lapack.dposv(now.S, now.H.dot(P_minus))
                 return gains(P_minus[None], now.H, now.S[None], now.used[None])[0] if info else np.asarray(K.T)
+            else:
+                return gains(P_minus[None], now.H, now.S[None], now.used[None])[0]
         return np.array(self._gained[1])
 
     def _symmetric(self, state: Any, P: Array) -> Array:
         """A copy of P, the covariance of a state, symmetric to the bit."""
-        return P.copy() if self._in_loops(state) else symmetric(P)
+        return P.copy() if isinstance(state, CovarianceState) and self._loops is not None else symmetric(P)
 
     def _contradictions(self, instant: Snapshot) -> tuple[Contradiction, ...]:
         """The elements of an instant that disagree with what was known."""
@@ -337,7 +374,7 @@ def gated(row: FilteredRow, now: Snapshot, data: Array, gate: float, first: int)
 
 
 def columns(stepper: Stepper, state: Any) -> int | None:
-    """How many columns a state has before the form takes over; ``None`` after that, −1 where square roots have taken over from it."""
+    """How many columns a state has before the form takes over; ``None`` after that, −1 where it is a root beside Joseph's form."""
     if isinstance(state, vague.State):
         return state.A.shape[1]
     return -1 if stepper.form is JOSEPH and isinstance(state, RootState) else None
@@ -346,12 +383,12 @@ def columns(stepper: Stepper, state: Any) -> int | None:
 def template(
     stepper: Stepper, start: Snapshot, plant: Periodic | Sampled, columns: Iterable[int | None], exact: Iterable[bool]
 ) -> Snapshot:
-    """An instant of the right shapes: how many ``columns`` its states have before the form takes over, and whether there is a
-    second state that tells what is known exactly (``exact``), before and after the update.
+    """An instant of the right shapes: how many ``columns`` its states have before the form takes over, and whether rounding is being
+    gathered (``exact``), before and after the update; a form without loops then has a second state, which tells what is known exactly.
     """
     n = plant.model.n
     own = taken_over(stepper.form, plant.model, np.zeros((n, 1)), np.eye(n))
-    known = taken_over(JOSEPH, plant.model, np.zeros((n, 1)), np.eye(n))
+    known = None if stepper.form in (JOSEPH, ROOTS) else taken_over(JOSEPH, plant.model, np.zeros((n, 1)), np.eye(n))
     begun = gathered.begun(np.zeros(n), np.eye(n))
     vague_ = start.after if isinstance(start.after, vague.State) else vague.start(plant.model, plant.P0)
     roots = taken_over(ROOTS, plant.model, np.zeros((n, 1)), np.eye(n))
