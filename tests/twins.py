@@ -18,7 +18,7 @@ import numpy as np
 import scipy.linalg
 from flint import arb, arb_mat, ctx
 
-from ctlabs import kalman_filter, smooth
+from ctlabs import Filter, kalman_filter, smooth
 from ctlabs.filtering import bucy, log_likelihood, steady
 from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
@@ -366,6 +366,34 @@ def discrete(seed: Any, *, unknown: bool = True, sampled_well: bool = True) -> D
     return DiscreteModel(Phi, Qd, own.H, own.R, x0=np.zeros(len(Phi)), P0=P0, dt=own.dt, N=N)
 
 
+def singular(seed: Any, *, unknown: bool = True) -> DiscreteModel:
+    """A sampled one of at most five states: a perfect measurement, a disturbance of rank one, states known exactly or not at all.
+
+    The disturbance's direction has few digits, so that its covariance is of rank one as it stands. A variance that two of these make
+    nearly zero is a difference of numbers that are not, and no better known than their rounding.
+    """
+    own, rng = system(seed, most=5, sampled_well=True), np.random.default_rng([*np.atleast_1d(seed), 7])
+    Phi, Qd, _ = interval(own.F, own.W, own.dt)
+    (m, n), units, R = own.H.shape, np.outer(own.units, own.units), own.R.copy()
+    near = bool(rng.integers(2))
+    if near:  # noises about as large as what is measured
+        sd = np.sqrt(np.diag(own.H @ np.diag(np.diag(units)) @ own.H.T))
+        R = covariance(rng, m, 2) * np.outer(sd, sd)
+    if rng.integers(2):
+        R[0], R[:, 0] = 0.0, 0.0
+    if rng.integers(2):
+        mantissa, exponent = np.frexp(rng.normal(size=n) * np.sqrt(np.diag(Qd)))
+        g = np.ldexp(np.round(mantissa * 2.0**20), exponent - 20)
+        Qd = np.outer(g, g)
+    P0 = covariance(rng, n, 4 if near else 12) * units
+    kind, some = rng.integers(3), rng.random(n) < 0.6
+    if kind < 2:
+        P0 = np.where(some[:, None] | some, 0.0, P0)
+        if kind == 0 and unknown and np.abs(np.linalg.eigvals(Phi)).min() > 1e-9:
+            P0 = P0 + np.diag(np.where(some, np.inf, 0.0))
+    return DiscreteModel(Phi, Qd, own.H, R, P0=P0, dt=own.dt)
+
+
 def data(model: DiscreteModel, seed: Any, rows: int = 16) -> Array:
     """A record of the model, some of its elements missing."""
     rng = np.random.default_rng([*np.atleast_1d(seed), 3])
@@ -488,6 +516,26 @@ def _compared(x: Array, P: Array, right_x: arb_mat, right_P: arb_mat) -> tuple[f
     return off_estimate(x[kept], parts(right_x, kept, [0]), right), off(P[np.ix_(kept, kept)], right)
 
 
+#: What rounding may leave of a number after a dozen steps of five states, as a part of its terms: forward, and there and back.
+LEFT, LEFT_BACK = 1e-13, 1e-9
+
+
+def _within_rounding(x: Array, P: Array, right_x: arb_mat, right_P: arb_mat, before: arb_mat, left: float) -> tuple[float, float]:
+    """The same of an estimate and its standard deviations, beyond a part ``left`` of the estimate and of the deviation ``before``.
+
+    What a perfect measurement determines is no better known than that, however small its standard deviation is said to be.
+    """
+    lost = _lost(right_P)
+    if (np.isinf(np.diag(P)) != lost).any():
+        return math.inf, math.inf
+    sd, ahead, value = deviations(right_P), np.where(_lost(before), 0.0, deviations(before)), floats(right_x)[:, 0]
+    terms, unit = left * (np.abs(value) + ahead), np.where(sd > 0, sd, np.finfo(float).tiny)
+    with np.errstate(invalid="ignore"):
+        errors = (np.abs(part) - terms for part in (x - value, np.sqrt(np.maximum(np.diag(P), 0.0)) - sd))
+        estimate, deviation = (float((np.maximum(error, 0.0) / unit)[~lost].max(initial=0.0)) for error in errors)
+    return estimate, deviation
+
+
 def _judged(heard: _Heard, pairs: list[tuple[float, float]]) -> Outcome:
     """The worst of (estimate, covariance)."""
     return Outcome(float(np.max(pairs)), beyond=heard.beyond)
@@ -550,6 +598,55 @@ def likelihood(seed: Any) -> Outcome:
     return Outcome(max(0.0, error - float(np.spacing(abs(found)))), beyond=beyond)
 
 
+def _singularly(model: DiscreteModel, seed: Any, verb: Callable[[Array], Any], *, smoothed: bool = False) -> Outcome:
+    """A verb on the record of a :func:`singular` model."""
+    z = data(model, seed, rows=12)
+    heard = _heard(lambda: verb(z[1:]))
+    if heard.refused:
+        return Outcome(math.nan, refused=heard.refused)
+    found, right = heard.found, filtered(model, z)
+    parts = [(found.x, found.P, right.x, right.P)] if smoothed else [
+        (found.x_minus, found.P_minus, right.x_minus, right.P_minus), (found.x_plus, found.P_plus, right.x_plus, right.P_plus)
+    ]  # fmt: skip
+    left = LEFT_BACK if smoothed else LEFT
+    pairs = [_within_rounding(x[k], P[k], xs[k], Ps[k], right.P_minus[k], left) for x, P, xs, Ps in parts for k in range(len(z))]
+    return _judged(heard, pairs)
+
+
+def singular_filter(seed: Any) -> Outcome:
+    """:func:`ctlabs.kalman_filter` of a :func:`singular` model."""
+    model = singular(seed)
+    return _singularly(model, seed, lambda z: kalman_filter(model, z))
+
+
+def singular_smoother(seed: Any) -> Outcome:
+    """:func:`ctlabs.smooth` of a :func:`singular` model whose start is known."""
+    model = singular(seed, unknown=False)
+    return _singularly(model, seed, lambda z: smooth(model, z), smoothed=True)
+
+
+class _Online(NamedTuple):
+    """The rows of an online filter, one above another; it has no remarks."""
+
+    x_minus: Array
+    P_minus: Array
+    x_plus: Array
+    P_plus: Array
+    remarks: tuple[str, ...] = ()
+
+
+def singular_online(seed: Any) -> Outcome:
+    """:class:`ctlabs.Filter` of a :func:`singular` model whose start is known."""
+    model = singular(seed, unknown=False)
+
+    def online(z: Array) -> _Online:
+        fed = Filter(model)
+        rows = [fed.estimate, *map(fed.step, z)]
+        return _Online(*(np.array([getattr(row, name) for row in rows]) for name in _Online._fields[:4]))
+
+    return _singularly(model, seed, online)
+
+
 VERBS: dict[str, Callable[[Any], Outcome]] = {
     "steady.solve": steady_discrete,
     "bucy.steady": steady_continuous,
@@ -557,4 +654,7 @@ VERBS: dict[str, Callable[[Any], Outcome]] = {
     "filter_record": filter_,
     "smooth": smoother,
     "log_likelihood": likelihood,
+    "singular: filter": singular_filter,
+    "singular: smooth": singular_smoother,
+    "singular: online": singular_online,
 }

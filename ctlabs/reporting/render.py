@@ -154,8 +154,8 @@ def png(figure: Drawing | Figure) -> bytes:
     figure = drawn(figure)
     figure.set(dpi=DPI, facecolor="white")
     canvas, packed = FigureCanvasAgg(figure), io.BytesIO()
-    figure.draw(canvas.get_renderer())  # type: ignore[no-untyped-call]  # once; savefig would draw twice, into a file only to be read
-    dots = Image.fromarray(np.asarray(canvas.renderer)[..., :3])
+    canvas.draw()  # type: ignore[no-untyped-call]  # matplotlib's. Once: savefig would draw twice, into a file only to be read
+    dots = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])  # type: ignore[no-untyped-call]
     _of_few_colours(dots, COLOURS).save(packed, format="png", optimize=True)
     return packed.getvalue()
 

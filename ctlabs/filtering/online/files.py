@@ -18,7 +18,7 @@ from ctlabs.linalg.checks import Array
 from ctlabs.models import ContinuousModel, DiscreteModel
 
 #: Version of the files.
-FORMAT = 3
+FORMAT = 4
 #: The fields of a model that are no matrices.
 LABELS = ("states", "measurements", "units", "measurement_units")
 

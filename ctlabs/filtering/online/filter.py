@@ -31,7 +31,7 @@ class Filter:
     ----------
     model : a DiscreteModel, constant or given for a number of steps; or a ContinuousModel, which may be measured at any
         times and is discretised for each interval
-    algorithm : ``"auto"`` (Joseph's form, and square roots where that would lose digits) or a form of
+    algorithm : ``"auto"`` (square roots, the form ``array``, by a compiled loop) or another form of
         :mod:`ctlabs.filtering.algorithms` by name; ``steady`` needs a DiscreteModel, measured at every instant
     R : (m, m), covariance of a sampled measurement, unit²: needed with a ContinuousModel (whose Rc is the strength of a
         continuous one), refused with a DiscreteModel
@@ -65,7 +65,7 @@ class Filter:
         P0: ArrayLike | None = None,
         u0: ArrayLike | None = None,
     ) -> None:
-        algorithm = "joseph" if algorithm in ("auto", "filterpy") else algorithm
+        algorithm = "array" if algorithm in ("auto", "filterpy") else algorithm
         form(algorithm, "auto", "filterpy")
         self._plant = plant(model, algorithm, R, finite_time("t0", t0), P0)
         self._algorithm, self._first = algorithm, begins(self._plant.model, first)
@@ -191,7 +191,7 @@ class Filter:
         header, arrays = files.described(plant.given)
         header |= {"algorithm": self._algorithm, "t0": plant.t0, "first": self._first, "memory": self._memory}
         header |= {"begun": self._begun, "before": self._before, "instants": len(self._past)}
-        header |= {"columns": [[columns(self._stepper, state) for state in (each.before, each.after)] for each in self._past]}
+        header |= {"columns": [[columns(state) for state in (each.before, each.after)] for each in self._past]}
         header |= {"exact": [[each.approaching is not None, each.gathered is not None] for each in self._past]}
         arrays |= {"option.P0": plant.P0} | ({} if plant.R is None else {"option.R": plant.R})
         for i, instant in enumerate(self._past):

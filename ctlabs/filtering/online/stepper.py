@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from contextlib import suppress
 from math import isfinite, isnan
 from typing import Any, NoReturn
 
@@ -13,7 +12,7 @@ from scipy.linalg import lapack
 from ctlabs.filtering import contradictions, gathered, measured
 from ctlabs.filtering.algorithms import contract, vague
 from ctlabs.filtering.algorithms.catalogue import form
-from ctlabs.filtering.algorithms.contract import CovarianceState, RootState
+from ctlabs.filtering.algorithms.contract import RootState
 from ctlabs.filtering.engines.compiled import beyond
 from ctlabs.filtering.engines.driver import innovation, taken_over
 from ctlabs.filtering.online.plants import Given, Periodic, Sampled, Snapshot
@@ -24,7 +23,7 @@ from ctlabs.text import moment
 
 #: Its recursion tells which perfect measurements are known already.
 JOSEPH = form("joseph")
-#: What takes over from Joseph's form where that would lose digits, as over a record.
+#: The form that has compiled loops, which tell it themselves.
 ROOTS = form("array")
 #: Overflows are reported, with their time.
 QUIET = np.errstate(over="ignore", invalid="ignore", divide="ignore")
@@ -32,15 +31,8 @@ QUIET = np.errstate(over="ignore", invalid="ignore", divide="ignore")
 Own = tuple[Array, Array, contract.Noise]
 
 
-class Losing(Exception):
-    """Joseph's form would leave too few digits of a variance."""
-
-
 class Stepper:
     """What takes an online filter of a ``plant`` by an ``algorithm`` from instant to instant; it keeps nothing of the data.
-
-    Joseph's form gives way to square roots from the instant on at which more than 1e-10 of a variance may be rounding, where something is
-    measured perfectly, and after a start without information.
 
     ``first``: 0 or 1, the first instant that is measured, from which contradictions count their rows
     """
@@ -51,8 +43,8 @@ class Stepper:
         self._zeros = np.zeros((plant.model.n, 1))
         self._nan, self._all = np.full(m, np.nan), np.ones(m, dtype=bool)
         self._unmeasured = np.diag(np.full(m, np.inf))
-        self._loops: Any = None  # the recursions of both, which know when they lose digits
-        if self.form in (JOSEPH, ROOTS):
+        self._loops: Any = None
+        if self.form is ROOTS:
             from ctlabs.filtering.engines import instant  # costs 0.3 s to import: here rather than in a step
 
             self._loops = instant
@@ -65,7 +57,7 @@ class Stepper:
         vaguely = self._algorithm != "steady" and vague.needed(plant.model, plant.P0)
         state: Any = vague.start(plant.model, plant.P0) if vaguely else None
         if state is None or state.settled:
-            state = (ROOTS if self._loops is not None and plant.perfect else self.form).start(plant.model, plant.P0)
+            state = self.form.start(plant.model, plant.P0)
         perfect = plant.perfect and not isinstance(state, vague.State)
         known = JOSEPH.start(plant.model, plant.P0) if perfect and self._loops is None else None
         exact = gathered.begun(plant.model.x0, plant.P0) if perfect else None
@@ -76,21 +68,18 @@ class Stepper:
 
     def stepped(self, last: Snapshot, given: Given) -> Snapshot:
         """The next instant with its data."""
-        with suppress(Losing):
-            return self._with(self._predicted(last, given), given.z)
-        if isinstance(last.after, CovarianceState):
-            last = last._replace(after=self._rooted(last.after))
         return self.updated(self._predicted(last, given), given.z)
 
     def updated(self, instant: Snapshot, z: Array) -> Snapshot:
         """The instant with the data z: from its state before to that after."""
-        with suppress(Losing):
-            return self._with(instant, z)
-        return self._with(instant._replace(before=self._rooted(instant.before)), z)
-
-    def _rooted(self, state: CovarianceState) -> Any:
-        """The same by square roots."""
-        return taken_over(ROOTS, self._plant.model, *self._values(state))
+        if self._regular(instant, z):
+            return self._plainly(instant, z)
+        vaguely = isinstance(instant.before, vague.State)
+        if instant.approaching is None and not vaguely and measured.perfect(instant.R).any():
+            x, P = self._values(instant.before)
+            ahead = None if self._loops is not None else taken_over(JOSEPH, self._plant.model, x, P)
+            instant = instant._replace(ahead=ahead, approaching=gathered.begun(x[:, 0], P))
+        return self._partly(instant, z, vaguely=vaguely)
 
     def _predicted(self, last: Snapshot, given: Given) -> Snapshot:
         """The next instant before its data."""
@@ -100,7 +89,7 @@ class Stepper:
             raise ValueError(msg)
         motion, state, ahead, exact = plant.motion(last, given), last.after, last.known, last.gathered
         if self._in_loops(state):
-            before = self._moved(state, *motion)
+            before = self._moved(given.t, state, *motion)
             if exact is not None:
                 exact = self._gathered(exact, state, motion)
         else:
@@ -112,19 +101,6 @@ class Stepper:
         return Snapshot(
             k, given.t, given.u, last.z, seen, H, R, last.used, before, before, ahead, ahead, *last[12:17], exact, exact, *last[19:]
         )
-
-    def _with(self, instant: Snapshot, z: Array) -> Snapshot:
-        """The instant with the data z; :class:`Losing` where its form would lose digits."""
-        if self._regular(instant, z):
-            return self._plainly(instant, z)
-        vaguely = isinstance(instant.before, vague.State)
-        if instant.approaching is None and not vaguely and measured.perfect(instant.R).any():
-            x, P = self._values(instant.before)
-            ahead = None if self._loops is not None else taken_over(JOSEPH, self._plant.model, x, P)
-            if self._loops is not None and isinstance(instant.before, CovarianceState):
-                instant = instant._replace(before=self._rooted(instant.before))
-            instant = instant._replace(ahead=ahead, approaching=gathered.begun(x[:, 0], P))
-        return self._partly(instant, z, vaguely=vaguely)
 
     def _regular(self, instant: Snapshot, z: Array) -> bool:
         """Whether all elements enter, with the plant's regular R, and the form has taken over."""
@@ -178,51 +154,32 @@ class Stepper:
         return self._loops is not None and not isinstance(state, vague.State)
 
     def _looped(self, instant: Snapshot, z: Array, used: Mask) -> tuple[Any, Array, Array, float, float]:
-        """The same by a compiled loop, of the elements ``used``, from which it takes out perfect ones that are known.
-
-        In Joseph's form of all elements, or of a part of them as if there were no others.
-        """
-        state, loops, n = instant.before, self._loops, instant.H.shape[1]
-        whole = isinstance(state, RootState) or used.all()
-        data, H, R = z - instant.seen, _own(instant.H), _own(instant.R)
-        if not whole:
-            data, H, R = data[used], H[used], np.array(R[np.ix_(used, used)])
-        rows = len(data)
-        x_plus, factor, nu, S, K = np.empty((n, 1)), np.empty((n, n)), np.empty(rows), np.empty((rows, rows)), np.empty((n, rows))
-        if isinstance(state, RootState):
-            P = _own(self._values(state)[1])
-            found = loops.told(_own(state.x), _own(state.root), P, data, H, R, used, x_plus, factor, nu, S, K)
-        else:
-            found = loops.updated(_own(state.x), _own(state.P), data, H, R, x_plus, factor, nu, S, K)
-        end, nis, log = found
-        if end == loops.LOSING:
-            raise Losing
-        if end == loops.OVERFLOW:
-            self._overflow(instant.t)
-        if end == loops.INDEFINITE:
+        """The same by the compiled loop, of the elements ``used``, from which it takes out perfect ones that are known."""
+        state, (m, n) = instant.before, instant.H.shape
+        after, P = RootState(np.empty((n, 1)), np.empty((n, n))), np.empty((n, n))
+        nu, S, K = np.empty(m), np.empty((m, m)), np.empty((n, m))
+        before = _own(state.x), _own(state.root), _own(self._values(state)[1])
+        own = z - instant.seen, _own(instant.H), _own(instant.R), used
+        end, nis, log = self._loops.updated(*before, *own, *after, P, nu, S, K)
+        if end == self._loops.INDEFINITE:
             raise FloatingPointError(beyond(f"at t = {moment(instant.t)} s"))
-        after = type(state)(x_plus, factor)
-        if not whole:
-            nu, S, K = self._spread(nu, S, K, used)
+        self._counted(end, instant.t, after, P)
         self._gained = S, K
         return after, nu, S, nis, log
 
-    def _spread(self, nu: Array, S: Array, K: Array, used: Mask) -> tuple[Array, Array, Array]:
-        """What all elements have of what the elements used have."""
-        whole = self._nan.copy(), self._unmeasured.copy(), np.zeros((len(K), len(used)))
-        whole[0][used], whole[1][np.ix_(used, used)], whole[2][:, used] = nu, S, K
-        return whole
+    def _moved(self, t: float, state: Any, Phi: Array, c: Array | None, Q: contract.Noise) -> Any:
+        """One step ahead, to the time t, by the compiled loop."""
+        n = len(Phi)
+        ahead, P = RootState(np.empty((n, 1)), np.empty((n, n))), np.empty((n, n))
+        given = _own(state.x), _own(state.root), _own(Phi), self._zeros if c is None else _own(c), _own(Q.matrix)
+        self._counted(self._loops.predicted(*given, *ahead, P), t, ahead, P)
+        return ahead
 
-    def _moved(self, state: Any, Phi: Array, c: Array | None, Q: contract.Noise) -> Any:
-        """One step ahead by a compiled loop."""
-        (x, factor), n = state, len(Phi)
-        x_minus, ahead = np.empty((n, 1)), np.empty((n, n))
-        given = _own(x), _own(factor), _own(Phi), self._zeros if c is None else _own(c), _own(Q.matrix), x_minus, ahead
-        if isinstance(state, RootState):
-            self._loops.led(*given)
-        elif not self._loops.predicted(*given):
-            raise Losing
-        return type(state)(x_minus, ahead)
+    def _counted(self, end: int, t: float, state: RootState, P: Array) -> None:
+        """What a loop has found of a state, which is finite."""
+        if end == self._loops.OVERFLOW or not isfinite(np.vdot(state.x, state.x)):
+            self._overflow(t)
+        self._seen = [*self._seen[-1:], (state, state.x, P)]
 
     def _gathered(self, exact: Any, state: Any, motion: tuple[Array, Array | None, contract.Noise]) -> Any:
         """What rounding has gathered, one step ahead."""
@@ -342,7 +299,7 @@ class Stepper:
 
     def _symmetric(self, state: Any, P: Array) -> Array:
         """A copy of P, the covariance of a state, symmetric to the bit."""
-        return P.copy() if isinstance(state, CovarianceState) and self._loops is not None else symmetric(P)
+        return P.copy() if self._in_loops(state) else symmetric(P)
 
     def _contradictions(self, instant: Snapshot) -> tuple[Contradiction, ...]:
         """The elements of an instant that disagree with what was known."""
@@ -373,11 +330,9 @@ def gated(row: FilteredRow, now: Snapshot, data: Array, gate: float, first: int)
     return np.where(beyond, np.nan, data), left
 
 
-def columns(stepper: Stepper, state: Any) -> int | None:
-    """How many columns a state has before the form takes over; ``None`` after that, −1 where it is a root beside Joseph's form."""
-    if isinstance(state, vague.State):
-        return state.A.shape[1]
-    return -1 if stepper.form is JOSEPH and isinstance(state, RootState) else None
+def columns(state: Any) -> int | None:
+    """How many columns a state has before the form takes over; ``None`` after that."""
+    return state.A.shape[1] if isinstance(state, vague.State) else None
 
 
 def template(
@@ -388,11 +343,10 @@ def template(
     """
     n = plant.model.n
     own = taken_over(stepper.form, plant.model, np.zeros((n, 1)), np.eye(n))
-    known = None if stepper.form in (JOSEPH, ROOTS) else taken_over(JOSEPH, plant.model, np.zeros((n, 1)), np.eye(n))
+    known = None if stepper.form is ROOTS else taken_over(JOSEPH, plant.model, np.zeros((n, 1)), np.eye(n))
     begun = gathered.begun(np.zeros(n), np.eye(n))
     vague_ = start.after if isinstance(start.after, vague.State) else vague.start(plant.model, plant.P0)
-    roots = taken_over(ROOTS, plant.model, np.zeros((n, 1)), np.eye(n))
-    before, after = (own if d is None else roots if d < 0 else vague_._replace(A=np.zeros((n, d))) for d in columns)
+    before, after = (own if d is None else vague_._replace(A=np.zeros((n, d))) for d in columns)
     ahead, there = exact
     return start._replace(
         before=before,
