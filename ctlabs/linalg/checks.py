@@ -141,7 +141,7 @@ def measurement_covariance(name: str, value: ArrayLike, *expected: tuple[int | s
     if (result[off] != 0).any():
         msg = f"{name}: expected 0 beside an infinite variance, received a correlation"
         raise ValueError(msg)
-    result = np.where(either, result, _nonnegative_definite(name, np.where(either, 0.0, result), "variances"))
+    result = np.where(either, result, covariance(name, np.where(either, 0.0, result), *expected))
     result.setflags(write=False)
     return result
 
