@@ -1,5 +1,6 @@
 """What all tests share: reproducible hypothesis runs, English texts, one thread per worker."""
 
+import gc
 import os
 import sys
 from collections.abc import Iterator
@@ -64,13 +65,18 @@ def pytest_configure(config: pytest.Config) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_collection(session: pytest.Session) -> Iterator[None]:
-    """Coverage sees how the modules of ctlabs are loaded, and need not see how pytest looks for tests."""
+    """Coverage sees how the modules of ctlabs are loaded, and need not see how pytest looks for tests. Ten thousand tests are kept."""
     if _looked_at(session.config):
         for module in walk_packages(ctlabs.__path__, "ctlabs."):
             if module.name not in PROGRAMS:
                 import_module(module.name)
-    with unwatched():
-        return (yield)
+    gc.disable()  # what is loaded and collected stays to the end: no search for garbage need go through it, now or later
+    try:
+        with unwatched():
+            return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

@@ -5,16 +5,17 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from collections.abc import Iterator
 from functools import cache
 from graphlib import TopologicalSorter
 from importlib import import_module
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 
 import ctlabs
+from tests.sources import Import, dotted, imports, looked_at, private, read, targets
+
+pytestmark = pytest.mark.xdist_group("sources")  # one worker reads them
 
 ROOT = Path(ctlabs.__file__).parent
 
@@ -54,30 +55,6 @@ ROOMS: dict[str, set[str]] = {
 FILES = sorted(path for path in ROOT.rglob("*.py") if "__pycache__" not in path.parts)
 
 
-class Import(NamedTuple):
-    """Who imports what, where, and whether only type checkers see it."""
-
-    file: Path
-    line: int
-    target: str
-    typing_only: bool
-
-    def __str__(self) -> str:
-        return f"{self.file.relative_to(ROOT)}:{self.line} imports {self.target}"
-
-
-@cache
-def tree(path: Path) -> ast.Module:
-    """A file's syntax, read once."""
-    return ast.parse(path.read_text(encoding="utf-8"))
-
-
-def dotted(path: Path) -> str:
-    """The module's full name."""
-    parts = ["ctlabs", *path.relative_to(ROOT).with_suffix("").parts]
-    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-
-
 MODULES = {dotted(path) for path in FILES}
 
 
@@ -87,58 +64,23 @@ def room(module: str) -> str | None:
     return parts[1] if parts[0] == "ctlabs" and len(parts) > 1 else None
 
 
-def is_type_checking(node: ast.AST) -> bool:
-    return isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+@cache
+def every() -> list[Import]:
+    """All imports of the library."""
+    return [found for path in FILES for found in read(path).imports]
 
 
-def called(function: ast.expr) -> str:
-    """The name of what is called, "f" or "module.f"; empty for anything else."""
-    match function:
-        case ast.Name(name):
-            return name
-        case ast.Attribute(ast.Name(module), name):
-            return f"{module}.{name}"
-    return ""
+def internal() -> list[Import]:
+    """Those of its own modules. ctlabs/__init__.py only names what is loaded lazily; the arrows are those of the modules."""
+    return [i for i in every() if i.target.startswith("ctlabs.") and i.file != ROOT / "__init__.py"]
 
 
-def targets(node: ast.AST, path: Path) -> list[str]:
-    """Full names that a statement imports; "from ctlabs import models" is ctlabs.models."""
-    if isinstance(node, ast.Import):
-        return [alias.name for alias in node.names]
-    if isinstance(node, ast.ImportFrom):
-        base = node.module or ""
-        if node.level:
-            package = dotted(path).split(".") if path.name == "__init__.py" else dotted(path).split(".")[:-1]
-            base = ".".join([*package[: len(package) - node.level + 1], *([base] if base else [])])
-        return [f"{base}.{alias.name}" for alias in node.names]
-    if isinstance(node, ast.Call) and called(node.func) in {"import_module", "importlib.import_module", "__import__"}:
-        first = node.args[0]
-        return [first.value] if isinstance(first, ast.Constant) and isinstance(first.value, str) else []
-    return []
-
-
-def imports(path: Path) -> Iterator[Import]:
-    """All imports of a file, those inside functions too."""
-
-    def walk(node: ast.AST, typing_only: bool) -> Iterator[Import]:
-        for child in ast.iter_child_nodes(node):
-            inside = typing_only or is_type_checking(node)
-            for target in targets(child, path):
-                yield Import(path, child.lineno, target, inside)  # type: ignore[attr-defined]  # statements have lines
-            yield from walk(child, inside)
-
-    yield from walk(tree(path), typing_only=False)
-
-
-ALL = [found for path in FILES for found in imports(path)]
-#: ctlabs/__init__.py only names what is loaded lazily; the arrows are those of the modules.
-INTERNAL = [i for i in ALL if i.target.startswith("ctlabs.") and i.file != ROOT / "__init__.py"]
 #: What the front doors name, and the module that is its home: ctlabs.models.discretise → ctlabs.models.discretisation.discretise.
 DOORS = {
     f"{dotted(path)}.{name}": f"{dotted(path)}.{home}.{name}"
     for path in FILES
     if path.name == "__init__.py"
-    for node in tree(path).body
+    for node in ast.parse(path.read_text(encoding="utf-8")).body
     if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_HOME"
     for name, home in ast.literal_eval(node.value).items()
 }
@@ -182,33 +124,32 @@ def f():
     importlib.import_module("filterpy.kalman")
 """
     path = ROOT / "reporting" / "plots" / "somewhere.py"
-    tree, found = ast.parse(source), []
-    for node in ast.walk(tree):
-        found += targets(node, path)
+    found = {i.target: i.typing_only for i in imports(looked_at(ast.parse(source)), path)}
     assert set(found) == {
         "a.b", "ctlabs.filtering", "ctlabs.kalman_filter", "ctlabs.reporting.plots.base.lines", "ctlabs.models.at", "control",
         "filterpy.kalman",
     }  # fmt: skip
+    assert [target for target, typing_only in found.items() if typing_only] == ["ctlabs.models.at"]
     assert targets(ast.parse("from . import base").body[0], ROOT / "models" / "__init__.py") == ["ctlabs.models.base"]
     assert at_home("ctlabs.kalman_filter") == "ctlabs.filtering.filter.kalman_filter"
-    assert len(INTERNAL) > 200
+    assert len(internal()) > 200
 
 
 def test_rooms_import_from_rooms_below_only() -> None:
     """As the table says: at the top of a file, inside a function, through importlib, and for type checkers alike."""
-    assert [str(i) for i in INTERNAL if forbidden(i)] == []
+    assert [str(i) for i in internal() if forbidden(i)] == []
 
 
 def test_no_arrow_is_idle() -> None:
     """What the table allows is used."""
-    used = {(home(i), room(at_home(i.target))) for i in INTERNAL}
+    used = {(home(i), room(at_home(i.target))) for i in internal()}
     assert [(a, b) for a, below in ROOMS.items() for b in below if (a, b) not in used] == []
 
 
 def test_there_are_no_cycles() -> None:
     """The graph of imports between modules can be sorted, packages opened up and what type checkers see included."""
     graph: dict[str, set[str]] = {module: set() for module in MODULES}
-    for found in INTERNAL:
+    for found in internal():
         source, target = dotted(found.file), at_home(found.target)
         while target not in MODULES and "." in target:
             target = target.rpartition(".")[0]
@@ -216,42 +157,6 @@ def test_there_are_no_cycles() -> None:
         if target not in {source, "ctlabs"} and not source.startswith(f"{target}."):
             graph[source].add(target)
     TopologicalSorter(graph).prepare()
-
-
-#: Underscores that are part of a public interface: of named tuples, and the translation.
-PUBLIC = {"_", "_fields", "_replace", "_asdict", "_make"}
-OURS = {"ctlabs", "tasks", "tests"}
-
-
-def private(tree: ast.AST) -> list[str]:
-    """The private names of other modules of ours that a module uses, with their lines.
-
-    A module whose own name begins with an underscore is shared by its folder (a lab's second half, the front doors); its public
-    names are public.
-    """
-    found, known = [], set()
-    nodes = list(ast.walk(tree))
-    for node in nodes:
-        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in OURS:
-            known |= {alias.asname or alias.name for alias in node.names}
-            found += [
-                f"{node.lineno}: from {node.module} import {alias.name}"
-                for alias in node.names
-                if alias.name.startswith("_") and alias.name not in PUBLIC
-                and not alias.name.startswith("__") and node.module != "ctlabs.tasks"
-            ]  # fmt: skip
-        elif isinstance(node, ast.Import):
-            known |= {
-                alias.asname or alias.name.split(".")[0] for alias in node.names if alias.name.split(".")[0] in OURS
-            }
-    for node in nodes:
-        if isinstance(node, ast.Attribute) and node.attr.startswith("_") and not node.attr.startswith("__"):
-            base: ast.expr = node.value
-            while isinstance(base, ast.Attribute):
-                base = base.value
-            if isinstance(base, ast.Name) and base.id in known and node.attr not in PUBLIC:
-                found.append(f"{node.lineno}: {ast.unparse(node)}")
-    return found
 
 
 def test_no_private_name_of_another_module_is_used() -> None:
@@ -263,12 +168,12 @@ from ctlabs.text import _
 bayes._noise(_)
 bayes.potter._fields
 """
-    assert private(ast.parse(source)) == ["3: from ctlabs.models.linear import _labels", "5: bayes._noise"]
+    assert private(looked_at(ast.parse(source))) == ["3: from ctlabs.models.linear import _labels", "5: bayes._noise"]
     files = [*FILES, *(p for folder in ("tasks", "tests") for p in sorted((ROOT.parent / folder).rglob("*.py")))]
     used = [
         f"{p.relative_to(ROOT.parent)}:{line}"
         for p in files
-        for line in private(tree(p))
+        for line in read(p).private
     ]
     assert used == []
 
@@ -277,9 +182,9 @@ def test_a_class_has_its_name_alone() -> None:
     """One meaning for each public name, but for what a form of the filter carries, which each of them calls its State."""
     homes: dict[str, list[str]] = {}
     for path in FILES:
-        for node in ast.walk(tree(path)):
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                homes.setdefault(node.name, []).append(path.relative_to(ROOT).as_posix())
+        for name in read(path).classes:
+            if not name.startswith("_"):
+                homes.setdefault(name, []).append(path.relative_to(ROOT).as_posix())
     several = {name: where for name, where in homes.items() if len(where) > 1}
     assert {each.rpartition("/")[0] for each in several.pop("State")} == {"filtering/algorithms"}
     assert several == {}
@@ -299,7 +204,7 @@ def test_dependencies_have_homes(package: str) -> None:
     """filterpy in its adapter and the exports, python-control where systems are, pydantic at the edge, matplotlib in pictures."""
     users = {
         i.file.relative_to(ROOT).as_posix(): str(i)
-        for i in ALL
+        for i in every()
         if i.target.split(".")[0] == package and not i.typing_only
     }
     assert [
@@ -319,7 +224,7 @@ def test_nobody_imports_pyplot() -> None:
 
 def test_only_the_catalogue_reaches_the_labs() -> None:
     """No module imports ctlabs.tasks; the catalogue finds them, by name."""
-    assert [str(i) for i in INTERNAL if room(i.target) == "tasks"] == []
+    assert [str(i) for i in internal() if room(i.target) == "tasks"] == []
     naming = {
         path.relative_to(ROOT).as_posix()
         for path in FILES

@@ -18,6 +18,7 @@ from pathlib import Path
 import pytest
 
 import ctlabs
+from tests.sources import read
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -114,16 +115,14 @@ def test_what_the_project_says_of_itself_is_true():
     assert ("not on a package index" in installing) == ("urls" not in project)  # RELEASING.md: both change together
 
 
-@cache
+#: The tests that read all sources: one worker does.
+reads_sources = pytest.mark.xdist_group("sources")
+
+
 def imported(folder: str) -> set[str]:
     """Top-level names of everything a folder's modules import, wherever in the file."""
-    names = set()
-    for path in (ROOT / folder).rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Import):
-                names |= {alias.name.split(".")[0] for alias in node.names}
-            elif isinstance(node, ast.ImportFrom) and not node.level and node.module:
-                names.add(node.module.split(".")[0])
+    paths = list((ROOT / folder).rglob("*.py"))
+    names = {found.target.split(".")[0] for path in paths for found in read(path).imports}
     siblings = {path.stem for path in (ROOT / folder).glob("*.py")}
     return names - set(sys.stdlib_module_names) - siblings - {"ctlabs", "tests", "tasks"}
 
@@ -145,6 +144,7 @@ def homes() -> dict[str, list[str]]:
 OPTIONAL = {"pandas", "jax", "dynamax", "pykalman", "pypandoc"}
 
 
+@reads_sources
 @pytest.mark.parametrize(
     ("folder", "extras"),
     [
@@ -192,6 +192,7 @@ def test_an_unknown_attribute_is_an_attribute_error():
         _ = ctlabs.kalmann
 
 
+@reads_sources
 def test_import_ctlabs_loads_no_other_library():
     """``import ctlabs`` is instant: numpy and the rest are loaded when a name is first used."""
     code = "import sys, json, ctlabs; print(json.dumps(sorted({name.split('.')[0] for name in sys.modules})))"

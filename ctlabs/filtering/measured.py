@@ -10,7 +10,7 @@ import numpy as np
 from ctlabs.filtering.results import Mask
 from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
-from ctlabs.linalg.factors import ldl
+from ctlabs.linalg.factors import EPS, ldl
 from ctlabs.models.linear import DiscreteModel
 
 
@@ -101,8 +101,10 @@ def informative(P: Array, H: Array, R: Array) -> Mask:
         S = H @ P @ H.T + finite
         size = (np.abs(H) @ np.sqrt(np.diag(P).clip(0))) ** 2 + np.diag(finite)
         for i in np.flatnonzero(exact):
-            before = np.flatnonzero(used[:i])
-            weights = np.linalg.solve(S[np.ix_(before, before)], S[before, i])
-            terms = (np.abs(weights) @ np.sqrt(size[before]) + np.sqrt(size[i])) ** 2  # of the innovation that is left
-            used[i] = S[i, i] - S[i, before] @ weights > 16 * len(P) * np.finfo(float).eps * terms
+            left, terms = S[i, i], np.sqrt(size[i])
+            if used[:i].any():
+                before = np.flatnonzero(used[:i])
+                weights = np.linalg.solve(S[np.ix_(before, before)], S[before, i])
+                left, terms = left - S[i, before] @ weights, np.abs(weights) @ np.sqrt(size[before]) + terms
+            used[i] = left > 16 * len(P) * EPS * terms**2  # the terms of the innovation that is left
     return used

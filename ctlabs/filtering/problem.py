@@ -111,7 +111,7 @@ def _less(rows: Array, seen: Array | None, first: int) -> tuple[Array, Array | N
 
 def _known(model: Any) -> int:
     """The number of measurements of a model that can be filtered."""
-    if isinstance(model, ContinuousModel | Model):
+    if isinstance(model, DiscreteModel | ContinuousModel | Model):  # the last is asked for its attributes one by one
         return int(model.m)
     msg = f"model: expected a DiscreteModel, a ContinuousModel or a NonlinearModel, received a {type(model).__name__}"
     raise TypeError(msg)

@@ -11,7 +11,7 @@ constant should not be very short beside the horizon.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -121,6 +121,7 @@ def gain_peak(model: VaryingModel, t: ArrayLike, state: int = 0, measurement: in
 def _integrated(model: VaryingModel, t: ArrayLike) -> tuple[Transient, Array]:
     """P, K and Ψ at the times."""
     checks.instance("model", model, VaryingModel)
+    model = _read(model)
     P0 = checks.covariance("P0", model.P0, ("n", "n"))
     t = checks.shaped("t", t, ("points",))
     if not t.size or t[0] < 0 or (np.diff(t) <= 0).any():
@@ -160,6 +161,12 @@ def _integrated(model: VaryingModel, t: ArrayLike) -> tuple[Transient, Array]:
         _gain(model, float(now), row, _at(model.H, "H", float(now), ("m", n))) for now, row in zip(t, P, strict=True)
     ]
     return Transient(t, P, np.array(gains)), Psi
+
+
+def _read(model: VaryingModel) -> VaryingModel:
+    """The model whose constant matrices are arrays already, as a solver asks some ten thousand times."""
+    given = {name: getattr(model, name) for name in ("F", "G", "Q", "H", "Rc")}
+    return replace(model, **{name: checks.array(f"{name}(t = 0 s)", M) for name, M in given.items() if not callable(M)})
 
 
 def _at(matrix: Matrix, name: str, now: float, shape: tuple[int | str, ...]) -> Array:

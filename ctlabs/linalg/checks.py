@@ -18,6 +18,8 @@ Array = NDArray[Any]
 ROUNDING = 1e-9
 #: A negative variance below this fraction of a matrix's size is the rounding of another program, and counts as zero.
 LOST = 1e-15
+#: A size that no matrix falls below, so that it divides.
+TINY = float(np.finfo(float).tiny)
 
 
 def array(name: str, value: ArrayLike, *, finite: bool = True) -> Array:
@@ -30,9 +32,9 @@ def array(name: str, value: ArrayLike, *, finite: bool = True) -> Array:
     if result is None:
         msg = f"{name}: expected real numbers, received {' '.join(repr(value).split())}"
         raise TypeError(msg)
-    wrong = ~np.isfinite(result) if finite else np.isnan(result)
-    if wrong.any():
-        where = tuple(int(i) for i in np.argwhere(wrong)[0])
+    right = np.isfinite(result) if finite else ~np.isnan(result)
+    if not right.all():
+        where = tuple(int(i) for i in np.argwhere(~right)[0])
         msg = f"{name}: expected finite numbers, received {result[where]} at {list(where)}"
         raise ValueError(msg)
     result.setflags(write=False)
@@ -45,8 +47,9 @@ def _shape_text(shape: tuple[int | str, ...]) -> str:
 
 def fits(shape: tuple[int, ...], expected: tuple[int | str, ...]) -> bool:
     """Whether ``shape`` is ``expected``, where a letter in ``expected`` stands for any size."""
-    return len(shape) == len(expected) and all(
-        isinstance(e, str) or e == d for d, e in zip(shape, expected, strict=True)
+    return shape == expected or (
+        len(shape) == len(expected)
+        and all(isinstance(e, str) or e == d for d, e in zip(shape, expected, strict=True))
     )
 
 
@@ -62,39 +65,39 @@ def shaped(name: str, value: ArrayLike, *expected: tuple[int | str, ...], finite
 
 def covariance(name: str, value: ArrayLike, *expected: tuple[int | str, ...]) -> Array:
     """A symmetric nonnegative definite matrix, or a stack of them; rounding asymmetry is removed, more is refused."""
-    return _nonnegative_definite(name, value, "variances", *expected)
+    return _nonnegative_definite(name, shaped(name, value, *expected), "variances")
 
 
 def weight(name: str, value: ArrayLike, *expected: tuple[int | str, ...]) -> Array:
     """:func:`covariance` of what weighs a square, in a cost."""
-    return _nonnegative_definite(name, value, "weights", *expected)
+    return _nonnegative_definite(name, shaped(name, value, *expected), "weights")
 
 
-def _nonnegative_definite(name: str, value: ArrayLike, what: str, *expected: tuple[int | str, ...]) -> Array:
-    """A matrix whose diagonal is called ``what`` in messages."""
-    result = shaped(name, value, *expected)
+def _nonnegative_definite(name: str, result: Array, what: str) -> Array:
+    """A matrix, or a stack of them, whose diagonal is called ``what`` in messages; read-only."""
     if result.shape[-1] != result.shape[-2]:
         msg = f"{name}: expected a square matrix, received {_shape_text(result.shape)}"
         raise ValueError(msg)
-    M = result if result.ndim == 2 else np.moveaxis(result, 0, -1).copy()  # of a stack every element is one long row
-    size = np.maximum(np.abs(M).max(axis=(0, 1), initial=0.0), np.finfo(float).tiny)
-    asymmetry = np.abs(M - M.swapaxes(0, 1)).max(axis=(0, 1), initial=0.0)
-    if (asymmetry > ROUNDING * size).any():
-        msg = f"{name}: expected a symmetric matrix, received one with asymmetry {asymmetry.max():.3g}"
-        raise ValueError(msg)
-    M = 0.5 * (M + M.swapaxes(0, 1))
+    M = np.ascontiguousarray(result) if result.ndim == 2 else np.moveaxis(result, 0, -1).copy()  # of a stack every element is one long row
+    if (M != M.swapaxes(0, 1)).any():
+        asymmetry = np.abs(M - M.swapaxes(0, 1)).max(axis=(0, 1), initial=0.0)
+        if (asymmetry > ROUNDING * _size(M)).any():
+            msg = f"{name}: expected a symmetric matrix, received one with asymmetry {asymmetry.max():.3g}"
+            raise ValueError(msg)
+        M = 0.5 * (M + M.swapaxes(0, 1))
     # Scaling to a unit diagonal makes the test independent of the units of the states.
     own = np.arange(len(M))
     diagonal = M[own, own]
-    if (diagonal < -LOST * size).any():
-        msg = f"{name}: expected {what} >= 0 on the diagonal, received {diagonal.min():.6g}"
-        raise ValueError(msg)
-    if (diagonal < 0).any():  # what rounding left of a variance of zero
-        none = diagonal < 0
+    none = diagonal < 0
+    if none.any():
+        if (diagonal < -LOST * _size(M)).any():
+            msg = f"{name}: expected {what} >= 0 on the diagonal, received {diagonal.min():.6g}"
+            raise ValueError(msg)
+        # what rounding left of a variance of zero
         M = np.where(none[:, None] | none[None], 0.0, M)
         diagonal = M[own, own]
     if len(M) > 1:
-        scale = np.sqrt(np.where(diagonal > 0, diagonal, size))
+        scale = np.sqrt(np.where(diagonal > 0, diagonal, _size(M)))
         lowest = _lowest(M / (scale[:, None] * scale[None]))
         if lowest < -ROUNDING:
             msg = f"{name}: expected a nonnegative definite matrix, received one with eigenvalue {lowest:.3g} (scaled to unit diagonal)"
@@ -102,6 +105,11 @@ def _nonnegative_definite(name: str, value: ArrayLike, what: str, *expected: tup
     result = M if result.ndim == 2 else np.moveaxis(M, -1, 0).copy()
     result.setflags(write=False)
     return result
+
+
+def _size(M: Array) -> Array:
+    """The largest element of M, or of each of a stack (n, n, k); something above 0."""
+    return np.maximum(np.abs(M).max(axis=(0, 1), initial=0.0), TINY)
 
 
 def _lowest(M: Array) -> float:
@@ -121,9 +129,9 @@ def _lowest(M: Array) -> float:
 
 def measurement_covariance(name: str, value: ArrayLike, *expected: tuple[int | str, ...]) -> Array:
     """Like ``covariance``, but ``inf`` on the diagonal is allowed: an element not measured, or a state not known."""
-    result = np.array(shaped(name, value, *expected, finite=False))
+    result = shaped(name, value, *expected, finite=False)
     if np.isfinite(result).all():
-        return covariance(name, result, *expected)
+        return _nonnegative_definite(name, result, "variances")
     missing = np.isinf(np.diagonal(result, axis1=-2, axis2=-1))
     if (np.diagonal(result, axis1=-2, axis2=-1) == -np.inf).any():
         msg = f"{name}: expected variances >= 0 on the diagonal, received -inf"

@@ -24,6 +24,11 @@ if TYPE_CHECKING:
 
 #: A default that ``__post_init__`` replaces.
 DEFAULT: Any = None
+#: The matrices of a discrete model that may vary: their axes where they do not, and how many more entries than steps they have.
+ABLE_TO_VARY = {
+    "Phi": (2, 0), "Qd": (2, 0), "B": (2, 0), "offset": (1, 0),
+    "H": (2, 1), "R": (2, 1), "D": (2, 1), "measurement_offset": (1, 1),
+}  # fmt: skip
 
 
 def check_joint(name: str, Q: Array, N: Array, R: Array) -> None:
@@ -267,9 +272,10 @@ class DiscreteModel(_Display):
 
     def __post_init__(self) -> None:
         put = _setter(self)
-        put("Phi", checks.shaped("Phi", self.Phi, ("n", "n"), ("steps", "n", "n")))
-        n = self.Phi.shape[-1]
-        put("Phi", checks.shaped("Phi", self.Phi, (n, n), ("steps", n, n)))
+        put("Phi", Phi := checks.shaped("Phi", self.Phi, ("n", "n"), ("steps", "n", "n")))
+        n = Phi.shape[-1]
+        if Phi.shape[-2] != n:
+            checks.shaped("Phi", Phi, (n, n), ("steps", n, n))  # refuses it
         put("x0", np.zeros(n) if self.x0 is None else checks.shaped("x0", self.x0, (n,)))
         self.x0.setflags(write=False)
         put("Qd", checks.covariance("Qd", self.Qd, (n, n), ("steps", n, n)))
@@ -327,9 +333,7 @@ class DiscreteModel(_Display):
 
     def varying(self) -> dict[str, tuple[Array, int]]:
         """The matrices that vary, each with how many more entries it has than there are steps."""
-        able = {"Phi": (2, 0), "Qd": (2, 0), "B": (2, 0), "offset": (1, 0)}
-        able |= {"H": (2, 1), "R": (2, 1), "D": (2, 1), "measurement_offset": (1, 1)}
-        found = {name: (getattr(self, name), axes, extra) for name, (axes, extra) in able.items()}
+        found = {name: (getattr(self, name), axes, extra) for name, (axes, extra) in ABLE_TO_VARY.items()}
         return {name: (M, extra) for name, (M, axes, extra) in found.items() if M is not None and M.ndim > axes}
 
     @property

@@ -22,7 +22,9 @@ from ctlabs.filtering.contradictions import Contradiction
 from ctlabs.filtering.online import Filter
 from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
+from ctlabs.reporting import render
 from tests import cases
+from tests.reference import PNG
 
 Command = Callable[..., tuple[int, str, dict[str, Any]]]
 #: Forms that take a perfect measurement.
@@ -123,8 +125,12 @@ def write(tmp_path: Path, case: Mapping[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("case", FILTER)
-def test_the_cases_by_the_command(case: Mapping[str, Any], command: Command, tmp_path: Path) -> None:
+def test_the_cases_by_the_command(
+    case: Mapping[str, Any], command: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """``ctlabs filter`` says a contradiction with its row, and is not the less successful; results.json is valid."""
+    if not case["right"]["contradiction"]:  # an ordinary record, whose figures others draw
+        monkeypatch.setattr(render, "png", lambda _figure: PNG)
     code, printed, values = command("filter", case, "--smooth")
     report, right = (tmp_path / "out" / "report.md").read_text(), case["right"]
     assert code == 0

@@ -3,6 +3,7 @@
 import ast
 import pickle
 import re
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -25,14 +26,15 @@ QUICK = {"task07", "task14", "task16", "task23"}
 WORDS = re.compile(r"[a-z]{3,} [a-z]{3,}")
 
 
-def sources() -> set[str]:
+@cache
+def sources() -> frozenset[str]:
     """Every literal text of the labs and of the library, and those of the sheets: what a translator is given."""
     files = [path for folder in ("ctlabs", "tasks") for path in (ROOT / folder).rglob("*.py")]
     nodes = (node for path in files for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
     found = {node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)}
     for asked in map(sheet, LABS):
         found |= {asked.statement, asked.aim, *asked.items.values(), *(question for question, _place in asked.questions)}
-    return found - {""}
+    return frozenset(found - {""})
 
 
 @pytest.fixture
@@ -115,6 +117,7 @@ def pieces(report: Report):
                 yield block.reason
 
 
+@pytest.mark.xdist_group("sources")  # one worker reads them
 @pytest.mark.parametrize("name", [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in LABS])
 def test_every_sentence_of_a_lab_can_be_translated(name, marked):
     """What a reader sees in words begins with a text of the sources: none is glued from what no translator has seen."""

@@ -37,6 +37,8 @@ from ctlabs.workbench.runs.reporting import report
 from ctlabs.workbench.runs.worker import RunFailed, Runner, RunProgress
 from tests.reference import EXACT, SOLVER
 
+#: What the tests share is made by one worker.
+pytestmark = pytest.mark.xdist_group("workbench experiments")
 MODEL = ready("constant_velocity").dumps()
 PLAN = Asked(steps=40, runs=60, seed=3)
 
@@ -666,15 +668,23 @@ def hostile() -> str:
     )
 
 
+@pytest.fixture(scope="module")
+def hostile_run(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
+    """An experiment with it, whose own name is no better."""
+    store = Store(tmp_path_factory.mktemp("hostile"))
+    made = Session.begin(store, text=MODEL)
+    made.do(c.Open(hostile()))
+    made.set_plan(steps=20, runs=5, seed=3)
+    asyncio.run(made.run(name="a\0b\ud800 $\\frac{$"))
+    yield made
+    store.close()
+
+
 @pytest.mark.parametrize("kind", ["html", "csv", "json", "png", "svg", "python", "commands", "toml", "h"])
-def test_words_of_a_model_do_nothing_in_its_exports(session: Session, kind: str) -> None:
+def test_words_of_a_model_do_nothing_in_its_exports(hostile_run: Session, kind: str) -> None:
     """They are shown as they are: nothing is fetched, computed, formatted or broken by them."""
-    session.do(c.Open(hostile()))
-    session.set_plan(steps=20, runs=5)
-    asyncio.run(session.run(name="a\0b\ud800 $\\frac{$"))
-    number = session.result_id or 0
-    assert session.kept()[0].name == "ab $\\frac{$"
-    made = session.export(number, kind)
+    assert hostile_run.kept()[0].name == "ab $\\frac{$"
+    made = hostile_run.export(hostile_run.result_id or 0, kind)
     if kind == "html":
         page = made.decode()
         assert not re.search(r"""(src|href)=["']?(http|//)""", page)

@@ -17,8 +17,10 @@ from scipy import special
 from ctlabs.analysis import fitting
 from ctlabs.filtering.disturbances import StartShift
 from ctlabs.filtering.filter import kalman_filter, log_likelihood
+from ctlabs.linalg import checks
 from ctlabs.linalg.checks import Array
 from ctlabs.models import DiscreteModel
+from ctlabs.models.linear import derived
 
 #: A factor on R so small that the record would be most likely without any noise.
 NOTHING = 1e-9
@@ -65,9 +67,10 @@ class Candidate(NamedTuple):
 
 
 def scaled(model: DiscreteModel, a: float, b: float) -> DiscreteModel:
-    """aR, bQd, and N between them."""
-    R = np.where(np.isinf(model.R), model.R, a * np.where(np.isinf(model.R), 0.0, model.R))
-    return replace(model, R=R, Qd=b * model.Qd, N=None if model.N is None else np.sqrt(a * b) * model.N)
+    """aR, bQd, and N between them, for factors not below 0: a covariance stays one, if no number is too large."""
+    R = checks.array("R", np.where(np.isinf(model.R), model.R, a * np.where(np.isinf(model.R), 0.0, model.R)), finite=False)
+    Qd = checks.array("Qd", b * model.Qd)
+    return derived(model, R=R, Qd=Qd, N=None if model.N is None else np.sqrt(a * b) * model.N)
 
 
 def scales(model: DiscreteModel, z: Array, first: int) -> list[Candidate]:
@@ -109,7 +112,7 @@ def wandering(model: DiscreteModel, z: Array, first: int) -> list[Candidate]:
         unit[j, j] = spread[j] ** 2
 
         def build(c: dict[str, float], unit: Array = unit) -> DiscreteModel:
-            return replace(model, Qd=model.Qd + c["q"] * unit)
+            return derived(model, Qd=checks.array("Qd", model.Qd + c["q"] * unit))
 
         factor, top = fitting.most_likely(build, z[first:], {"q": 1 / len(z)}, {"q": (0.0, None)}, first)
         gain = max(2 * (top - here), 0.0)
