@@ -3,7 +3,7 @@
 import math
 
 import mpmath
-from scipy import integrate, optimize, stats
+from scipy import integrate, optimize
 from scipy.special import ndtr
 
 #: Q of the input, in units of b².
@@ -134,8 +134,7 @@ def unannounced(left, limit, k):
     if left >= 1:  # the estimate is 0
         return float(ndtr(-limit)) if k < limit else 0.0
     sd = math.sqrt(left * (1 - left))
-    density = stats.norm.pdf
-    return integrate.quad(lambda u: density(u) * ndtr((limit - k * math.sqrt(left) - (1 - left) * u) / sd), limit, limit + 12, epsabs=0, epsrel=1e-11, limit=500)[0]
+    return integrate.quad(lambda u: math.exp(-u * u / 2) / math.sqrt(2 * math.pi) * ndtr((limit - k * math.sqrt(left) - (1 - left) * u) / sd), limit, limit + 12, epsabs=0, epsrel=1e-11, limit=500)[0]
 
 
 def by_estimate(left, limit, k):
