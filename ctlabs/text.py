@@ -57,6 +57,8 @@ class Uncertain:
     0.757 ± 0.017 m
     >>> print(Uncertain(-1.93e-6, 4e-8, "rad"), Uncertain(123456.0, 2345.0), Uncertain(0.5, 0.0), sep="; ")
     (−1.930 ± 0.040)×10⁻⁶ rad; 123500 ± 2300; 0.5
+    >>> print(Uncertain(-0.0002, 0.014))
+    0.000 ± 0.014
     """
 
     value: float
@@ -71,7 +73,8 @@ class Uncertain:
         power = 0 if -4 <= size < 7 else size
         value, error = self.value / 10.0**power, self.error / 10.0**power
         decimals = 1 - math.floor(math.log10(float(f"{error:.1e}")))
-        shown = f"{round(value, decimals):.{max(decimals, 0)}f} ± {round(error, decimals):.{max(decimals, 0)}f}".replace("-", "−")
+        value = round(value, decimals) + 0.0  # −0.0 + 0.0 is 0.0
+        shown = f"{value:.{max(decimals, 0)}f} ± {round(error, decimals):.{max(decimals, 0)}f}".replace("-", "−")
         return f"({shown})×10{raised(power)}{unit}" if power else f"{shown}{unit}"
 
 

@@ -189,16 +189,17 @@ def largest(report: Report) -> str:
     chances = [check for check in report.checks if check.kind == "CHANCE" and check.value is not None]
     if not chances:
         return text("No ensemble was tested: no filter here has a finite limit to compare with.")
-    worst = max(chances, key=lambda check: abs(check.value or 0.0))
+    each = [(chance.adjusted(check.value or 0.0, check.tolerance), check) for check in chances]
+    probability, worst = min(each, key=lambda pair: pair[0])
     said = (
-        "In {tests} tests of the ensemble the largest deviation from theory is {worst} standard errors ({name}); "
-        "a right filter deviates as much in one of its tests with probability {p}."
+        "Of {tests} tests of the ensemble the least probable result is a deviation of {worst} standard errors ({name}); "
+        "if theory is right, one of so many tests comes out as improbable with a probability of at most {p}."
     )
-    p = min(1.0, len(chances) * min(chance.adjusted(check.value or 0.0, check.tolerance) for check in chances))
+    p = min(1.0, len(chances) * probability)
     if p > 0.995:  # the bound by the sum of all probabilities says nothing more
         said = (
-            "In {tests} tests of the ensemble the largest deviation from theory is {worst} standard errors ({name}), "
-            "which is nothing unusual for a right filter in so many tests."
+            "Of {tests} tests of the ensemble the least probable result is a deviation of {worst} standard errors ({name}), "
+            "which is nothing unusual in so many tests if theory is right."
         )
     return text(said, tests=len(chances), worst=round(abs(worst.value or 0.0), 2), name=worst.name, p=float(f"{p:.2g}"))
 

@@ -24,6 +24,7 @@ import numpy as np
 from ctlabs.filtering.engines.common import (
     EPS,
     System,
+    alike,
     copied,
     crossed_out,
     emptied,
@@ -34,7 +35,19 @@ from ctlabs.filtering.engines.common import (
     root,
     triangle,
 )
-from ctlabs.filtering.engines.forward import DONE, INDEFINITE, LOG_2PI, MARGIN, OVERFLOW, PERFECT, terms
+from ctlabs.filtering.engines.forward import (
+    DONE,
+    INDEFINITE,
+    LOG_2PI,
+    MARGIN,
+    OVERFLOW,
+    PATIENCE,
+    PERFECT,
+    closed,
+    near,
+    settled,
+    terms,
+)
 from ctlabs.filtering.engines.means import Applied, Histories, means, moved, put, put_gains, whitened
 from ctlabs.linalg.checks import Array
 from ctlabs.linalg.compiled import kernel
@@ -251,19 +264,24 @@ def forward(
 ) -> tuple[int, int, float]:
     """As :func:`ctlabs.filtering.engines.forward.forward`, from a root of P0.
 
-    Perfect measurements of what is known are taken out of ``used``; N ≠ 0 beside one ends it (``PERFECT``).
+    Perfect measurements of what is known are taken out of ``used``; N ≠ 0 beside one ends it (``PERFECT``). At the fixed point of a
+    constant model the roots are not computed again until other elements are measured.
     """
     n, m, rows = x0.shape[0], z.shape[1], z.shape[0]
     keep, correlated = out.nis.shape[0] > 0, system.N.size > 0
+    constant = not correlated and max(system.Phi.shape[0], system.Q.shape[0], system.H.shape[0], system.R.shape[0]) == 1
     at, row = means(x0, m, 1), np.empty(m)
     x, x_minus, e = at.x, at.x_minus, at.e  # numba loses an addition in place to an element of at.x
     L, before, P, P_minus = L0.copy(), L0.copy(), np.empty((n, n)), np.empty((n, n))
     W, S, G, rest, left = np.empty((m + n, m + 2 * n)), np.empty((m, m)), np.zeros((n, n)), np.empty((n, n)), np.empty(n)
     Phi_N, Q_N, M, N_S = np.empty((n, n)), np.empty((n, n)), np.zeros((n, m)), np.zeros(n)
-    Kt = np.empty((m, n))
+    Kt, B, A, X, Y, earlier = np.empty((m, n)), np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
+    fixed, wait, look, half = False, 1, 0, 0.0
     noise, d, pick, count, total = np.empty((m, m)), np.empty(m), np.empty(m, dtype=np.int64), 0, 0.0
     sizes = np.empty((2, m))
     for k in range(begin, rows):
+        same = k > begin and alike(used[k], used[k - 1])
+        again = not (fixed and same)
         if k > begin:
             Phi, Q = entry(system.Phi, k - 1), entry(system.Q, k - 1)
             coupled = correlated and count > 0
@@ -284,7 +302,7 @@ def forward(
                 for i in range(n):
                     for j in range(n):
                         L[i, j] = W[count + i, count + j]
-            else:
+            elif again:
                 if k == begin + 1 or correlated or system.Q.shape[0] > 1:
                     root(Q, G, left, rest)
                 ahead(L, Phi, G, W)
@@ -292,23 +310,35 @@ def forward(
             if coupled:
                 for i in range(n):
                     x_minus[i, 0] += N_S[i]
-        copied(L, before)
-        if not squared(L, P_minus):
-            return OVERFLOW, k, np.nan
-        copied(P_minus, P)
         H, R = entry(system.H, k), entry(system.R, k)
         copied(x_minus, x)
-        count = told(L, P_minus, H, R, not correlated, used[k], pick, noise, d, W, sizes)
-        if count < 0:
-            return PERFECT, k, np.nan
-        if count > 0:
-            end = after(L, P, P_minus, W, H, R, d, pick, count, S, row, left)
-            if end != DONE:
-                return end, k, np.nan
+        if again:
+            copied(L, before)
+            copied(P_minus, earlier)
+            if not squared(L, P_minus):
+                return OVERFLOW, k, np.nan
+            copied(P_minus, P)
+            count = told(L, P_minus, H, R, not correlated, used[k], pick, noise, d, W, sizes)
+            if count < 0:
+                return PERFECT, k, np.nan
+            if count > 0:
+                end = after(L, P, P_minus, W, H, R, d, pick, count, S, row, left)
+                if end != DONE:
+                    return end, k, np.nan
+                gains(W, n, count, Kt)
+            half = 0.5 * count * LOG_2PI
             for a in range(count):
-                total -= np.log(abs(W[a, a]))
+                half += np.log(abs(W[a, a]))
+            if not (constant and same):
+                fixed, wait, look = False, 1, 0
+            elif k >= look and near(P_minus, earlier):
+                closed(Kt, H, pick, count, B)
+                fixed = settled(P_minus, earlier, Phi, B, A, X, Y, rest)
+                wait = min(2 * wait, PATIENCE)
+                look = k + wait
+        if count > 0:
             whitened(z, k, 0, 1, H, W, pick, count, at)
-            total -= 0.5 * (at.nis[0] + count * LOG_2PI)
+            total -= 0.5 * at.nis[0] + half
             for i in range(n):
                 for a in range(count):
                     x[i, 0] += W[count + i, a] * e[a, 0]
@@ -322,7 +352,6 @@ def forward(
                     for a in range(count):
                         N_S[i] += system.N[i, pick[a]] * e[a, 0]
         if keep:
-            gains(W, n, count, Kt)
             put(k, 0, at, pick, count, out)
             put_gains(k, Applied(Phi_N, M, H, P_minus, P, Kt, S, S), pick, count, out)
     return DONE, rows, total

@@ -9,7 +9,7 @@ PLAIN = (1e-3, 1e5)
 
 
 class ShortLogTicks(LogFormatterSciNotation):
-    """Powers of ten, as usual; on an axis of less than a decade 0.9 and 2, not 9×10⁻¹ and 2×10⁰."""
+    """Powers of ten, as usual; on an axis of less than two decades 0.9 and 2, not 9×10⁻¹ and 2×10⁰."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
         """The text at a tick; empty where there is no room for it."""
@@ -17,5 +17,5 @@ class ShortLogTicks(LogFormatterSciNotation):
         if self.axis is None:
             return text
         low, high = sorted(self.axis.get_view_interval())
-        short = high < 10 * low and PLAIN[0] <= low and high < PLAIN[1]
+        short = high < 100 * low and PLAIN[0] <= low and high < PLAIN[1]
         return f"{x:.4g}" if text and short else text
