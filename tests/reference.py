@@ -105,7 +105,7 @@ def deviation(a: ArrayLike, b: ArrayLike, size: float = 0.0) -> float:
         return np.inf
     first, second = first[finite], second[finite]
     size = max(size, np.abs(first).max(initial=0.0), np.abs(second).max(initial=0.0))
-    return float(np.abs(first - second).max() / size) if size else 0.0
+    return float(np.abs(first - second).max(initial=0.0) / size) if size else 0.0
 
 
 def close(a: ArrayLike, b: ArrayLike, tolerance: float, size: float = 0.0) -> bool:
