@@ -6,8 +6,12 @@ import math
 import re
 from pathlib import Path
 
+from ctlabs.text import LOWERED, RAISED_DIGITS
+
 #: A number in JSON or CSV, or in print; powers of ten in both forms.
 _NUMBER = re.compile(r"[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+#: A power of ten below which a difference lies: that of rounding may be one more or less on another machine.
+_BOUND = re.compile(f"< 10(⁻[{RAISED_DIGITS}]+)")
 #: Numbers of two runs agree when they differ by less, as a part of their size: what another machine's rounding changes.
 RELATIVE = 1e-9
 #: Files whose numbers are looked at; pages are made from them, and pictures are pictures.
@@ -27,9 +31,17 @@ def kept(old: str, new: str) -> str:
 
 
 def same(a: str, b: str) -> bool:
-    """Whether two lines hold the same words, and numbers that agree up to rounding."""
+    """Whether two lines hold the same words, and numbers that agree up to rounding.
+
+    >>> same("| 8.2612 | < 10⁻¹² |", "| 8.2612 | < 10⁻¹¹ |"), same("| < 10⁻¹² |", "| < 10⁻⁹ |")
+    (True, False)
+    """
     if a == b:
         return True
+    bounds = [[int(power.translate(LOWERED)) for power in _BOUND.findall(line)] for line in (a, b)]
+    if len(bounds[0]) != len(bounds[1]) or any(abs(x - y) > 1 for x, y in zip(*bounds, strict=True)):
+        return False
+    a, b = _BOUND.sub("<", a), _BOUND.sub("<", b)
     if _NUMBER.split(a) != _NUMBER.split(b):
         return False
     pairs = zip(_NUMBER.findall(a), _NUMBER.findall(b), strict=True)
