@@ -718,6 +718,12 @@ def test_an_overflow_has_its_time():
     assert online.t == 4.0
 
 
+def test_large_numbers_are_numbers():
+    """Their squares overflow, they do not; and nothing warns of it."""
+    walk = DiscreteModel([[1]], [[1]], [[1]], [[1]], x0=[1e200], P0=[[10]])
+    assert Filter(walk).step([1e200]).x_plus == kalman_filter(walk, [1e200]).x_plus[1] == 1e200
+
+
 def test_a_matrix_that_rounding_makes_singular_is_reported():
     """Two sensors that are one in double precision: one line with the form's name, and the filter stays where it was."""
     sensors = DiscreteModel(np.eye(2), np.eye(2), [[1, 1], [1, 1]], 1e-18 * np.eye(2), x0=np.zeros(2), P0=np.zeros((2, 2)))

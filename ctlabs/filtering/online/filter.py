@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from itertools import count
-from math import isfinite
+from math import isinf
 from pathlib import Path
 from typing import Any
 
@@ -240,7 +240,7 @@ class Filter:
         except (TypeError, ValueError):
             raise TypeError(_unreadable(z, m)) from None
         data = data.reshape(1) if data.ndim == 0 else data
-        if data.shape != (m,) or (not isfinite(data.dot(data)) and np.isinf(data).any()):
+        if data.shape != (m,) or any(map(isinf, data.tolist())):
             raise ValueError(_unreadable(z, m))
         return data
 

@@ -36,8 +36,8 @@ class Snapshot(NamedTuple):
     Until a vague start is over they are those of :mod:`ctlabs.filtering.algorithms.vague`. ``diffuse`` is the
     log-likelihood of everything measured,
     ``log_likelihood`` that of what is measured when something is known of every state.
-    ``known`` is Joseph's state after the update where some measurements are perfect: it tells which of them are known
-    already, as in :mod:`ctlabs.filtering.algorithms.run`; ``ahead`` the same before the update. Of those that are, ``excess`` (m,) is the
+    ``known`` is Joseph's state after the update where some measurements are perfect and the form has no loops: it tells which of them are
+    known already; ``ahead`` the same before the update. Of those that are, ``excess`` (m,) is the
     innovation and ``allowed`` (m,) what rounding explains of it, from what it may have ``gathered`` in x (and ``approaching``
     the update).
     """

@@ -23,7 +23,7 @@ from ctlabs.text import moment
 
 #: Its recursion tells which perfect measurements are known already.
 JOSEPH = form("joseph")
-#: The form that has compiled loops, which tell it themselves.
+#: The form that has compiled loops.
 ROOTS = form("array")
 #: Overflows are reported, with their time.
 QUIET = np.errstate(over="ignore", invalid="ignore", divide="ignore")
@@ -42,8 +42,9 @@ class Stepper:
         m = plant.model.m
         self._zeros = np.zeros((plant.model.n, 1))
         self._nan, self._all = np.full(m, np.nan), np.ones(m, dtype=bool)
+        self._none = np.zeros(m)  # z·0 is NaN where an element is missing
         self._unmeasured = np.diag(np.full(m, np.inf))
-        self._loops: Any = None
+        self._loops: Any = None  # of the square roots, which tell by themselves what is known and when they have too few digits
         if self.form is ROOTS:
             from ctlabs.filtering.engines import instant  # costs 0.3 s to import: here rather than in a step
 
@@ -104,7 +105,9 @@ class Stepper:
 
     def _regular(self, instant: Snapshot, z: Array) -> bool:
         """Whether all elements enter, with the plant's regular R, and the form has taken over."""
-        if self._plant.regular is None or isnan(z.dot(z)) or isinstance(instant.before, vague.State) or instant.approaching is not None:
+        if self._plant.regular is None or isnan(z.dot(self._none)):
+            return False
+        if isinstance(instant.before, vague.State) or instant.approaching is not None:
             return False
         return instant.R is self._plant.own_R or np.array_equal(instant.R, self._plant.own_R)
 
@@ -177,7 +180,8 @@ class Stepper:
 
     def _counted(self, end: int, t: float, state: RootState, P: Array) -> None:
         """What a loop has found of a state, which is finite."""
-        if end == self._loops.OVERFLOW or not isfinite(np.vdot(state.x, state.x)):
+        finite = isfinite(np.vdot(state.x, state.x)) or np.isfinite(state.x).all()  # the square of a number may overflow, where it does not
+        if end == self._loops.OVERFLOW or not finite:
             self._overflow(t)
         self._seen = [*self._seen[-1:], (state, state.x, P)]
 
