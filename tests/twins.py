@@ -516,8 +516,9 @@ def _compared(x: Array, P: Array, right_x: arb_mat, right_P: arb_mat) -> tuple[f
     return off_estimate(x[kept], parts(right_x, kept, [0]), right), off(P[np.ix_(kept, kept)], right)
 
 
-#: What rounding may leave of a number after a dozen steps of five states, as a part of its terms: forward, and there and back.
-LEFT, LEFT_BACK = 1e-13, 1e-9
+#: What rounding may leave of a number after a dozen steps of five states, as a part of its terms: forward, by roots; and on the way back,
+#: in covariances, whose roots have half the digits.
+LEFT, LEFT_BACK = 1e-13, 1e-7
 
 
 def _within_rounding(x: Array, P: Array, right_x: arb_mat, right_P: arb_mat, before: arb_mat, left: float) -> tuple[float, float]:
@@ -620,8 +621,8 @@ def singular_filter(seed: Any) -> Outcome:
 
 
 def singular_smoother(seed: Any) -> Outcome:
-    """:func:`ctlabs.smooth` of a :func:`singular` model whose start is known."""
-    model = singular(seed, unknown=False)
+    """:func:`ctlabs.smooth` of a :func:`singular` model."""
+    model = singular(seed)
     return _singularly(model, seed, lambda z: smooth(model, z), smoothed=True)
 
 

@@ -104,7 +104,7 @@ class Start:
     ``A`` (rows, n, n), first the ``unknown`` (rows,) columns, then vague ones with δ ~ N(0, I), then zeros ·
     ``determined`` (rows,), how many of the unknown columns later measurements determine · ``excess`` (rows, m, runs), the
     innovations of perfect elements that were known already, and the ``terms`` (rows, m) whose rounding may be in them; NaN for
-    all others
+    all others · ``precise``, whether doubles were not enough for it, and more digits were taken
     """
 
     x_minus: Array
@@ -117,6 +117,7 @@ class Start:
     determined: NDArray[np.intp]
     excess: Array
     terms: Array
+    precise: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -124,8 +124,9 @@ def belongs(model: Any, filtered: Filtered) -> None:
 def _smoothed(filtered: Filtered) -> Smoothed:
     single = filtered.x_plus.ndim == 2
     way, prior, x = _way(filtered)
-    elsewhere = None
-    if filtered.start is not None and not any_perfect(filtered.model.R):  # a perfect one leaves σ that are the rounding of zero
+    elsewhere, start = None, filtered.start
+    perfect = start is not None and any_perfect(filtered.model.R)
+    if start is not None and not perfect:  # a perfect measurement leaves σ that are the rounding of zero
         elsewhere = _elsewhere(way, prior, x)
     P, lag_one = np.empty_like(filtered.P_plus), np.full_like(filtered.P_plus, np.nan)
     _compiled("smooth", way, prior, x, P, lag_one)
@@ -134,6 +135,12 @@ def _smoothed(filtered: Filtered) -> Smoothed:
         text = (
             f"in other units of the states the smoothed estimates or covariances differ by more than {FAR:.0e} of their standard "
             "deviations: rounding has grown that much on the way back from a vague start; a smaller P0 leaves more digits"
+        )
+        remarks = (text,)
+    if start is not None and perfect and start.precise:
+        text = (
+            f"the first {len(start.P)} instants after a start with little information took more digits than doubles have, and on the way "
+            "back there are no others: their smoothed estimates may have few that are right; a smaller P0 leaves more"
         )
         remarks = (text,)
     return Smoothed(filtered.t, x[:, :, 0] if single else x, P, lag_one, filtered.contradictions, remarks)

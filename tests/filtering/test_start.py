@@ -391,3 +391,31 @@ def test_small_columns_keep_their_digits():
     wanted = kalman_filter(late, z[60:], first=0)  # from inf at t60: the same, as no mode is lost
     assert close(found.x_plus[61:], wanted.x_plus[1:], 1e-9)
     assert close(found.P_plus[61:], wanted.P_plus[1:], 1e-9)
+
+
+def test_a_perfect_element_and_a_missing_one_after_a_start_without_information():
+    """Fewer elements at one instant than at the one before, while something is unknown: every form gives what the record gives."""
+    H = [[1.0, 0.5, -0.3, 0.2], [0.2, 1.0, 0.4, -1.0], [-0.5, 0.3, 1.0, 0.6]]
+    Phi = [[0.9, 0.2, 0, 0.1], [0, 0.8, 0.3, 0], [0.1, 0, 0.95, 0.2], [0.3, 0, 0.1, 0.7]]
+    model = DiscreteModel(Phi, np.eye(4), H, np.diag([0.0, 1.0, 2.0]), P0=np.diag(np.full(4, np.inf)))
+    z = np.array([[1.0, NAN, NAN], [0.5, 1.0, NAN], [2.0, NAN, 1.5], [1.0, 0.0, 1.0]])
+    wanted = kalman_filter(model, z)
+    for form in PERFECT:
+        found = kalman_filter(model, z, algorithm=form)
+        assert close(found.x_plus[-2:], wanted.x_plus[-2:], SOLVER), form
+        assert close(found.P_plus[-2:], wanted.P_plus[-2:], SOLVER), form
+
+
+def test_a_start_that_took_more_digits_is_smoothed_with_a_word():
+    """Four integrators seen perfectly over a thousandth of their time: the filter is right, the way back has too few digits and says so."""
+    model = DiscreteModel(
+        [[1, 1e-2, 5e-5, 1e-7], [0, 1, 1e-2, 5e-5], [0, 0, 1, 1e-2], [0, 0, 0, 1]],
+        np.diag([1e-10, 1e-7, 1e-2, 1e3]), [[1, 0, 0, 0]], [[0]], P0=np.diag(np.full(4, np.inf)), dt=1e-2,
+    )  # fmt: skip
+    seen = kalman_filter(model, [0.3, 0.1, -0.2, 0.4, 0.1, 0.2])
+    smoothed = smooth(model, seen)
+    assert seen.start.precise
+    assert not seen.remarks
+    assert len(smoothed.remarks) == 1
+    assert "took more digits than doubles have" in smoothed.remarks[0]
+    assert not smooth(model, kalman_filter(model, [0.3, 0.1, -0.2, 0.4], P0=model.Qd)).remarks

@@ -118,7 +118,7 @@ def _instants(record: ByInstant, state: vague.State, gains: bool) -> Beginning |
     found = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     later = np.append(found.pop("determined")[:0:-1].cumsum()[::-1], 0)
     nominal = {name: found.pop("nominal_" + name) for name in ("x_minus", "x_plus", "innovation", "P", "L", "A", "excess", "terms")}
-    start = Start(**nominal, unknown=found.pop("unknown"), determined=later)
+    start = Start(**nominal, precise=record.kind is not float, unknown=found.pop("unknown"), determined=later)
     x, P, L = (state.x, state.P, state.L) if state.settled else (None, None, None)
     return Beginning(start, **found, x=x, P=P, L=L)
 
