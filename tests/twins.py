@@ -521,16 +521,20 @@ def _compared(x: Array, P: Array, right_x: arb_mat, right_P: arb_mat) -> tuple[f
 LEFT, LEFT_BACK = 1e-13, 1e-7
 
 
-def _within_rounding(x: Array, P: Array, right_x: arb_mat, right_P: arb_mat, before: arb_mat, left: float) -> tuple[float, float]:
-    """The same of an estimate and its standard deviations, beyond a part ``left`` of the estimate and of the deviation ``before``.
+def _within_rounding(
+    x: Array, P: Array, right_x: arb_mat, right_P: arb_mat, before: arb_mat, left: float, moved: Array | float = 0.0
+) -> tuple[float, float]:
+    """The same of an estimate and its standard deviations, beyond a part ``left`` of the estimate, of the deviation ``before`` and of what
+    the data ``moved``.
 
-    What a perfect measurement determines is no better known than that, however small its standard deviation is said to be.
+    What a perfect measurement determines is no better known than that, however small its standard deviation is said to be. A state that
+    measurements determine by a hair may count as not known.
     """
-    lost = _lost(right_P)
-    if (np.isinf(np.diag(P)) != lost).any():
+    unknown, lost = _lost(right_P), np.isinf(np.diag(P))
+    if (unknown & ~lost).any():
         return math.inf, math.inf
     sd, ahead, value = deviations(right_P), np.where(_lost(before), 0.0, deviations(before)), floats(right_x)[:, 0]
-    terms, unit = left * (np.abs(value) + ahead), np.where(sd > 0, sd, np.finfo(float).tiny)
+    terms, unit = left * (np.abs(value) + ahead + moved), np.where(sd > 0, sd, np.finfo(float).tiny)
     with np.errstate(invalid="ignore"):
         errors = (np.abs(part) - terms for part in (x - value, np.sqrt(np.maximum(np.diag(P), 0.0)) - sd))
         estimate, deviation = (float((np.maximum(error, 0.0) / unit)[~lost].max(initial=0.0)) for error in errors)
@@ -610,7 +614,10 @@ def _singularly(model: DiscreteModel, seed: Any, verb: Callable[[Array], Any], *
         (found.x_minus, found.P_minus, right.x_minus, right.P_minus), (found.x_plus, found.P_plus, right.x_plus, right.P_plus)
     ]  # fmt: skip
     left = LEFT_BACK if smoothed else LEFT
-    pairs = [_within_rounding(x[k], P[k], xs[k], Ps[k], right.P_minus[k], left) for x, P, xs, Ps in parts for k in range(len(z))]
+    moved = [0.0] * len(z) if smoothed else [np.nansum(np.abs(K) * np.abs(row), axis=1) for K, row in zip(found.K, z, strict=True)]
+    pairs = [
+        _within_rounding(x[k], P[k], xs[k], Ps[k], right.P_minus[k], left, moved[k]) for x, P, xs, Ps in parts for k in range(len(z))
+    ]
     return _judged(heard, pairs)
 
 
@@ -633,6 +640,7 @@ class _Online(NamedTuple):
     P_minus: Array
     x_plus: Array
     P_plus: Array
+    K: Array
     remarks: tuple[str, ...] = ()
 
 
@@ -643,7 +651,7 @@ def singular_online(seed: Any) -> Outcome:
     def online(z: Array) -> _Online:
         fed = Filter(model)
         rows = [fed.estimate, *map(fed.step, z)]
-        return _Online(*(np.array([getattr(row, name) for row in rows]) for name in _Online._fields[:4]))
+        return _Online(*(np.array([getattr(row, name) for row in rows]) for name in _Online._fields[:5]))
 
     return _singularly(model, seed, online)
 

@@ -8,8 +8,8 @@ r"""One long record through the Kalman filter, compiled: Joseph's form, and squa
 (Maybeck vol. 1, section 5.6; the likelihood by prediction errors, Schweppe, IEEE Trans. IT-11, 1965.) Where only the data
 vary and P has come to its fixed point, the covariances are not computed again as long as the same elements are
 measured. What is left of P's way there is summed to its end before it is left out, and lies below 1e-13 of the standard
-deviations (:func:`ctlabs.filtering.engines.forward.settled`). A record with a perfect measurement of what is known already goes
-through the form ``joseph`` of :mod:`ctlabs.filtering.algorithms`, which is slower.
+deviations (:func:`ctlabs.filtering.engines.forward.settled`). A record with N ≠ 0 beside a perfect measurement goes through the form
+``joseph`` of :mod:`ctlabs.filtering.algorithms`, which is slower.
 """
 
 from __future__ import annotations
@@ -129,9 +129,9 @@ def _begin(problem: FilterProblem, used: Mask, *, gains: bool = True) -> Beginni
 
 
 def _forward(problem: FilterProblem, used: Mask, out: Histories, begun: Beginning | None) -> tuple[float, str] | None:
-    """The log-likelihood of what follows the beginning, and the form; the histories in ``out``. None where nothing is left to learn.
+    """The log-likelihood of what follows the beginning, and the form; the histories in ``out``. None where N ≠ 0 beside a singular R.
 
-    That is where a perfect measurement is of what is known already.
+    Perfect measurements of what is known already are taken out of ``used``.
     """
     from ctlabs.filtering.engines import forward, roots  # numba costs 0.3 s to import
 

@@ -18,7 +18,6 @@ from ctlabs.filtering.engines.common import (
     alike,
     crossed_out,
     entry,
-    factor_inverse,
     fades,
     helper,
     mirror,
@@ -50,9 +49,8 @@ LOG_2PI = float(np.log(2 * np.pi))
 PATIENCE = 4096
 
 #: How a record ended: at its last row, or before, with the reason. PERFECT: where a perfect measurement is of what is known, or
-#: N ≠ 0 beside a singular R. LOSING: where a part of a variance above :data:`LOST` may be rounding. EXACT: at the first perfect
-#: measurement.
-DONE, PERFECT, OVERFLOW, INDEFINITE, LOSING, EXACT = 0, 1, 2, 3, 4, 5
+#: N ≠ 0 beside a singular R. LOSING: where a part of a variance above :data:`LOST` may be rounding.
+DONE, PERFECT, OVERFLOW, INDEFINITE, LOSING = 0, 1, 2, 3, 4
 #: What rounding may leave of a variance before square roots are carried instead (:mod:`ctlabs.filtering.engines.roots`).
 LOST = 1e-10
 #: The least share of a variance that has digits enough in Joseph's form.
@@ -193,47 +191,11 @@ def joseph(
 
 
 @helper
-def determined(
-    P: Array, P_minus: Array, Kt: Array, H: Array, R: Array, pick: Array, count: int, B: Array, S: Array, C: Array,
-    work: Array
-) -> None:  # fmt: skip
-    """Exact zeros in P for states that perfect measurements determined: :func:`ctlabs.linalg.rounding.corrected`."""
-    n = P.shape[0]
-    inverse, size = np.zeros((count, count)), np.zeros((count, count))
-    factor_inverse(C, count, inverse)
-    for a in range(count):
-        for b in range(count):
-            for c in range(count):
-                size[a, b] += abs(S[a, c]) * abs(inverse[c, b])
-    for i in range(n):
-        for a in range(count):
-            s = 0.0
-            for b in range(count):
-                s += abs(Kt[b, i]) * size[b, a]
-            inverse[a, 0] = s
-        left, whole = 0.0, 0.0
-        for j in range(n):
-            sd = np.sqrt(max(P_minus[j, j], 0.0))
-            s = 1.0 if i == j else 0.0
-            for a in range(count):
-                s += inverse[a, 0] * abs(H[pick[a], j])
-            left += abs(B[i, j]) * sd
-            whole += s * sd
-        noise, level = 0.0, MARGIN * n * EPS
-        for a in range(count):
-            for b in range(count):
-                noise += abs(Kt[a, i] * R[pick[a], pick[b]] * Kt[b, i])
-        work[0, i] = P[i, i] <= level * (left * left + noise) + (level * whole) ** 2
-    for i in range(n):
-        if work[0, i] > 0:
-            crossed_out(P, i)
-
-
-@helper
 def losing(P: Array, P_minus: Array, Kt: Array, H: Array, pick: Array, count: int, perfect: bool, size: Array) -> bool:
     """Whether the update leaves more rounding than :data:`LOST` in a variance of the innovation or of an estimate.
 
-    Row i of I − KH is a difference, known to ε of the sum of (|I| + |K||H|)σ⁻. What a perfect measurement determined is zero.
+    Row i of I − KH is a difference, known to ε of the sum of (|I| + |K||H|)σ⁻. What a ``perfect`` measurement determined is
+    zero to the bit, or is left to the roots to judge.
     """
     for a in range(count):
         if size[2, a] > LOST:
@@ -242,10 +204,15 @@ def losing(P: Array, P_minus: Array, Kt: Array, H: Array, pick: Array, count: in
         for j in range(P.shape[0]):
             size[0, a] += abs(H[pick[a], j]) * np.sqrt(max(P_minus[j, j], 0.0))
     for i in range(P.shape[0]):
+        if perfect and P[i, i] == 0.0:
+            for j in range(P.shape[0]):
+                if P[i, j] != 0.0:
+                    return True
+            continue
         terms = np.sqrt(max(P_minus[i, i], 0.0))
         for a in range(count):
             terms += abs(Kt[a, i]) * size[0, a]
-        if not (perfect and P[i, i] == 0.0) and 2 * EPS * terms > LOST * np.sqrt(max(P[i, i], 0.0)):
+        if 2 * EPS * terms > LOST * np.sqrt(max(P[i, i], 0.0)):
             return True
     return False
 
@@ -312,19 +279,17 @@ def filtered(
     other elements are measured than at the step before.
     """
     coupled, long = system.N if system.N.size else None, True if len(z) - begin >= LONG else None
-    found = forward(system, x0, P0, z, used, begin, out, coupled, None, long)
-    return forward(system, x0, P0, z, used, begin, out, coupled, True, long) if found[0] == EXACT else found
+    return forward(system, x0, P0, z, used, begin, out, coupled, long)
 
 
 @kernel
 def forward(
     system: System, x0: Array, P0: Array, z: Array, used: Array, begin: int, out: Histories,
-    coupled: Array | None, exact: bool | None, long: bool | None
+    coupled: Array | None, long: bool | None
 ) -> tuple[int, int, float]:  # fmt: skip
     """:func:`filtered` with what a record needs; what it does not need is None, and is not compiled.
 
-    ``coupled``: N · ``exact``: for perfect measurements, at the first of which it ends otherwise (``EXACT``) · ``long``: for stretches
-    that :func:`~ctlabs.filtering.engines.means.coasted` cuts into chunks
+    ``coupled``: N · ``long``: for stretches that :func:`~ctlabs.filtering.engines.means.coasted` cuts into chunks
     """
     n, m, rows = x0.shape[0], z.shape[1], z.shape[0]
     keep = out.nis.shape[0] > 0
@@ -377,16 +342,11 @@ def forward(
                 perfect = not triangle(R, L, d, pick, count)
                 if perfect and coupled is not None:
                     return PERFECT, k, np.nan
-                if perfect and exact is None:
-                    return EXACT, k, np.nan
             end = gain(P_minus, H, R, pick, count, d, S, C, Kt, sizes)
             if end != DONE:
                 return end, k, np.nan
             closed(Kt, H, pick, count, B)
             joseph(P_minus, R, Kt, B, pick, count, P, work, RKt)
-            if exact is not None:  # noqa: SIM102  # numba leaves out what stands under this alone
-                if perfect:
-                    determined(P, P_minus, Kt, H, R, pick, count, B, S, C, work)
             if losing(P, P_minus, Kt, H, pick, count, perfect, sizes) or thin(P, work):
                 return LOSING, k, np.nan
             half = 0.5 * count * LOG_2PI

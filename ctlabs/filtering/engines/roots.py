@@ -276,7 +276,7 @@ def forward(
     W, S, G, rest, left = np.empty((m + n, m + 2 * n)), np.empty((m, m)), np.zeros((n, n)), np.empty((n, n)), np.empty(n)
     Phi_N, Q_N, M, N_S = np.empty((n, n)), np.empty((n, n)), np.zeros((n, m)), np.zeros(n)
     Kt, B, A, X, Y, earlier = np.empty((m, n)), np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
-    fixed, wait, look, half = False, 1, 0, 0.0
+    last, fixed, wait, look, half = np.empty((n, n)), False, 1, 0, 0.0
     noise, d, pick, count, total = np.empty((m, m)), np.empty(m), np.empty(m, dtype=np.int64), 0, 0.0
     sizes = np.empty((2, m))
     for k in range(begin, rows):
@@ -315,6 +315,7 @@ def forward(
         if again:
             copied(L, before)
             copied(P_minus, earlier)
+            copied(P, last)
             if not squared(L, P_minus):
                 return OVERFLOW, k, np.nan
             copied(P_minus, P)
@@ -331,7 +332,7 @@ def forward(
                 half += np.log(abs(W[a, a]))
             if not (constant and same):
                 fixed, wait, look = False, 1, 0
-            elif k >= look and near(P_minus, earlier):
+            elif k >= look and near(P_minus, earlier) and near(P, last):  # what is left of P may be small beside what it was before
                 closed(Kt, H, pick, count, B)
                 fixed = settled(P_minus, earlier, Phi, B, A, X, Y, rest)
                 wait = min(2 * wait, PATIENCE)
