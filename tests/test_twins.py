@@ -102,6 +102,13 @@ def test_a_wrong_answer_is_told_from_a_right_one() -> None:
     with ctx.workprec(200):
         third = twins.balls(np.ones((1, 1))) / arb(3)
     assert twins.off_estimate(np.array([1 / 3]), third, twins.balls(np.full((1, 1), 1e-40))) == 0
+    right, terms, scale = (twins.balls(x), twins.balls(P)), np.zeros(2), np.array([1.0, 1e-10])
+    assert twins.within_rounding(x, P, *right, terms, scale) == (0, 0)
+    assert twins.within_rounding(x, P * [[1, 1], [1, 1.01]], *right, terms, scale)[1] == pytest.approx(1e-2)
+    assert twins.within_rounding(x, P + np.array([[0, 0.01], [0.01, 0]]), *right, terms, scale)[1] == pytest.approx(1e-2)
+    assert twins.within_rounding(x + np.array([0, 1e-8]), P, *right, terms, scale)[0] == pytest.approx(1e-2)
+    assert twins.within_rounding(x + np.array([0, 1e-8]), P, *right, np.array([0, 2e-8]), scale)[0] == 0
+    assert twins.within_rounding(x, np.diag([1e12, np.inf]), *right, terms, scale) == (np.inf, np.inf)
     assert twins.Outcome(1e-5).unsaid
     assert not twins.Outcome(1e-5, 1e-4).unsaid
     assert twins.Outcome(1e-3, 1e-4).unsaid

@@ -521,24 +521,27 @@ def _compared(x: Array, P: Array, right_x: arb_mat, right_P: arb_mat) -> tuple[f
 LEFT, LEFT_BACK = 1e-13, 1e-7
 
 
-def _within_rounding(
-    x: Array, P: Array, right_x: arb_mat, right_P: arb_mat, before: arb_mat, left: float, moved: Array | float = 0.0
-) -> tuple[float, float]:
-    """The same of an estimate and its standard deviations, beyond a part ``left`` of the estimate, of the deviation ``before`` and of what
-    the data ``moved``.
+#: A state may be said not to be known where measurements leave so many times the deviation of its disturbance.
+HAIR = 1e10
 
-    What a perfect measurement determines is no better known than that, however small its standard deviation is said to be. A state that
-    measurements determine by a hair may count as not known.
+
+def within_rounding(
+    x: Array, P: Array, right_x: arb_mat, right_P: arb_mat, terms: Array, scale: Array
+) -> tuple[float, float]:
+    """The same of an estimate and a covariance, beyond what rounding may leave of their ``terms`` (n,), in units of the states.
+
+    What a perfect measurement determines is no better known than that, however small its standard deviation is said to be. A state whose
+    deviation is beyond :data:`HAIR` times its ``scale`` may count as not known.
     """
-    unknown, lost = _lost(right_P), np.isinf(np.diag(P))
-    if (unknown & ~lost).any():
+    unknown, lost, sd = _lost(right_P), np.isinf(np.diag(P)), deviations(right_P)
+    if (unknown & ~lost).any() or (lost & ~unknown & (sd <= HAIR * scale)).any():
         return math.inf, math.inf
-    sd, ahead, value = deviations(right_P), np.where(_lost(before), 0.0, deviations(before)), floats(right_x)[:, 0]
-    terms, unit = left * (np.abs(value) + ahead + moved), np.where(sd > 0, sd, np.finfo(float).tiny)
-    with np.errstate(invalid="ignore"):
-        errors = (np.abs(part) - terms for part in (x - value, np.sqrt(np.maximum(np.diag(P), 0.0)) - sd))
-        estimate, deviation = (float((np.maximum(error, 0.0) / unit)[~lost].max(initial=0.0)) for error in errors)
-    return estimate, deviation
+    x, sd, e, value, right = x[~lost], sd[~lost], terms[~lost], floats(right_x)[~lost, 0], floats(right_P)[np.ix_(~lost, ~lost)]
+    unit = np.where(sd > 0, sd, np.where(e > 0, e, 1.0))
+    estimate = (np.abs(x - value) - e) / unit
+    allowed = np.outer(e, sd) + np.outer(sd, e) + np.outer(e, e)
+    covariance = (np.abs(P[np.ix_(~lost, ~lost)] - right) - allowed) / unit[:, None] / unit
+    return float(estimate.max(initial=0.0)), float(covariance.max(initial=0.0))
 
 
 def _judged(heard: _Heard, pairs: list[tuple[float, float]]) -> Outcome:
@@ -615,9 +618,12 @@ def _singularly(model: DiscreteModel, seed: Any, verb: Callable[[Array], Any], *
     ]  # fmt: skip
     left = LEFT_BACK if smoothed else LEFT
     moved = [0.0] * len(z) if smoothed else [np.nansum(np.abs(K) * np.abs(row), axis=1) for K, row in zip(found.K, z, strict=True)]
-    pairs = [
-        _within_rounding(x[k], P[k], xs[k], Ps[k], right.P_minus[k], left, moved[k]) for x, P, xs, Ps in parts for k in range(len(z))
-    ]
+    scale, pairs = np.sqrt(np.diag(model.Qd)), []
+    for x, P, xs, Ps in parts:
+        for k in range(len(z)):
+            ahead = np.where(_lost(right.P_minus[k]), 0.0, deviations(right.P_minus[k]))
+            terms = left * (np.abs(floats(xs[k])[:, 0]) + ahead + moved[k])
+            pairs.append(within_rounding(x[k], P[k], xs[k], Ps[k], terms, scale))
     return _judged(heard, pairs)
 
 

@@ -118,7 +118,7 @@ def _instants(record: ByInstant, state: vague.State, gains: bool) -> Beginning |
     found = {name: np.array([row[name] for row in rows]) for name in rows[0]}
     later = np.append(found.pop("determined")[:0:-1].cumsum()[::-1], 0)
     nominal = {name: found.pop("nominal_" + name) for name in ("x_minus", "x_plus", "innovation", "P", "L", "A", "excess", "terms")}
-    start = Start(**nominal, precise=record.kind is not float, unknown=found.pop("unknown"), determined=later)
+    start = Start(**nominal, unknown=found.pop("unknown"), determined=later, precise=False)
     x, P, L = (state.x, state.P, state.L) if state.settled else (None, None, None)
     return Beginning(start, **found, x=x, P=P, L=L)
 
@@ -166,7 +166,10 @@ def precisely(record: ByInstant, P0: Numbers, sight: Array, gains: bool) -> Begi
     with mpmath.workdps(DIGITS):
         own = record.made(record.model, mpmath.mpf, record.used)
         found = _instants(own, vague.start(record.model, contract.numbers(P0, mpmath.mpf), sight), gains)
-    if found is None or found.x is None or found.P is None or found.L is None:
+    if found is None:
+        return None
+    found = replace(found, start=replace(found.start, precise=True))
+    if found.x is None or found.P is None or found.L is None:
         return found
     return replace(found, x=contract.doubles(found.x), P=contract.doubles(found.P), L=contract.doubles(found.L))
 

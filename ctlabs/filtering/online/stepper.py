@@ -166,7 +166,7 @@ class Stepper:
         end, nis, log = self._loops.updated(*before, *own, *after, P, nu, S, K)
         if end == self._loops.INDEFINITE:
             raise FloatingPointError(beyond(f"at t = {moment(instant.t)} s"))
-        self._counted(end, instant.t, after, P)
+        self._kept(end, instant.t, after, P)
         self._gained = S, K
         return after, nu, S, nis, log
 
@@ -175,11 +175,11 @@ class Stepper:
         n = len(Phi)
         ahead, P = RootState(np.empty((n, 1)), np.empty((n, n))), np.empty((n, n))
         given = _own(state.x), _own(state.root), _own(Phi), self._zeros if c is None else _own(c), _own(Q.matrix)
-        self._counted(self._loops.predicted(*given, *ahead, P), t, ahead, P)
+        self._kept(self._loops.predicted(*given, *ahead, P), t, ahead, P)
         return ahead
 
-    def _counted(self, end: int, t: float, state: RootState, P: Array) -> None:
-        """What a loop has found of a state, which is finite."""
+    def _kept(self, end: int, t: float, state: RootState, P: Array) -> None:
+        """Keep what a loop has found of a state, or refuse it: it is finite."""
         finite = isfinite(np.vdot(state.x, state.x)) or np.isfinite(state.x).all()  # the square of a number may overflow, where it does not
         if end == self._loops.OVERFLOW or not finite:
             self._overflow(t)
